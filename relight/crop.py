@@ -27,7 +27,7 @@ class Crop:
 
     Attributes:
         top, left: the square's upper left corner, in pixels of the photo: real numbers, where pixel i spans [i, i+1).
-        side: of the square, in pixels of the photo, real.
+        side: side of the square, in pixels of the photo, real.
         rows, columns: half-open ranges of the photo's pixels with coverage of the person. Soft edges may reach past the
             square, by half of its side at most.
         size: S, the side of the network's image in pixels.

@@ -15,7 +15,7 @@ def read_npz(path: Path | str, what: str) -> dict[str, np.ndarray]:
     """Reads the arrays of an .npz file.
 
     Args:
-        path: of the file.
+        path: path of the file.
         what: its expected content, for errors.
 
     Returns:

@@ -50,7 +50,7 @@ class Plan:
     A *row* is a named set of overrides, that is, of one row of the tables. A *training* is a row with a seed.
 
     Attributes:
-        overrides: of Hydra, as given.
+        overrides: settings to override, in the syntax of Hydra, as given.
         cfg: the settings that all rows share.
         out: the folder of the results, relative to the repository.
         rows: name -> overrides, of all that may be trained.
@@ -65,7 +65,7 @@ class Plan:
         """Composes the settings.
 
         Args:
-            config: of Snakemake. `hydra` contains overrides, as a list or one string of words. `rows`, if given,
+            config: Snakemake's. `hydra` contains overrides, as a list or one string of words. `rows`, if given,
                 replaces the rows, and all experiments by one table of them.
             failed: see the attributes.
 
@@ -597,7 +597,7 @@ def report_completed(plan: Plan) -> None:
     The sections of the other experiments name the missing files, which the next run will make.
 
     Args:
-        plan: of this Snakemake process, whose jobs have ended.
+        plan: plan of this Snakemake process, whose jobs have ended.
     """
     failed = {} if plan.failed else plan.missing_results(".")
     if not failed:

@@ -34,7 +34,7 @@ def import_captures(source: Path | str, folder: Path | str, only: str = "") -> s
 
     Args:
         source: folder of the captures (`relight.captures.capture`).
-        folder: of the set.
+        folder: folder of the benchmark's set.
         only: a regular expression that names of captures must match anywhere; by default all do.
 
     Returns:
@@ -60,7 +60,7 @@ def import_capture(capture: Capture, with_variants: bool) -> tuple[dict, Picture
     """Renders a capture in one panorama and four new ones as sums of its frames, and measures the ground truth.
 
     Args:
-        capture: of a light stage.
+        capture: capture of a light stage.
         with_variants: the first picture of each person has variants.
 
     Returns:

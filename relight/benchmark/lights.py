@@ -20,7 +20,7 @@ class Lamplight:
 
     Attributes:
         kind: a key of `relight.lights.chain.GENERATORS`.
-        seed: of its generator.
+        seed: random seed of its generator.
         tint: ln(B/G) of the white balance.
         yaw: rotation about the vertical, degrees.
     """

@@ -40,10 +40,10 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
     """Renders the missing pictures of a set.
 
     Args:
-        folder: of the set.
+        folder: folder of the benchmark's set.
         kind: `report` or `choose`.
-        count: of pictures, from the first; by default all.
-        settings: of the pictures.
+        count: number of pictures, from the first; by default all.
+        settings: settings of the pictures.
 
     Returns:
         The set's hash.

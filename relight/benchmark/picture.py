@@ -60,7 +60,7 @@ class Picture:
 
     Attributes:
         shots: the photograph, under "", and its variants by name.
-        light: of the photograph, in the camera's frame.
+        light: light of the photograph, in the camera's frame.
         new: the N new lights, in the camera's frame.
         maps: ground truth at the photograph's pixels.
         relit: (N,H,W,3) uint8, true pictures in the new lights, black around the figure.

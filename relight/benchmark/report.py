@@ -14,8 +14,8 @@ def benchmark(results: Results, name: str) -> dict[str, Any]:
     """Compares the networks of a run, the weights that ship with relight, and the baselines.
 
     Args:
-        results: of the run.
-        name: of the experiment.
+        results: results of the run.
+        name: name of the experiment.
 
     Returns:
         The context of templates/sections/experiments/benchmark.md.

@@ -31,7 +31,7 @@ def score(folder: Path | str, answers: Path | str) -> Path:
     """Scores a folder of answers, and writes scores.csv there.
 
     Args:
-        folder: of the set.
+        folder: folder of the benchmark's set.
         answers: folder of the answers.
 
     Returns:
@@ -137,7 +137,7 @@ def mean_scores(name: str, trainings: list[pd.DataFrame]) -> pd.DataFrame:
     """Averages the scores of the trainings of a network, picture by picture.
 
     Args:
-        name: of the network.
+        name: name of the network.
         trainings: one or more.
 
     Returns:

@@ -31,7 +31,7 @@ class Capture:
     """The frames that one camera took of one person in one pose.
 
     Attributes:
-        name: of the capture, PERSON.VIEW.
+        name: name of the capture, PERSON.VIEW.
         subject: the person, the part of the name before the first dot.
         camera: calibrated.
         lamps: (L,3) positions, in the camera's world.
@@ -175,7 +175,7 @@ def read_picture(path: Path, what: str, mode: str, size: tuple[int, int] | None 
     """Reads a picture, (H,W,3) uint8 for the mode RGB and (H,W) for L.
 
     Args:
-        path: of the file.
+        path: path of the file.
         what: its name in errors.
         mode: Pillow's.
         size: the height and width that it must have; any, by default.

@@ -27,7 +27,7 @@ def training_maps(folder: Path, size: int) -> Maps:
     """Measures the maps of a capture on the person's square.
 
     Args:
-        folder: of the capture.
+        folder: folder of the capture.
         size: pixels of the square.
 
     Raises:
@@ -41,7 +41,7 @@ def measure_maps(capture: Capture, radiance: Radiance | None = None) -> tuple[Me
 
     Args:
         capture: whose mask has P pixels inside.
-        radiance: of the panoramas to render the person under, in the camera's axes.
+        radiance: radiance of the panoramas to render the person under, in the camera's axes.
 
     Returns:
         The measurement, its maps at the frames' pixels, and the scale by which albedo and pictures must be divided.

@@ -39,7 +39,7 @@ def check_name(what: str, name: str) -> None:
 
     Args:
         what: the setting, for the error: `name`, `rows`.
-        name: of results, a row or an experiment.
+        name: name of results, a row or an experiment.
 
     Raises:
         UserError: if it is not safe.

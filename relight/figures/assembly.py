@@ -36,11 +36,11 @@ class Assembly:
 
     Args:
         builder: to add to.
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         outfit: garments and colors.
         worn: the draped garments, from the skin outward.
         detail: how fine the figure is.
-        seed: of the random details of skin and hair.
+        seed: random seed of the random details of skin and hair.
 
     Attributes:
         cut: the draped garments without scarves, from the skin outward.

@@ -42,7 +42,7 @@ def check_garment(pattern: Pattern, draped: DrapeResult, motion: Motion) -> str 
     Args:
         pattern: its pattern.
         draped: the result of its simulation.
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
 
     Returns:
         Why it is rejected, in one phrase; None if it passes.
@@ -101,7 +101,7 @@ def check_outfit(worn: list[DrapedGarment], motion: Motion, sitting: bool) -> tu
 
     Args:
         worn: the draped garments, from the skin outward.
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         sitting: whether the figure sits; more of its cloth may go through cloth.
 
     Returns:

@@ -26,7 +26,7 @@ class GarmentPaint:
     """Paints the texture atlas of a garment: its fabric, seams and wear.
 
     Attributes:
-        number: of the garment in the outfit.
+        number: number of the garment in the outfit.
         garment: as it was cut.
         atlas: its panels.
         marks: see `marks.images`.

@@ -88,7 +88,7 @@ def lost_rings(pattern: Pattern, x: np.ndarray, motion: Motion) -> dict[str, tup
     Args:
         pattern: whose fields run along arms (tops) or legs (trousers).
         x: (n,3) the draped finest vertices, metres.
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
 
     Returns:
         For each limb with rings, the number that do not wind once, and the number of all.

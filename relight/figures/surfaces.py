@@ -194,6 +194,12 @@ def quarters(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
     return np.concatenate([np.stack(triangle, axis=1) for triangle in triangles])
 
 
+def closed_rings(rows: int, sides: int) -> np.ndarray:
+    """Returns a grid of vertex indices (rows, sides + 1) of rings, whose last column is its first one."""
+    index = np.arange(rows * sides).reshape(rows, sides)
+    return np.concatenate([index, index[:, :1]], 1)
+
+
 def border_loops(faces: np.ndarray) -> list[np.ndarray]:
     """Returns the border as vertex loops, each in the direction of its faces, longest first."""
     following = dict(rim(faces).tolist())

@@ -30,7 +30,7 @@ def noise(x: np.ndarray, y: np.ndarray, seed: int = 0) -> np.ndarray:
 
     Args:
         x, y: (...) coordinates. Grids that are broadcast from a row x and a column y take a tenth of the time.
-        seed: of the values.
+        seed: random seed of the values.
     """
     if x.ndim == 2 and x.strides[0] == 0 and y.strides[1] == 0:
         return grid_noise(x[0], y[:, 0], seed)
@@ -67,7 +67,7 @@ def grain(
         u, v: (...) cloth coordinates, metres.
         width, height: of the features along u and v, metres.
         texel: metres between the samples.
-        seed: of the noise.
+        seed: random seed of the noise.
         offset: in features along u, which makes the noise of panels differ.
     """
     smallest = MIN_TEXELS * texel
@@ -82,7 +82,7 @@ def band(x: np.ndarray, period: float, share: float, soft: float = 0.0012) -> np
     Args:
         x: (...) coordinate across the stripes, metres; one of them has its middle at 0.
         period: metres from one stripe to the next.
-        share: of each period that a stripe fills.
+        share: share of each period that a stripe fills.
         soft: metres over which edges rise.
     """
     from_middle = np.abs((x / period + 0.5) % 1 - 0.5) * period  # metres

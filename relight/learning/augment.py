@@ -45,7 +45,7 @@ def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Ge
         batch: relit images of the color model `photo`, at exposure 1.
         settings: strength of each part; with all at 0 and the batch's own size the batch is returned unchanged.
         generators: one per image, so that an image does not depend on its neighbours in the batch.
-        size: of the new images in pixels, at most `batch.size`.
+        size: side of the new images in pixels, at most `batch.size`.
 
     Returns:
         A batch of the same pairs at `size`. Its `light`, `shading` and `relit` are those before exposure.

@@ -157,9 +157,9 @@ class RelitSet:
         Args:
             packed: packed maps (relight.maps.packed).
             lights: light set (relight.lights.table).
-            order: of the harmonics that the network infers.
+            order: order of the harmonics that the network infers.
             color: `paper` uses the 8-bit sRGB codes of the albedo as linear values; `photo` uses linear albedo.
-            device: of all tensors.
+            device: device of all tensors.
 
         Raises:
             UserError: if a file does not exist or holds fewer bands than `order`.
@@ -279,7 +279,7 @@ def neighbours(pixel: np.ndarray, offset: np.ndarray, size: int) -> tuple[np.nda
     Args:
         pixel: flat indices of all masks' pixels, ascending within each figure.
         offset: (figures+1,) where each figure's pixels begin.
-        size: of the images, pixels.
+        size: side of the square images, pixels.
 
     Returns:
         below (pixels,) int32, the index within its figure of the pixel below, or the pixel's own if not interior;
@@ -319,7 +319,7 @@ def draw_pairs(seed: int, step: int, batch: int, figures: int, lights: int, orde
     Each epoch shows every pair exactly once. A batch may span the end of one epoch and the start of the next.
 
     Args:
-        seed: of the training.
+        seed: random seed of the training.
         step: from 0.
         batch: pairs of a step.
         figures: number of figures.

@@ -37,7 +37,7 @@ class Comparison:
     """The inferred maps of a batch beside the true ones, as the terms need them; what several terms need is kept.
 
     Attributes:
-        outputs: of the network, maps (B,C,S,S) and light (B,K,3).
+        outputs: outputs of the network, maps (B,C,S,S) and light (B,K,3).
         batch: the ground truth.
         maps: the inferred maps (B,P,C) inside the masks, with the transport that follows from normals (and AO).
         albedo, transport: two of them.
@@ -87,7 +87,7 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> tuple[Tensor
     losses use the transport that follows from its normals (and AO).
 
     Args:
-        outputs: of the network, maps (B,C,S,S) and light (B,K,3).
+        outputs: outputs of the network, maps (B,C,S,S) and light (B,K,3).
         batch: the ground truth.
         loss: weights and reduction. Losses of weight 0 are skipped. The reduction is the mean over the channels and
             over all pixels, background included (`image`, the authors'), or over those of the masks (`mask`).

@@ -429,7 +429,7 @@ def with_transport(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
 
     Args:
         maps: inferred maps (..., C), channels last.
-        order: of the harmonics.
+        order: largest degree of the spherical harmonics.
 
     Returns:
         The maps with `transport` (..., K): as inferred, or the unoccluded transport of the normals, times `ao` if there

@@ -49,7 +49,7 @@ class Recipe:
     """All settings of a training.
 
     Attributes:
-        model: of the network.
+        model: settings of the network.
         loss: weights and reduction.
         train: steps, optimiser, data and precision.
         augment: strengths of the augmentation.

@@ -50,7 +50,7 @@ def build_light_set(
     Args:
         panoramas: which panoramas are generated or read.
         lights: how lights are selected.
-        order: of the spherical harmonics.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
         progress: whether the remaining time is shown.
 
     Returns:
@@ -159,7 +159,7 @@ def generated_light(source: str, order: int, flip: bool = False) -> np.ndarray:
 
     Args:
         source: such as "room:12", "sky:3" or "lamps:5".
-        order: of the spherical harmonics.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
         flip: whether left and right are mirrored.
 
     Returns:

@@ -31,7 +31,7 @@ def medoids(lights: np.ndarray, sources: np.ndarray, clusters: int, seed: int) -
         lights: (N,K,3).
         sources: (N,) the panorama of each light.
         clusters: the largest number of medoids.
-        seed: of k-means.
+        seed: random seed of k-means.
 
     Returns:
         Indices (M,) of the medoids, ascending, and the cluster (M,) of each, with M <= `clusters`.

@@ -91,7 +91,7 @@ def direction(azimuth: float, elevation: float, name: str) -> np.ndarray:
     Args:
         azimuth: degrees from the camera toward +x.
         elevation: degrees above the horizon.
-        name: of the light in errors.
+        name: name of the light in errors.
 
     Raises:
         UserError: if an angle is out of range.
@@ -111,7 +111,7 @@ def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
         light: to write.
         path: .json (coefficients, convention, frame and source) or .npy ((K,3) float64). Since .npy cannot store the
             convention, it becomes part of the name: kitchen.npy is written as kitchen.relight.npy.
-        convention: of the coefficients in the file (relight.sh.conventions).
+        convention: convention of the coefficients in the file (relight.sh.conventions).
 
     Returns:
         The path of the file.

@@ -71,8 +71,8 @@ def load_light(
 
     Args:
         text: as above.
-        order: of the spherical harmonics.
-        layout: of a panorama's file (`read_panorama`).
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
+        layout: layout of a panorama's file (`read_panorama`).
         yaw: degrees of rotation about the vertical, from +z toward +x.
         flip: mirrors left and right, before the rotation.
         exposure: factor on the radiance.
@@ -179,7 +179,7 @@ def key_light(color: str, azimuth: float, elevation: float, fill: float, order: 
         azimuth: degrees from the camera toward +x.
         elevation: degrees above the horizon, -90 to 90.
         fill: irradiance of the fill over that of the lamp.
-        order: of the spherical harmonics.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
 
     Raises:
         UserError: if a number is out of range.
@@ -207,7 +207,7 @@ def read_coefficients(path: Path, convention: str | None) -> Light:
 
     Args:
         path: .npy, .json, .txt or .csv.
-        convention: of the coefficients; None for that of the JSON, else of the file's name, else relight's.
+        convention: convention of the coefficients; None for that of the JSON, else of the file's name, else relight's.
 
     Raises:
         UserError: if the file is too large or not a table of coefficients.

@@ -72,7 +72,7 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     Args:
         coefficients: (N,K,3) radiance, in the panoramas' own units.
         sources: N names of the panoramas.
-        settings: of all steps; must have passed relight.config.check.
+        settings: settings of all steps; must have passed relight.config.check.
 
     Returns:
         The light set, and a record of plain values: `steps` with the numbers of lights before and after each step and
@@ -157,7 +157,7 @@ def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, seed: int) -> 
     Args:
         coefficients: (N,K,3) of the panoramas.
         sources: (N,) their names.
-        seed: of the brightness.
+        seed: random seed of the brightness.
 
     Returns:
         N * ROTATIONS lights, all in the training split.
@@ -328,7 +328,7 @@ def cluster(lights: LightSet, clusters: int, seed: int, record: dict[str, Any] |
     Args:
         lights: to cluster.
         clusters: their largest number.
-        seed: of k-means.
+        seed: random seed of k-means.
         record: gets the step, and a warning if there are fewer clusters; None for neither.
     """
     chosen, label = medoids(lights.coefficients, lights.source, clusters, seed)

@@ -36,7 +36,7 @@ def lit_ball(coefficients: np.ndarray, size: int, white: float = 1 / ALBEDO, lin
 
     Args:
         coefficients: (K,3) of the light.
-        size: of the picture in pixels.
+        size: side of the square picture, pixels.
         white: the irradiance that is shown as 1.
         linear: whether the light is linear and the result is sRGB-encoded; otherwise, the codes are the light's.
 
@@ -57,8 +57,8 @@ def unoccluded_ball(size: int, order: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns the disc and the transport of a unit ball seen from the front.
 
     Args:
-        size: of the picture in pixels.
-        order: of the spherical harmonics.
+        size: side of the square picture, pixels.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
 
     Returns:
         The disc, (size,size) bool, and the unoccluded transport (P,K) of its pixels in raster order.
@@ -75,7 +75,7 @@ def diffuse_panorama(coefficients: np.ndarray, height: int) -> np.ndarray:
 
     Args:
         coefficients: (K,3) of the light.
-        height: of the panorama in pixels.
+        height: height of the panorama in pixels.
 
     Returns:
         (height, 2 height,3) linear, lat-long with -z at the centre.
@@ -129,7 +129,7 @@ def label_directions(axes: "Axes", shape: tuple[int, ...]) -> None:
 
     Args:
         axes: that show the picture.
-        shape: of the picture.
+        shape: (height, width, channels) of the picture.
     """
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)

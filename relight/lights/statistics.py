@@ -72,8 +72,8 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
         up, down: irradiance of the normals (0,1,0) and (0,-1,0), over the mean
         side_least, side_most: of upright surfaces (normals with y = 0), over the mean
         first, second: |L1| / L00 and |L2| / L00, norms of bands 1 and 2
-        elevation: of the main direction, degrees above the horizon
-        azimuth: of the main direction, degrees from the camera toward +x
+        elevation: elevation of the main direction, degrees above the horizon
+        azimuth: azimuth of the main direction, degrees from the camera toward +x
         toward: cosine between the main direction and the direction to the camera
         red, blue: ln(R/G) and ln(B/G) of the mean radiance
         moment: `moment_eigenvalue`; no physically possible light has a negative one

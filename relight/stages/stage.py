@@ -43,7 +43,7 @@ class Stage:
     is called for each position of the lists.
 
     Attributes:
-        name: of the stage.
+        name: name of the stage.
         ports: name -> description of each file that it reads or writes, and of each name that it is given.
     """
 

@@ -26,10 +26,10 @@ def solve_radiosity(
 
     Args:
         mesh: for the albedo.
-        caster: of the mesh.
+        caster: casts rays at the mesh.
         rays: per pixel; faces get fewer.
-        order: of the spherical harmonics.
-        seed: of the rays' azimuths.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
+        seed: random seed of the rays' azimuths.
         bounces: at least 1.
 
     Returns:

@@ -41,13 +41,13 @@ def integrate(
     rays do not, and sums of fixed-point numbers are exact in any order.
 
     Args:
-        caster: of the mesh that occludes.
+        caster: casts rays at the mesh that occludes.
         points: (P,3) on the mesh.
         normals: (P,3) unit shading normals n, for the cosine.
         geometric: (P,3) unit normals along which rays start off the surface, for the visibility V.
         rays: N, per point.
-        order: of the spherical harmonics.
-        seed: of the rays' azimuths.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
+        seed: random seed of the rays' azimuths.
         radiosity: (F,K,C) of the front of each face, per unit of each coefficient of the light (`solve_radiosity`).
         batch: rays that are cast at a time.
         azimuth: (P,) radians, instead of random ones.

@@ -69,7 +69,7 @@ def rotate_to_world(coefficients: np.ndarray, frame: np.ndarray, order: int) -> 
     Args:
         coefficients: (P,K).
         frame: (P,3,3); the rows are the axes of each point's frame in the world.
-        order: of the spherical harmonics.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
 
     Returns:
         (P,K) float64.

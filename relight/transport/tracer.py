@@ -39,7 +39,7 @@ class PathTracer:
 
     Attributes:
         mi: the module Mitsuba.
-        size: of the image in pixels.
+        size: side of the square image, pixels.
         camera: as given, or the frontal one.
         front: the largest z of the mesh in the camera's frame.
         shapes: Mitsuba's shapes by name.
@@ -50,7 +50,7 @@ class PathTracer:
 
         Args:
             mesh: aligned, if it is seen from the front.
-            size: of the image in pixels; a pixel is the mean over its area.
+            size: side of the square image, pixels; a pixel is the mean over its area.
             camera: as of `Baker.camera`; by default the frontal one.
             gloss: whether glossy materials reflect; otherwise, all are diffuse.
 
@@ -126,8 +126,8 @@ class PathTracer:
         Args:
             sky: (H,W,3) radiance, not negative, at `sky_directions`.
             samples: per pixel.
-            bounces: of interreflection.
-            seed: of the samples.
+            bounces: number of bounces of interreflection.
+            seed: random seed of the samples.
 
         Returns:
             (S,S,3) float32.
@@ -141,8 +141,8 @@ class PathTracer:
             sky: (H,W,3) radiance; may be negative, as truncated series are. Positive and negative parts are rendered
                 separately, since light is additive.
             samples: per pixel.
-            bounces: of interreflection.
-            seed: of the samples.
+            bounces: number of bounces of interreflection.
+            seed: random seed of the samples.
 
         Returns:
             (S,S,3) float64, the mean over the covered part of each pixel; zero outside the mesh.

@@ -88,7 +88,7 @@ def place_mesh(view: View, vertices: np.ndarray) -> Pose:
     this, the eye moves; the focal length stays. The middle of the figure's depth lies in the plane z = 0.
 
     Args:
-        view: of the mesh.
+        view: view of the mesh.
         vertices: (V,3) float64 of the mesh.
 
     Raises:
@@ -123,7 +123,7 @@ def extreme_points(lateral: np.ndarray, depth: np.ndarray, half_width: float, di
     Args:
         lateral: (V,) x, or y, of the points.
         depth: (V,) z of the points.
-        half_width: of the points in the image.
+        half_width: half the width that the points fill in the image.
         distance: from the eye to its image plane.
 
     Returns:
@@ -202,7 +202,7 @@ def random_view(name: str) -> View:
     view in four is orthographic; the focal length of the others is log-uniform from 25 to 120 mm.
 
     Args:
-        name: of the view's maps.
+        name: name of the view's maps.
     """
     rng = np.random.default_rng([0, *name.encode()])
     yaw = rng.normal(0, 30) if rng.random() < 0.75 else rng.uniform(-180, 180)

@@ -84,7 +84,7 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
     Args:
         path: maps (.exr) or a photo.
         relighter: for photos; None where there are only maps.
-        mask: of the photo; by default it is found as for `relight photo` (docs/photos.md).
+        mask: mask of the photo; by default it is found as for `relight photo` (docs/photos.md).
         size: pixels that the photo's longer side is scaled down to.
 
     Raises:
@@ -114,7 +114,7 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
         relighter: the network.
         pixels: (H,W,3) uint8 sRGB.
         coverage: (H,W) uint8.
-        title: of the figure.
+        title: title of the figure.
 
     Raises:
         UserError: for a network of `train.color=paper`, whose shading acts on coded values.

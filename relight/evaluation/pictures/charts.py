@@ -74,7 +74,7 @@ def plot_errors(table: Table, columns: tuple[str, ...], out: Path) -> None:
     """Draws means and 95 % intervals by row; baselines are grey.
 
     Args:
-        table: of an experiment.
+        table: table of an experiment.
         columns: one panel for each that the table has.
         out: the chart.
     """
@@ -163,7 +163,7 @@ def plot_axis(points: list[tuple[float, str]], table: Table, columns: tuple[str,
 
     Args:
         points: (value on the axis, row of the table).
-        table: of the experiment.
+        table: table of the experiment.
         columns: one panel for each that a row has.
         axis: label.
         out: the chart.

@@ -92,9 +92,9 @@ def scale_to_cell(
 
     Args:
         colors: (H,W,3), display-coded.
-        maps: of the figure.
-        rows: of the picture, which fill the cell's height unless the figure is too wide.
-        size: of the cell.
+        maps: maps of the figure.
+        rows: rows of the picture, which fill the cell's height unless the figure is too wide.
+        size: width and height of the cell, pixels.
     """
     box = rows, bounding_box([maps.mask])[1]
     box_height, box_width = (side.stop - side.start for side in box)

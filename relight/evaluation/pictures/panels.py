@@ -58,7 +58,7 @@ class Subject:
     """A test figure.
 
     Attributes:
-        name: of the figure.
+        name: name of the figure.
         truth: under the input light and the new one.
         pixel: (P,) flat indices of the mask in an image of `size` x `size`.
         size: side of the image, pixels.
@@ -112,7 +112,7 @@ class Line:
     """A row of views.
 
     Attributes:
-        label: of the row.
+        label: label of the row.
         subject: whose views these are.
         views: one for each column.
         first: whether it is the first row of its subject, which has space above it.
@@ -128,7 +128,7 @@ def draw(heads: list[str], lines: list[Line], max_error: float | None, note: str
     """Draws rows of views, with heads above and a scale of errors below.
 
     Args:
-        heads: of the columns.
+        heads: titles of the columns.
         lines: the rows, with a view for each column.
         max_error: the error at the dark end of the color scale; None if no view is an error.
         note: explains the views.
@@ -314,7 +314,7 @@ def extreme_places(scores: list[Path], names: list[str]) -> list[int]:
 
     Args:
         scores: files of the networks' scores on these figures.
-        names: of the figures.
+        names: names of the figures.
     """
     trained = [training for trainings in gather(scores).values() for training in trainings]
     mean_of = dict(zip(trained[0].figures, np.mean([training.figure_means("shading_rmse") for training in trained], 0)))

@@ -35,7 +35,7 @@ class Section:
 
     Attributes:
         name: anchor.
-        heading: of the section.
+        heading: heading of the section.
         html: content.
         failed: whether it could not be made; the content then is the reason.
     """
@@ -53,7 +53,7 @@ def build_report(name: str, experiments: Path, folder: Path, out: Path, makers: 
     removed. A section that cannot be made gives the reason; the others are not affected.
 
     Args:
-        name: of the run.
+        name: name of the run.
         experiments: the experiments of the run (experiments.json, `Plan.requested`).
         folder: results/<name>.
         out: the page (.html).

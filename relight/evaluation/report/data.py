@@ -183,7 +183,7 @@ def setting_tables(settings: dict[str, dict[str, str]], names: list[str]) -> tup
 
     Args:
         settings: settings file (`bake`, `train.ours_full.s0`) -> key -> value.
-        names: of the trainings that the tables compare.
+        names: names of the trainings that the tables compare.
     """
     by_training = pd.DataFrame({name: settings[f"train.{name}"] for name in names if f"train.{name}" in settings})
     by_training = by_training.astype(object).fillna("")

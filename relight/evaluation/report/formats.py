@@ -33,7 +33,7 @@ class TextTable:
     Attributes:
         frame: indexed by the rows' labels; cells are Estimate, Verdict, str, int, float or None; columns are names, or
             pairs (block, name).
-        kinds: of the rows: "network", "baseline", "paper", or "" if the rows have no kind.
+        kinds: kind of each row: "network", "baseline", "paper", or "" if the rows have no kind.
         digits: decimals by column, 3 by default.
     """
 
@@ -54,7 +54,7 @@ class TextTable:
         Args:
             columns: the heads, the first of which is that of the labels.
             rows: each with as many cells as there are columns.
-            kinds: of the rows.
+            kinds: kind of each row.
             digits: decimals by column.
         """
         index = pd.Index([row[0] for row in rows], name=columns[0], dtype=object)
@@ -107,8 +107,8 @@ class TextFormat:
     """The format strings of a file format, in which {} is the text.
 
     Attributes:
-        bold, italic: of the best value, and of baselines' labels.
-        margin: of the half-width of an interval.
+        bold, italic: formats of the best value, and of baselines' labels.
+        margin: format of the half-width of an interval.
         not_significant: the mark of values that do not differ significantly from the best.
         escape: escapes plain text.
     """
@@ -178,7 +178,7 @@ def write_tables(
 
     Args:
         stem: path without suffix.
-        title: of the table, plain text.
+        title: title of the table, plain text.
         note: explains the numbers, in Markdown.
         shown: the table; one tabular in LaTeX, a table per block in Markdown.
         statistics: content of the CSV; by default the statistics of `shown`.

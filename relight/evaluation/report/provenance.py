@@ -23,8 +23,8 @@ def provenance(folder: Path) -> dict[str, Any]:
 
     Returns:
         date: UTC, to the minute.
-        version: of relight.
-        commit: of the working tree, "" without git.
+        version: version of relight.
+        commit: commit of the working tree, "" without git.
         changed: whether files differ from the commit.
         machine: see `machine`.
         command: repeats the run from a clone.

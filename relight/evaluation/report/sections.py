@@ -60,8 +60,8 @@ def experiment(results: Results, name: str) -> Numbers:
     """Computes the numbers of the section of a table of trainings, and draws its chart.
 
     Args:
-        results: of the run.
-        name: of the experiment.
+        results: results of the run.
+        name: name of the experiment.
 
     Returns:
         The context of templates/sections/experiment.md, or of the experiment's own template, which extends it.
@@ -326,8 +326,8 @@ def quarters(results: Results, name: str) -> Numbers:
     """Compares the rows over quarters of the test figures, from the least to the most occluded, and writes the errors.
 
     Args:
-        results: of the run.
-        name: of the experiment.
+        results: results of the run.
+        name: name of the experiment.
 
     Returns:
         The errors of each row, the comparisons of methods in each quarter, and the stem of the files; empty if there

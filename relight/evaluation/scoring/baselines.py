@@ -40,7 +40,7 @@ def evaluate_baselines(
         condition: the figures and lights.
         out: the scores (.csv).
         color: color model of the networks to be compared with (`train.color`).
-        order: of the data (`bake.order`).
+        order: order of the data (`bake.order`).
     """
     torch.set_num_threads(1)
     data = RelitSet(packed, lights, order, color)

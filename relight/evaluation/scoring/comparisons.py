@@ -32,7 +32,7 @@ class Comparison:
     """The comparison of two rows in one column.
 
     Attributes:
-        column: of the scores.
+        column: column of the scores.
         first, second: the means of the rows.
         difference: first minus second.
         p: p-value of the hypothesis that they are equal; `correct` corrects it.
@@ -159,9 +159,9 @@ def printed_ordering(table: Table, leader: str, follower: str, column: str) -> O
     """Compares two rows of a table in the order of their printed values.
 
     Args:
-        table: of the run.
+        table: table of the run.
         leader, follower: the better and the worse row by the paper's argument.
-        column: of the scores.
+        column: column of the scores.
 
     Returns:
         The comparison without correction; None if the table or the paper lacks a value, or the paper's are equal.

@@ -250,7 +250,7 @@ def inferred_maps(network: Network, data: RelitSet, light: int, true: Maps) -> M
     """Infers the maps of a figure from its picture under one light.
 
     Args:
-        network: of any kind; outputs that no loss constrained are replaced by the truth.
+        network: network of any kind; outputs that no loss constrained are replaced by the truth.
         data: its test set.
         light: index of the light in the set.
         true: the figure's baked maps, whose info names it in the set.

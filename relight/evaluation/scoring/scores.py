@@ -75,7 +75,7 @@ def read_table(
         what: its content, for errors.
         columns: required columns.
         writer: the command that writes such files.
-        types: of columns.
+        types: type of each column.
 
     Raises:
         UserError: if the file is missing, is not CSV, or lacks a column.

@@ -147,7 +147,7 @@ def estimate(
         pairs: names of the figures, and indices of the lights.
         noise: seed of the noise of the trainings; it must differ between the rows of a table.
         resamples: their number.
-        seed: of the resamples; rows with the same seed are resampled alike.
+        seed: random seed of the resamples; rows with the same seed are resampled alike.
 
     Returns:
         The estimate. With one figure its interval is infinite; with one light it holds for that light only.

@@ -95,7 +95,7 @@ def experiment_table(
     """Estimates every column of the scores of an experiment.
 
     Args:
-        name: of the experiment, which selects the paper's printed values.
+        name: name of the experiment, which selects the paper's printed values.
         networks: in the order of the table.
         baselines: follow the networks; they are never marked as best.
         columns: to show.
@@ -125,7 +125,7 @@ def estimates(rows: Rows, column: str, pool: Rows, fixed: Iterable[str] = ()) ->
 
     Args:
         rows: to estimate.
-        column: of the scores.
+        column: column of the scores.
         pool: rows over which the spread of trainings is pooled.
         fixed: rows without trainings.
 

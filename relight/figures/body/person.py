@@ -163,7 +163,8 @@ def units(name: str, strength: float = 1.0, swap: bool = False) -> dict[str, flo
     """Returns the weights of the face units of an expression, by target name.
 
     Args:
-        name: of the expression. A unit of it, such as `mouthSmile`, moves both sides, `mouthSmile.L` the left one only.
+        name: name of the expression. A unit of it, such as `mouthSmile`, moves both sides, `mouthSmile.L` the left one
+            only.
         strength: factor of the weights.
         swap: exchanges the sides.
     """

@@ -93,7 +93,7 @@ def paint_skin(
         beard: the same of the beard.
         makeup: amount in [0,1].
         side: pixels of the texture.
-        seed: of the random details.
+        seed: random seed of the random details.
 
     Returns:
         (side,side,3) uint8 sRGB.
@@ -224,20 +224,21 @@ def paint_eye(iris: np.ndarray, side: int, seed: int) -> np.ndarray:
 
     Args:
         iris: (3,) linear albedo.
-        side: of the picture in pixels.
-        seed: of the rays of the iris.
+        side: side of the picture in pixels.
+        seed: random seed of the rays of the iris.
     """
     axis = (np.arange(side) + 0.5) / side * 2 - 1
     x, y = np.meshgrid(axis, -axis)
-    r, angle = np.hypot(x, y), np.arctan2(y, x)  # over the eye's radius
-    redness = 0.15 * np.clip(r - 0.5, 0, 1)[..., None]
+    from_centre, angle = np.hypot(x, y), np.arctan2(y, x)  # in radii of the eye, as the radii below
+    redness = 0.15 * np.clip(from_centre - 0.5, 0, 1)[..., None]
     white = np.array([0.66, 0.63, 0.60]) * (1 - redness * np.array([0.2, 1, 1]))
-    rays = 0.7 + 0.6 * lattice(np.floor(angle * 20), np.zeros_like(r), seed)[..., None]
+    rays = 0.7 + 0.6 * lattice(np.floor(angle * 20), np.zeros_like(from_centre), seed)[..., None]
 
     def disc(radius: float) -> np.ndarray:
-        """Returns 1 inside a disc and 0 outside, with a soft edge."""
-        return np.clip((radius - r) / 0.03 + 0.5, 0, 1)[..., None]
+        """Returns 1 inside a disc and 0 outside (side,side,1), with a soft edge."""
+        return np.clip((radius - from_centre) / 0.03 + 0.5, 0, 1)[..., None]
 
-    color = white * (1 - disc(0.48)) + np.array(iris) * rays * disc(0.48)
-    color = color * (1 - 0.6 * (disc(0.50) - disc(0.44)))  # the dark ring around the iris
-    return coded(color * (1 - disc(0.20)) + 0.008 * disc(0.20))  # the pupil
+    iris_disc, dark_ring, pupil = disc(0.48), disc(0.50) - disc(0.44), disc(0.20)
+    color = white * (1 - iris_disc) + np.array(iris) * rays * iris_disc
+    color = color * (1 - 0.6 * dark_ring)
+    return coded(color * (1 - pupil) + 0.008 * pupil)

@@ -90,7 +90,7 @@ def trace_crests(
     """Traces lines through a direction field on a surface, both ways from some of its vertices.
 
     Args:
-        tree: of the vertices (n,3), metres.
+        tree: k-d tree of the vertices (n,3), metres.
         normal: (n,3) unit normals.
         along: (n,3) the direction field.
         start: (m,) vertices where lines start.
@@ -173,9 +173,9 @@ def ridges(region: Region, crimp: Crimp, share: float, max_height: float, seed: 
     Args:
         region: the cloth.
         crimp: width, length and density of the folds.
-        share: of the excess length, which these folds take up.
+        share: share of the excess length that these folds take up.
         max_height: metres.
-        seed: of their places and sizes.
+        seed: random seed of their places and sizes.
 
     Returns:
         Heights (n,) along the normals, metres.
@@ -236,12 +236,12 @@ def folds(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: 
     """Computes the heights of a garment's folds: wider ones on coarser levels, none where the cloth is pinned.
 
     Args:
-        levels: of the pattern, from coarse to fine.
+        levels: levels of the pattern, from coarse to fine.
         refine: matrices between them.
         x: (n,3) vertices of the finest level as draped, metres.
-        crimp: of the finest folds.
+        crimp: crimp of the finest folds.
         hang: (n,) in [0,1], how freely the cloth hangs down.
-        seed: of the folds' places and sizes.
+        seed: random seed of the folds' places and sizes.
 
     Returns:
         Heights (n,) along the normals, metres.

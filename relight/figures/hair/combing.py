@@ -27,7 +27,7 @@ class Comb:
         length: metres on the top.
         strands: per guide.
         sides: length at the sides over that on the top.
-        width: of a strand, metres.
+        width: width of a strand, metres.
         direction: in which the top is combed.
         fringe: share of the front that falls on the forehead.
         part: azimuth of the parting.
@@ -107,9 +107,9 @@ def plant_roots(
     """Samples up to `count` roots, evenly over the skin where hair grows.
 
     Args:
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         count: number of samples, of which those are dropped where hair is thin.
-        seed: of the samples.
+        seed: random seed of the samples.
         share: the density of hair in [0,1] at points (n,3) of the base body.
     """
     faces, base, posed = makehuman.base().faces["body"], makehuman.base().vertices, motion.posed_skin

@@ -29,8 +29,8 @@ def brows(motion: Motion, seed: int, fine: bool) -> Strip:
     """Returns the hairs of both brows, upward at their inner ends and outward at the outer ones.
 
     Args:
-        motion: of the body into the pose.
-        seed: of the hairs.
+        motion: how the body moves from its rest pose into the pose.
+        seed: random seed of the hairs.
         fine: all hairs, else fewer, wider ones.
     """
     person = motion.body.person
@@ -81,10 +81,10 @@ def beard(motion: Motion, amount: float, below: Surface, seed: int, fine: bool) 
     """Returns a beard on cheeks, lip and chin, from trimmed to full, or None if it is painted stubble.
 
     Args:
-        motion: of the body into the pose.
-        amount: of beard, in [0,1].
+        motion: how the body moves from its rest pose into the pose.
+        amount: how much beard there is, in [0,1].
         below: vertices and faces of posed skin and clothes.
-        seed: of the strands.
+        seed: random seed of the strands.
         fine: all strands, else fewer, wider ones.
     """
     if amount <= STUBBLE:

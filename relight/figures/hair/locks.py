@@ -43,12 +43,12 @@ def grow_guides(
 
     Args:
         comb: weight, cling, lift and wander of the hair.
-        roots: of the n guides.
+        roots: roots of the n guides.
         direction: (n,3) in which they are combed, posed.
         length: (n,) metres.
         below: skin and clothes.
         steps: per guide.
-        seed: of their wandering.
+        seed: random seed of their wandering.
         heading: (n,3) first directions; along the skin if it is None.
         deflect: (points, next points) to next points (n,3), away from where hair must not hang.
 
@@ -120,10 +120,10 @@ def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool
     """Grows all strands of a head.
 
     Args:
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         comb: the style.
         below: vertices and faces of posed skin and clothes.
-        seed: of each strand.
+        seed: random seed of each strand.
         fine: all strands, else a third of them, wider.
         hat: only hair that a hat leaves free.
 

@@ -53,10 +53,10 @@ def spread_strands(
         guides: roots of the g guides.
         points: (g,k,3) of the guides, metres.
         normals: (g,k,3) of the surface below the guides.
-        roots: of the n strands.
+        roots: roots of the n strands.
         length: (g,) of the guides, metres.
         steps: segments of a strand.
-        seed: of their straying.
+        seed: random seed of their straying.
     """
     n = len(roots.points)
     guide = cKDTree(guides.points).query(roots.points)[1]  # of each strand

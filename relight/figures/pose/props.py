@@ -10,7 +10,7 @@ from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose.motion import Motion
 from relight.figures.pose.solver import orthonormal_frame, unit
 from relight.figures.pose.stances import Pose
-from relight.figures.surfaces import Surface, stacked
+from relight.figures.surfaces import Surface, closed_rings, stacked
 from relight.meshes import Material
 
 GREYS = (0.02, 0.04, 0.12, 0.45, 0.7)  # luminance of albedo
@@ -77,12 +77,6 @@ def cell_faces(index: np.ndarray) -> np.ndarray:
     return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
 
 
-def closed_rings(rows: int, sides: int) -> np.ndarray:
-    """Returns a grid of vertices (rows, sides + 1) whose last column is its first one."""
-    index = np.arange(rows * sides).reshape(rows, sides)
-    return np.concatenate([index, index[:, :1]], 1)
-
-
 def revolved(profile: np.ndarray) -> Surface:
     """Builds a surface of revolution about y from a profile (m,2): radius and height, from its lower end up."""
     angle = 2 * np.pi * np.arange(SIDES) / SIDES
@@ -132,7 +126,7 @@ def hand_prop(kind: str, motion: Motion, side: str, figure: Surface, rng: np.ran
 
     Args:
         kind: phone | cup | bag.
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         side: L | R, of the hand.
         figure: vertices and faces of the posed and dressed figure, from which a bag keeps BAG_CLEARANCE.
         rng: random generator.
@@ -156,7 +150,7 @@ def bag(motion: Motion, sign: float, grip: np.ndarray, figure: Surface, rng: np.
     """Builds a bag that hangs upright by two straps, moved outward until it keeps BAG_CLEARANCE; none without room.
 
     Args:
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         sign: 1 for the left hand, -1 for the right one.
         grip: (3,) point in the hand through which the straps run, metres.
         figure: as for `hand_prop`.
@@ -194,7 +188,7 @@ def stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Generat
     """Builds a stool under a sitting figure, or none under a skirt, which hangs where the seat would be.
 
     Args:
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         figure: vertices and faces of the posed and dressed figure.
         ground: height of the floor, metres.
         rng: random generator.
@@ -233,10 +227,10 @@ def props(motion: Motion, pose: Pose, figure: Surface, seed: int) -> list[Prop]:
     """Builds all props of a figure.
 
     Args:
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         pose: has the props of the hands, and whether the figure sits.
         figure: vertices and faces of the posed and dressed figure, which stands on the floor.
-        seed: of colors and sizes.
+        seed: random seed of colors and sizes.
     """
     rng = np.random.default_rng([seed, 5])
     out = stool(motion, figure, float(figure[0][:, 1].min()), rng) if pose.sitting else []

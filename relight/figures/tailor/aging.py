@@ -20,7 +20,7 @@ class Patch:
     """The albedo of a panel, on which traces are left one after the other.
 
     Attributes:
-        garment: of the panel.
+        garment: garment to which the panel belongs.
         fabric: its seed gives age and soil.
         panel: its name.
         u, v: (h,w) cloth coordinates across and along, metres.

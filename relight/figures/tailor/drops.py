@@ -94,7 +94,7 @@ def drop_rows(
         top: (m,3) vertices of the border on which the drop hangs, metres.
         cut_height: (m,) heights of these vertices as cut.
         closed: whether the border is a closed loop.
-        hull: of the trunk.
+        hull: convex hull of the trunk.
 
     Returns:
         The rows (m,3) as cut, and the rows (m,3) at the start of the simulation.

@@ -30,7 +30,7 @@ def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
 
     Args:
         rng: random generator.
-        garment: of the wardrobe, with its usual cut.
+        garment: garment of the wardrobe, with its usual cut.
 
     Returns:
         The garment with its ease above MIN_EASE scaled by 0.5 to 1.8, its sleeves, legs and drop longer or shorter, and

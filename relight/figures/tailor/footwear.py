@@ -188,9 +188,9 @@ def laces(
         shape: (n,3) of the upper on the rest pose, metres.
         faces: (F,3).
         weights: (n,B) skinning weights.
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         ground: height of the ground, metres.
-        length: of the foot, metres.
+        length: length of the foot, metres.
         toes: z of its front end, metres.
         count: number of bands.
     """
@@ -220,7 +220,7 @@ def sole(
         bottom: (n,3) the lowest vertices of the upper on the rest pose, metres.
         ground: height of the ground, metres.
         shoe: its thickness under toes and heel.
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         foot: (B,) skinning weights of the slab, which is rigid.
 
     Returns:
@@ -245,9 +245,9 @@ def sole(
     column = np.arange(n)
     next_column = (column + 1) % n
     strips = []
-    for k in range(len(rows) - 1):
-        a, b = k * n + column, k * n + next_column
-        strips += [np.stack([a, b, a + n], 1), np.stack([b, b + n, a + n], 1)]
+    for first in range(0, (len(rows) - 1) * n, n):  # vertex of each row but the last
+        left, right = first + column, first + next_column
+        strips += [np.stack([left, right, left + n], 1), np.stack([right, right + n, left + n], 1)]
     middles = [np.r_[centre[0], row[:, 1].mean(), centre[1]] for row in (rows[0], rows[-1])]  # of top and bottom
     vertices = np.concatenate([*rows, middles])
     last = (len(rows) - 1) * n

@@ -20,7 +20,7 @@ class Panels:
     """The panels of a garment and their texture atlas.
 
     Attributes:
-        names: of the panels, by number.
+        names: names of the panels, by number.
         panel: (F,) number of each face's panel.
         cloth: (F,3,2) cloth coordinates of the corners, metres across and along.
         uv: (F,3,2) of the corners in the atlas.
@@ -55,7 +55,7 @@ def limb_frame(pattern: Pattern, side: str) -> tuple[np.ndarray, np.ndarray, np.
     """Finds the faces of a sleeve or trouser leg.
 
     Args:
-        pattern: of a top or trousers.
+        pattern: pattern of a top or trousers.
         side: L | R.
 
     Returns:
@@ -161,7 +161,7 @@ def draw(panels: Panels, paint: Painter) -> np.ndarray:
     """Paints the atlas of a garment.
 
     Args:
-        panels: of the garment.
+        panels: panels of the garment.
         paint: (name of a panel, u (h,w), v (h,w), place) to linear albedo (h,w,3); the place is two slices of the
             atlas with rows from the bottom up.
 

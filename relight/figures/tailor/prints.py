@@ -20,7 +20,7 @@ def motifs(shape: str, u: np.ndarray, v: np.ndarray, cell: float, seed: int) -> 
         shape: dots | flowers | leaves.
         u, v: (...) cloth coordinates, metres.
         cell: spacing of the motifs, metres.
-        seed: of their places and directions.
+        seed: random seed of their places and directions.
     """
     i = np.floor(u / cell)
     j = np.floor(v / cell + 0.5 * (i % 2))  # every other column is shifted by half a cell
@@ -99,7 +99,7 @@ class PrintArea:
     """The place of an emblem on a panel.
 
     Attributes:
-        fabric: of the panel.
+        fabric: fabric of the panel.
         ground: (...,3) the panel's albedo without the emblem.
         v: (...) cloth coordinate along, metres.
         x, y: (...) coordinates from the emblem's centre, over its reach.

@@ -25,9 +25,9 @@ def stitched(
     """Adds sewn details to the albedo of a panel.
 
     Args:
-        garment: of the panel.
-        kind: of fabric.
-        name: of the panel.
+        garment: garment to which the panel belongs.
+        kind: kind of fabric.
+        name: name of the panel.
         u: (...) cloth coordinate across, metres.
         v: (...) cloth coordinate along, metres, 0 at the crotch.
         top: v of the panel's upper end.
@@ -78,8 +78,8 @@ def sew_trousers(sewing: Sewing, kind: str, name: str, u: np.ndarray, below: np.
 
     Args:
         sewing: to draw on.
-        kind: of fabric.
-        name: of the panel.
+        kind: kind of fabric.
+        name: name of the panel.
         u: (...) cloth coordinate across, metres.
         below: (...) metres from the panel's upper end.
     """

@@ -93,7 +93,7 @@ class Hull:
 
         Args:
             low: height above which it hangs straight, metres.
-            share: of the hollows' depth that it spans, in [0,1].
+            share: share of the hollows' depth that it spans, in [0,1].
         """
         radii, first = self.radii.copy(), int(np.searchsorted(self.heights, low))
         for lower in range(first, len(radii)):  # cloth is as far out as the line between any two slices
@@ -117,7 +117,7 @@ def trunk_hull(points: np.ndarray, fields: Fields, heights: dict[str, float]) ->
 
     Args:
         points: (n,3) vertices of the suit, metres.
-        fields: of the vertices, see `suit_fields`.
+        fields: attributes (n,) of the vertices by name, see `suit_fields`.
         heights: see `Body.heights`.
 
     Returns:

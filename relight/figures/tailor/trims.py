@@ -28,7 +28,7 @@ def band(pattern: Pattern, positions: np.ndarray, uv: np.ndarray) -> tuple[np.nd
     """Builds the raised band of a closed front.
 
     Args:
-        pattern: of the garment.
+        pattern: pattern of the garment.
         positions: (n,3) finest vertices as draped, metres.
         uv: (n,2) of these vertices.
 
@@ -66,7 +66,7 @@ def belt(vertices: np.ndarray, faces: np.ndarray, band: np.ndarray, ahead: np.nd
         faces: (F,3).
         band: (k,3) points of the garment at the belt, metres.
         ahead: (3,) direction in which the pelvis faces.
-        width: of the belt, metres.
+        width: width of the belt, metres.
 
     Returns:
         Belt and buckle; nothing if the cloth does not go all around.
