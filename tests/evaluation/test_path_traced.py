@@ -20,6 +20,7 @@ from relight.lights import LightSet, read_light_set, write_light_set
 from relight.lights.chain import generated_light
 from relight.maps import pack_maps, write_maps
 from relight.meshes import Material, Mesh
+from relight.panoramas import orient
 from relight.sh import basis, unoccluded
 from relight.transport import bake
 from relight.transport.tracer import sky_directions, sky_weights
@@ -129,7 +130,7 @@ def test_chain_refuses_another_data_set(data, world, tmp_path):
 def rooms(tmp_path_factory):
     """A light set of three generated rooms, turned and scaled."""
     yaw, scale = np.array([0.0, 70, 190]), np.array([1.0, 2, 0.5])
-    turned = [generated_light(f"room:{i}", 2, yaw=20 + yaw[i], flip=True) * scale[i] for i in range(3)]
+    turned = [orient(generated_light(f"room:{i}", 2, flip=True), yaw[i], False) * scale[i] for i in range(3)]
     table = LightSet(
         coefficients=np.array(turned, np.float32),
         split=np.array(["train", "test", "test"]),

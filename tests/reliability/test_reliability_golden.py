@@ -73,7 +73,7 @@ def network() -> list[float]:
 def table() -> list[float]:
     """Two rows of a table: their means and intervals, and their difference with its p-value."""
     rng = np.random.default_rng(0)
-    first, second = (estimate(rng.normal(mean, 0.1, (1, 12, 1)), 500, 0) for mean in (0.5, 0.45))
+    first, second = (estimate(rng.normal(mean, 0.1, (1, 12, 1)), resamples=500) for mean in (0.5, 0.45))
     difference = compare(first, second)
     rows = [number for one in (first, second) for number in (one.mean, one.low, one.high)]
     return [*rows, difference.mean, difference.low, difference.high, difference.p]
