@@ -26,8 +26,8 @@ from omegaconf import OmegaConf
 from relight.config import composed
 from relight.evaluation.scoring import metrics
 from relight.learning.augment import augment_batch
-from relight.learning.camera import shade
 from relight.learning.checkpoint import load_network
+from relight.learning.color import shade
 from relight.learning.data import RelitSet, read_split
 from relight.learning.losses import detail
 

@@ -2,9 +2,7 @@
 
 import ast
 import hashlib
-import io
 import json
-import tokenize
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
@@ -33,7 +31,7 @@ class Source(NamedTuple):
 def code_hash(stage: str, words: frozenset[str] = frozenset()) -> str:
     """Returns a hash of the code of a stage: its module, the modules of relight that it imports, and their data.
 
-    Comments, docstrings and blank lines do not count, nor does the code of other packages.
+    Comments, docstrings and the layout do not count, nor does the code of other packages.
 
     Args:
         stage: name of a module in `relight.stages`.
@@ -67,23 +65,26 @@ def _has_no_results(module: str) -> bool:
 @cache
 def source(path: Path) -> Source:
     """Returns what counts of a file. It is kept in the cache, since 250 files take seconds, until the file changes."""
-    key, state = str(path), [path.stat().st_mtime_ns, path.stat().st_size]
-    if key in (kept := cached()) and kept[key][0] == state:
-        return Source(*kept[key][1:])
-    content, modules = path.read_bytes(), set[str]()
+    entries, key, state = cached(), str(path), [path.stat().st_mtime_ns, path.stat().st_size]
+    if key in entries:
+        known_state, content_hash, modules = entries[key]
+        if known_state == state:
+            return Source(content_hash, modules)
+    content, modules = path.read_bytes(), []
     if path.suffix == ".py":
-        modules = set(_imported(ast.parse(content)))
-        content = stripped(content.decode()).encode()
-    kept[key] = [state, hashlib.sha256(content).hexdigest(), sorted(modules)]
-    return Source(*kept[key][1:])
+        modules = sorted(set(_imported(ast.parse(content))))
+        content = without_comments(content.decode()).encode()
+    content_hash = hashlib.sha256(content).hexdigest()
+    entries[key] = [state, content_hash, modules]
+    return Source(content_hash, modules)
 
 
 @cache
 def cached() -> dict[str, list]:
-    """Returns the entries of the cache; a damaged one is empty."""
+    """Returns the entries of the cache, by file: date and size, hash, and imports; those of a damaged one are none."""
     with suppress(OSError, ValueError):
-        if isinstance(kept := json.loads((ROOT / CACHE).read_text()), dict):
-            return kept
+        if isinstance(entries := json.loads((ROOT / CACHE).read_text()), dict):
+            return entries
     return {}
 
 
@@ -134,13 +135,13 @@ def files_of(name: str) -> list[Path]:
     path = path_of(name)
     if not path or path.parent == ROOT / PACKAGE:  # whose other folders, such as weights, are inputs of rules
         return [path] if path else []
-    found = [path]
+    files = [path]
     for item in sorted(path.parent.iterdir()):
         if item.is_file():
-            found.append(item)
+            files.append(item)
         elif item.name not in ("__pycache__", "node_modules") and not any(item.glob("*.py")):
-            found += [file for file in item.rglob("*") if file.is_file() and "node_modules" not in file.parts]
-    data = [file for file in found[1:] if file.suffix not in (".py", ".pyi", ".pyc") and not file.name.startswith(".")]
+            files += [file for file in item.rglob("*") if file.is_file() and "node_modules" not in file.parts]
+    data = [file for file in files[1:] if file.suffix not in (".py", ".pyi", ".pyc") and not file.name.startswith(".")]
     return [path, *data]
 
 
@@ -150,25 +151,15 @@ def extension_file(name: str) -> Path | None:
     return Path(spec.origin) if spec and spec.origin else None
 
 
-def stripped(source: str) -> str:
-    r"""Returns Python source without comments, docstrings and blank lines; strings are kept as they are.
+def without_comments(source: str) -> str:
+    r"""Returns Python source in one layout, without comments and docstrings; strings are kept as they are.
 
-    >>> stripped('x = "# a  b"  # one\n\ndef f():\n    "Returns one."\n    return 1\n')
-    'x = "# a  b"\ndef f():\n    return 1'
+    >>> without_comments('x = "# a  b"  # one\ndef f(): \n  "Returns one."\n  return (1)\n')
+    "x = '# a  b'\n\ndef f():\n    return 1"
     """
-    lines = source.splitlines()
-    tokens = list(tokenize.generate_tokens(io.StringIO(source).readline))
-    for token in tokens:
-        if token.type == tokenize.COMMENT:
-            row, column = token.start
-            lines[row - 1] = lines[row - 1][:column].rstrip()
-    dropped = {
-        token.start[0] for token in tokens if token.type == tokenize.NL and not lines[token.start[0] - 1].strip()
-    }
-    for node in ast.walk(ast.parse(source)):
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             if ast.get_docstring(node, clean=False) is not None:
-                first, last = node.body[0].lineno, int(node.body[0].end_lineno or 0)
-                alone = lines[first - 1].lstrip(" rR")[:1] in ("'", '"') and lines[last - 1][-1:] in ("'", '"')
-                dropped |= set(range(first, last + 1)) if alone else set()
-    return "\n".join(line for row, line in enumerate(lines, 1) if row not in dropped)
+                node.body = node.body[1:] or [ast.Pass()]
+    return ast.unparse(tree)

@@ -26,12 +26,10 @@ class Crop:
     """A square of a photo, resampled to the network's size.
 
     Attributes:
-        top: of the square, in photo pixels (real; pixel i spans [i, i+1)).
-        left: likewise.
-        side: likewise.
-        rows: half-open range of the photo's rows with coverage of the person. Soft edges may reach past the square, by
-            half of its side at most.
-        columns: likewise.
+        top, left: the square's upper left corner, in pixels of the photo: real numbers, where pixel i spans [i, i+1).
+        side: side of the square, in pixels of the photo, real.
+        rows, columns: half-open ranges of the photo's pixels with coverage of the person. Soft edges may reach past the
+            square, by half of its side at most.
         size: S, the side of the network's image in pixels.
     """
 
@@ -131,11 +129,11 @@ def _resampling(
     """Returns the weights by which Pillow resamples a line, for `_resample`: its results for unit vectors.
 
     Args:
-        size: S, of the line.
+        size: S, number of values of the line.
         margin: by how many copies of its ends the line is extended.
-        span: what is resampled, from 0 to S inside the line.
-        count: of the values in the result.
-        kind: of the interpolation.
+        span: start and end of the part that is resampled, in values of the line; 0 and S are its ends.
+        count: number of values in the result.
+        kind: Pillow's filter.
 
     Returns:
         A band matrix (count,S) in blocks: their rows, their columns, and their weights.

@@ -62,7 +62,7 @@ def writable_folder(path: Path | str, what: str, needed: int = 0) -> Path:
     """Checks that files can be written to a folder, by writing one.
 
     Args:
-        path: of the folder; it need not exist, and is not created.
+        path: path of the folder; it need not exist, and is not created.
         what: the name of the folder in errors, such as "--out".
         needed: total size of the files, bytes.
 
@@ -99,7 +99,7 @@ def writable_file(path: Path | str, what: str) -> Path:
     """Checks that a file can be written to an existing folder.
 
     Args:
-        path: of the file.
+        path: path of the file.
         what: its name in errors.
 
     Returns:
@@ -227,7 +227,7 @@ def existing_file(path: Path | str, what: str) -> Path:
     """Checks that a file exists and can be read.
 
     Args:
-        path: of the file.
+        path: path of the file.
         what: its name in errors, such as "mask".
 
     Returns:

@@ -22,7 +22,7 @@ class PhotoNetwork:
 
     Attributes:
         size: S, the side of its images in pixels.
-        config: of its training, by group: `model`, `train`, `augment`, and `lights` if known.
+        config: settings of its training, by group: `model`, `train`, `augment`, and `lights` if known.
         digest: SHA-256 of its file.
         run: image (B,3,S,S) linear in [0,1] and mask (B,1,S,S) float32 -> albedo (B,3,S,S), transport (B,K,S,S) and
             light (B,K,3), averaged with the mirror image; maps are zero outside the mask.
@@ -50,7 +50,7 @@ def read_onnx(path: Path | str, threads: int = 0) -> PhotoNetwork:
 
     Args:
         path: the .onnx file.
-        threads: of the inference; 0 for one per core.
+        threads: number of threads of the inference; 0 for one per core.
 
     Raises:
         UserError: if there is no such file, or it holds no network of relight.

@@ -15,7 +15,7 @@ def read_npz(path: Path | str, what: str) -> dict[str, np.ndarray]:
     """Reads the arrays of an .npz file.
 
     Args:
-        path: of the file.
+        path: path of the file.
         what: its expected content, for errors.
 
     Returns:
@@ -30,12 +30,12 @@ def read_npz(path: Path | str, what: str) -> dict[str, np.ndarray]:
             size = sum(member.file_size for member in archive.infolist())
         if size > MAX_BYTES:
             raise ValueError(f"its arrays have {size / 2**30:.0f} GiB")
-        with np.load(path, allow_pickle=False) as arrays:
-            found = {name: arrays[name] for name in arrays.files}
-        for name, value in found.items():
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        for name, value in arrays.items():
             if not isinstance(value, np.ndarray):  # NumPy returns the bytes of other members
                 raise ValueError(f"its {name[:40]!r} is not an array")
-        return found
+        return arrays
     except Exception as error:  # zipfile, zlib and NumPy raise a dozen types for damaged files
         reason = str(error).strip().split("\n")[0] or type(error).__name__
         raise UserError(f"{path} is not a {what} of relight ({reason})") from None

@@ -50,7 +50,7 @@ class Plan:
     A *row* is a named set of overrides, that is, of one row of the tables. A *training* is a row with a seed.
 
     Attributes:
-        overrides: of Hydra, as given.
+        overrides: settings to override, in the syntax of Hydra, as given.
         cfg: the settings that all rows share.
         out: the folder of the results, relative to the repository.
         rows: name -> overrides, of all that may be trained.
@@ -65,7 +65,7 @@ class Plan:
         """Composes the settings.
 
         Args:
-            config: of Snakemake. `hydra` contains overrides, as a list or one string of words. `rows`, if given,
+            config: Snakemake's. `hydra` contains overrides, as a list or one string of words. `rows`, if given,
                 replaces the rows, and all experiments by one table of them.
             failed: see the attributes.
 
@@ -89,10 +89,6 @@ class Plan:
         self.requested = self._requested()
         self.failed = failed or {}
         self.experiments = {name: experiment for name, experiment in self.requested.items() if name not in self.failed}
-        if (self.cfg.evaluate.figures, self.cfg.evaluate.lights) != USUAL_CONDITION:
-            raise UserError(
-                "evaluate.figures and evaluate.lights are set by an experiment: give one, such as experiment=sitting"
-            )
         self.gpus = int(self.cfg.train.device == "cuda")  # requested by each training on a cluster
         self._by_row: dict[str, dict[str, Any]] = {}
         self._by_training: dict[str, dict[str, Any]] = {}
@@ -140,8 +136,8 @@ class Plan:
         except (OSError, ValueError):
             cached = {}
         for row, key in keys.items():
-            if isinstance(found := cached.get(key), dict):
-                self._by_row[row] = found
+            if isinstance(settings := cached.get(key), dict):
+                self._by_row[row] = settings
             self._row_settings(row)
         if not set(keys.values()) <= set(cached) and (ROOT / SETTINGS_CACHE).parent.is_dir():
             try:
@@ -149,7 +145,7 @@ class Plan:
                     tmp.write_text(json.dumps({key: self._by_row[row] for row, key in keys.items()}))
             except UserError:  # a read-only folder: settings are composed again next time
                 pass
-        for row in dict.fromkeys(row for one in self.experiments.values() if one.table for row in one.rows):
+        for row in dict.fromkeys(row for name in self.tables for row in self.experiments[name].rows):
             train = self._row_settings(row)["train"]
             if train["color"] != self.cfg.train.color:
                 raise UserError(
@@ -201,13 +197,13 @@ class Plan:
         if self.is_sweep:
             return {"sweep": Experiment(rows=list(self.rows), plates=True)}
         given: Any = OmegaConf.to_object(self.cfg.experiments)
-        found = {
+        experiments = {
             name: replace(
                 experiment, rows=self._without_duplicates([row for row in experiment.rows if row in selected])
             )
             for name, experiment in given.items()
         }
-        return {name: experiment for name, experiment in found.items() if experiment.rows}
+        return {name: experiment for name, experiment in experiments.items() if experiment.rows}
 
     def _without_duplicates(self, rows: list[str]) -> list[str]:
         """Returns the rows without duplicates, which differ from another row only in overrides that have no effect."""
@@ -228,7 +224,7 @@ class Plan:
     @property
     def scored(self) -> list[str]:
         """The trainings that the tables compare."""
-        rows = {row for experiment in self.experiments.values() if experiment.table for row in experiment.rows}
+        rows = {row for name in self.tables for row in self.experiments[name].rows}
         return [training for training, name in self.trainings.items() if name.row in rows]
 
     def condition_folder(self, experiment: str) -> str:
@@ -286,7 +282,7 @@ class Plan:
     def decades(self) -> list[str]:
         """Decades of generated figures that are completely in the plan, by the common prefix of their names: g012."""
         count = Counter(name[:-1] for name in self.figures) if not (self.scans or self.captures) else {}
-        return [name for name, found in count.items() if found == 10]
+        return [name for name, figures in count.items() if figures == 10]
 
     @cached_property
     def single_figures(self) -> list[str]:
@@ -421,8 +417,8 @@ class Plan:
     @property
     def score_files(self) -> list[str]:
         """All files of scores that the report needs."""
-        found = [self.scores(name, usual) for name in self.tables for usual in (False, True)]
-        files = (f"{self.out}/{path}" for rows in found for paths in rows.values() for path in paths)
+        tables = [self.scores(name, usual) for name in self.tables for usual in (False, True)]
+        files = (f"{self.out}/{path}" for rows in tables for paths in rows.values() for path in paths)
         return list(dict.fromkeys(files))
 
     @property
@@ -443,8 +439,8 @@ class Plan:
         from relight.benchmark.methods import FIXED
         from relight.photos.api import WEIGHTS
 
-        trainings = [each for row in self.requested["benchmark"].rows for each in self.trainings_of(row)]
-        return {each: self.network(each) for each in trainings} | dict.fromkeys(FIXED, str(WEIGHTS))
+        trainings = [training for row in self.requested["benchmark"].rows for training in self.trainings_of(row)]
+        return {training: self.network(training) for training in trainings} | dict.fromkeys(FIXED, str(WEIGHTS))
 
     def stage_outputs(self, experiment: str) -> list[str]:
         """Returns the files that the stages of an experiment without a table write for the report."""
@@ -471,19 +467,19 @@ class Plan:
             return [path for path in dict.fromkeys(paths) if not Path(folder, path).exists()]
 
         shared = [f"{self.out}/{path}" for path in ("packed.safetensors", "figures.json", "lights/lights.npz")]
-        found = {}
+        lacking = {}
         for name, experiment in self.experiments.items():
             trained = [
-                self.network(each)
+                self.network(training)
                 for row in experiment.rows
-                for each in self.trainings_of(row)
+                for training in self.trainings_of(row)
                 if name != "inference_time"
             ]
             scores = [path for usual in (False, True) for paths in self.scores(name, usual).values() for path in paths]
             files = [f"{self.out}/{path}" for path in scores] if experiment.table else self.stage_outputs(name)
             if absent := missing([*trained, *files]):
-                found[name] = absent
-        return {} if missing(shared) or len(found) == len(self.experiments) else found
+                lacking[name] = absent
+        return {} if missing(shared) or len(lacking) == len(self.experiments) else lacking
 
     def settings_file(self, stage: str) -> str:
         """Returns the text of the settings file of a stage, in YAML: its settings, and the hash of its code.
@@ -567,16 +563,23 @@ class Plan:
         `scores`, those on the `usual` figures and lights, and the `splits` of their rows. An experiment that is
         left out has its missing files in `failed`.
         """
-        found = {}
+        described = {}
         for name, experiment in self.requested.items():
-            found[name] = {**asdict(experiment), "trainings": {row: self.trainings_of(row) for row in experiment.rows}}
+            described[name] = {
+                **asdict(experiment),
+                "trainings": {row: self.trainings_of(row) for row in experiment.rows},
+            }
             if name in self.failed:
-                found[name] |= {"failed": self.failed[name]}
+                described[name] |= {"failed": self.failed[name]}
             elif experiment.table:
                 kinds = {row: self.settings(self.trainings_of(row)[0])["split"]["kind"] for row in experiment.rows}
                 splits = {row: f"split/{kind}.json" for row, kind in kinds.items()}
-                found[name] |= {"scores": self.scores(name), "usual": self.scores(name, usual=True), "splits": splits}
-        return json.dumps(found, indent=1)
+                described[name] |= {
+                    "scores": self.scores(name),
+                    "usual": self.scores(name, usual=True),
+                    "splits": splits,
+                }
+        return json.dumps(described, indent=1)
 
 
 def words_of(settings: Any) -> frozenset[str]:
@@ -594,7 +597,7 @@ def report_completed(plan: Plan) -> None:
     The sections of the other experiments name the missing files, which the next run will make.
 
     Args:
-        plan: of this Snakemake process, whose jobs have ended.
+        plan: plan of this Snakemake process, whose jobs have ended.
     """
     failed = {} if plan.failed else plan.missing_results(".")
     if not failed:

@@ -38,7 +38,7 @@ def run(
     as a record. A dry run writes a temporary file.
 
     Args:
-        overrides: of Hydra.
+        overrides: settings to override, in the syntax of Hydra.
         multirun: sweep over all combinations of the overrides with several values.
         cores: number of jobs at the same time; by default the number of cores.
         dry: only print what would run.
@@ -193,7 +193,7 @@ def expand_sweep(overrides: list[str]) -> tuple[list[str], dict[str, list[str]]]
     """Expands a sweep to rows: one for each combination of the overrides with several values.
 
     Args:
-        overrides: of Hydra; several values are written as train.lr=1e-4,2e-4.
+        overrides: settings to override, as for Hydra; several values are written as train.lr=1e-4,2e-4.
 
     Returns:
         The overrides with one value, and the overrides of each row by its name.

@@ -85,7 +85,7 @@ def read_table(path: Path, is_right: Callable[[Table], bool] = lambda table: Tru
     """Reads a CSV table with columns that are separated by comma, semicolon or tab.
 
     Args:
-        path: of the file.
+        path: path of the file.
         is_right: whether a reading is the one that was meant, such as by files that it names. The code page is the
             first that gives such a reading, else the first that gives any.
 

@@ -23,5 +23,5 @@ class TrainingName:
     @classmethod
     def parse(cls, text: str) -> "TrainingName":
         """Parses a name; without a seed, as for baselines, all of it is the row."""
-        found = re.fullmatch(r"(.*)\.s(\d+)", text, re.S)
-        return cls(found[1], int(found[2])) if found else cls(text)
+        match = re.fullmatch(r"(.*)\.s(\d+)", text, re.S)
+        return cls(match[1], int(match[2])) if match else cls(text)

@@ -86,18 +86,20 @@ def test_code_hash_changes_with_what_a_stage_runs_and_with_nothing_else(
     [
         "x = '# no'\nif x:\n    y = 1\nz = 2",
         "x = ' '.join(y)",
-        'x = """a\n\n  # no\nb"""',
-        'x = f(\n    """not a docstring""",\n)',
-        'def f(): "doc"; return 1',
+        "x = 'a\\n\\n  # no\\nb'",
+        "x = f('not a docstring')",
+        "def f():\n    x\n    'not a docstring'",
     ],
 )
-def test_stripped_keeps_all_that_a_result_can_depend_on(source):
-    assert code.stripped(source) == source
+def test_without_comments_keeps_all_that_a_result_can_depend_on(source):
+    assert code.without_comments(source) == source
 
 
-def test_stripped_drops_comments_docstrings_and_blank_lines():
-    source = '"""Module."""\n\n# one\nclass A:\n    """Class\n\n    of two lines."""  # two\n\n    x = 1  # three\n'
-    assert code.stripped(source) == "class A:\n    x = 1"
+def test_without_comments_drops_comments_docstrings_and_layout():
+    source = '"""Module."""\n\n# one\nclass A:\n    """Class\n\n    of two lines."""  # two\n\n    x = (1)  # three\n'
+    assert code.without_comments(source) == "class A:\n    x = 1"
+    assert code.without_comments('def f(): "doc"; return 1') == "def f():\n    return 1"
+    assert code.without_comments('def f():\n    "doc"') == "def f():\n    pass"
 
 
 def test_code_hash_includes_the_extension_that_the_settings_name(tmp_path, monkeypatch):

@@ -42,7 +42,7 @@ def main() -> None:
         chosen, _ = select_lights(table, sources, replace(strong, clusters=count))
         lights = concatenate(lights, exposed(chosen))
     names = [path.stem for path in sorted(folder.glob("*.exr"))]
-    panoramas = Panoramas("folder", str(folder), 0, 0, 0, "auto", 0.0, False)
+    panoramas = Panoramas("folder", str(folder), 0, 0, "auto", False)
     real, _ = build_light_set(panoramas, replace(strong, clusters=HEADINGS * len(names), split="random"), 2)
     real = exposed(real)
     held_out = np.isin([Path(source).stem for source in real.source], HELD_OUT)

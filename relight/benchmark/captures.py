@@ -34,7 +34,7 @@ def import_captures(source: Path | str, folder: Path | str, only: str = "") -> s
 
     Args:
         source: folder of the captures (`relight.captures.capture`).
-        folder: of the set.
+        folder: folder of the benchmark's set.
         only: a regular expression that names of captures must match anywhere; by default all do.
 
     Returns:
@@ -60,7 +60,7 @@ def import_capture(capture: Capture, with_variants: bool) -> tuple[dict, Picture
     """Renders a capture in one panorama and four new ones as sums of its frames, and measures the ground truth.
 
     Args:
-        capture: of a light stage.
+        capture: capture of a light stage.
         with_variants: the first picture of each person has variants.
 
     Returns:
@@ -69,11 +69,11 @@ def import_capture(capture: Capture, with_variants: bool) -> tuple[dict, Picture
     mask, inside = capture.mask, capture.mask >= MASK_THRESHOLD
     square = crop_around(mask, SQUARE_SIZE)
     recipe = draw_recipe(FIRST_SEED + zlib.crc32(capture.name.encode()) % FIRST_SEED, 1)
-    sharp = [panorama(one, 0.0, BRIGHTNESS * 2**recipe.stops).pixels for one in (recipe.light, *recipe.new)]
+    sharp = [panorama(light, 0.0, BRIGHTNESS * 2**recipe.stops).pixels for light in (recipe.light, *recipe.new)]
     lights = blur_to_spacing(np.stack(sharp), len(capture.lamps)).astype(np.float32)
     measured, maps, scale = measure_maps(capture, UpsampledPanoramas(lights).radiance)
     linear, *relit = np.moveaxis(to_image(measured.pictures / scale, inside), 2, 0)
-    light, *new = (Panorama(one, source=f"{recipe.name}.{i}") for i, one in enumerate(lights))
+    light, *new = (Panorama(light, source=f"{recipe.name}.{i}") for i, light in enumerate(lights))
     scene = linear + (1 - maps.coverage[..., None]) * np.pi * camera_view(light, mask.shape)
 
     def expose(gain: np.ndarray | float) -> np.ndarray:
@@ -82,7 +82,7 @@ def import_capture(capture: Capture, with_variants: bool) -> tuple[dict, Picture
     shots = variants(expose, mask, SQUARE_SIZE) if with_variants else {"": Shot(expose(1.0), mask, square)}
     shading = linear / np.maximum(maps.albedo, MIN_ALBEDO) * inside[..., None]
     truth = on_square(maps, shading, project(light, 2), square)
-    picture = Picture(shots, light, new, maps, np.stack([to_bytes(encode(one)) for one in relit]), truth)
+    picture = Picture(shots, light, new, maps, np.stack([to_bytes(encode(image)) for image in relit]), truth)
     return {**asdict(recipe), "name": capture.name, **maps.info["measured"]}, picture
 
 

@@ -38,8 +38,8 @@ def make(
 
     if detail not in DETAILS:
         raise UserError(f"--detail {detail}: must be {' or '.join(DETAILS)}")
-    found = make_set(out, kind, count, Settings(size=size, samples=samples, detail=detail))
-    print(f"{out}: set {found[:16]}")
+    digest = make_set(out, kind, count, Settings(size=size, samples=samples, detail=detail))
+    print(f"{out}: set {digest[:16]}")
 
 
 @app.command("import")

@@ -27,8 +27,8 @@ class Entry:
     """A picture of a set, or a variant of one, from index.json.
 
     Attributes:
-        folder: of its inputs.
-        name: of the picture, or picture+variant.
+        folder: folder of its inputs.
+        name: name of the picture, or picture+variant.
         figure: the name of the person.
         of: the picture that this is a variant of; None for a picture itself.
         photo: SHA-256 of photo.png.
@@ -81,7 +81,7 @@ class BenchmarkSet:
     """A set of pictures in a folder.
 
     Attributes:
-        folder: of the set.
+        folder: folder of the benchmark's set.
         index: content of index.json.
         hash: SHA-256 of the set.
         scaled: whether the scale of the albedo is known.
@@ -105,23 +105,23 @@ class BenchmarkSet:
         inputs = self.folder / "inputs"
         return [
             Entry(
-                inputs / one["name"],
-                one["name"],
-                one["figure"],
-                one["of"],
-                one["files"][f"inputs/{one['name']}/photo.png"],
-                tuple(one["size"]),
+                inputs / picture["name"],
+                picture["name"],
+                picture["figure"],
+                picture["of"],
+                picture["files"][f"inputs/{picture['name']}/photo.png"],
+                tuple(picture["size"]),
                 self.index["settings"]["size"] // 2,
-                tuple(one["square"]),
-                one["new"],
+                tuple(picture["square"]),
+                picture["new"],
             )
-            for one in self.index["pictures"]
+            for picture in self.index["pictures"]
         ]
 
     def verify(self) -> None:
         """Raises UserError if a file is missing or has changed since the set was made."""
-        for one in self.index["pictures"]:
-            for name, expected in one["files"].items():
+        for picture in self.index["pictures"]:
+            for name, expected in picture["files"].items():
                 path = self.folder / name
                 if file_hash(existing_file(path, "benchmark")) != expected:
                     raise UserError(f"{path} has changed since the benchmark was made: make it again")
@@ -151,7 +151,7 @@ def write_arrays(path: Path, photo: str, arrays: Mapping[str, np.ndarray]) -> No
     """Writes an answer or a ground truth atomically: maps as float16, pictures as uint8, light as float32.
 
     Args:
-        path: of the .npz.
+        path: path of the .npz.
         photo: SHA-256 of photo.png.
         arrays: by name (KEYS).
     """
@@ -170,7 +170,7 @@ def read_answer(folder: Path, entry: Entry) -> dict[str, np.ndarray]:
     """Reads and checks a method's answer to a picture.
 
     Args:
-        folder: of the answers.
+        folder: folder of the answers.
         entry: the picture.
 
     Returns:

@@ -21,7 +21,7 @@ class Lamplight:
 
     Attributes:
         kind: a key of `relight.lights.chain.GENERATORS`, or `real`.
-        seed: of its generator; of a real light, its index in `relight.panoramas.polyhaven.NAMES`.
+        seed: random seed of its generator; of a real light, its index in `relight.panoramas.polyhaven.NAMES`.
         tint: ln(B/G) of the white balance.
         yaw: rotation about the vertical, degrees.
     """

@@ -34,7 +34,6 @@ from relight.panoramas.polyhaven import NAMES, panorama_file
 from relight.progress import progress
 from relight.transport.tracer import import_mitsuba
 
-PADDING = 0.05  # above and below a whole person, as a fraction of the picture's height
 FORMAT = 1  # version of the file format
 BYTES_PER_PICTURE = 5e6  # at 512 px, approximately
 
@@ -43,10 +42,10 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
     """Renders the missing pictures of a set.
 
     Args:
-        folder: of the set.
+        folder: folder of the benchmark's set.
         kind: `report`, `choose` or `real`.
-        count: of pictures, from the first; by default all.
-        settings: of the pictures.
+        count: number of pictures, from the first; by default all.
+        settings: settings of the pictures.
 
     Returns:
         The set's hash.
@@ -66,10 +65,10 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
         panorama_file(NAMES[0])  # fails before the first figure is drawn
     writable_folder(folder, "--out", int(BYTES_PER_PICTURE * len(wanted) * (settings.size / 512) ** 2))
     check_plan(folder, {"format": FORMAT, "set": kind, "settings": asdict(settings)})
-    missing = [one for one in wanted if not (folder / "inputs" / one.name).is_dir()]
+    missing = [recipe for recipe in wanted if not (folder / "inputs" / recipe.name).is_dir()]
     for _ in progress(render_missing(missing, folder, settings), "pictures", total=len(missing)):
         pass
-    return write_index(folder, kind, [one.name for one in wanted], asdict(settings))
+    return write_index(folder, kind, [recipe.name for recipe in wanted], asdict(settings))
 
 
 def check_plan(folder: Path, plan: dict) -> None:
@@ -84,7 +83,7 @@ def check_plan(folder: Path, plan: dict) -> None:
 
 def render_missing(missing: list[PictureRecipe], folder: Path, settings: Settings) -> Iterator[PictureRecipe]:
     """Renders and saves pictures; yields each recipe when its picture is saved."""
-    for seed, group in groupby(missing, lambda one: one.seed):
+    for seed, group in groupby(missing, lambda recipe: recipe.seed):
         mesh = with_gloss(make_mesh(seed, settings), seed)
         for recipe in group:
             picture = render_picture(recipe, mesh, settings)
@@ -98,7 +97,7 @@ def make_mesh(seed: int, settings: Settings) -> Mesh:
     """Generates the aligned figure of a seed, or of a spare seed if the generator refuses it. Raises UserError."""
     from relight.figures.dress import make_figure
 
-    facing = Align(up="+y", front="+z", table=None, padding=PADDING)
+    facing = Align(up="+y", front="+z")
     for spare in range(3):
         try:
             return align(make_figure(seed + spare * SPARE_OFFSET, settings.detail, settings.texture), facing)
@@ -152,7 +151,7 @@ def write_index(folder: Path, kind: str, names: list[str], settings: dict, **ext
                 files += sorted((folder / "truth").glob(f"{name}.*"))
             hashes = {str(file.relative_to(folder)): file_hash(file) for file in files}
             pictures.append({"name": path.name, **record, "files": hashes})
-    text = json.dumps([one["files"] for one in pictures], sort_keys=True)
+    text = json.dumps([picture["files"] for picture in pictures], sort_keys=True)
     total = hashlib.sha256(text.encode()).hexdigest()
     content = {"format": FORMAT, "set": kind, "settings": settings, **extra, "sha256": total, "pictures": pictures}
     with atomic_write(folder / INDEX) as tmp:

@@ -141,8 +141,8 @@ def invariances(inferred: Mapping[str, Intrinsics]) -> dict[str, float]:
         and `tint`, and .5 for `dark_shading`.
     """
     picture, measured = inferred[""], {}
-    lights = {name: one.light for name, one in inferred.items() if one.light is not None}
-    shadings = {name: one.shading for name, one in inferred.items() if one.shading is not None}
+    lights = {name: intrinsics.light for name, intrinsics in inferred.items() if intrinsics.light is not None}
+    shadings = {name: intrinsics.shading for name, intrinsics in inferred.items() if intrinsics.shading is not None}
     if "" in lights:
         changes = {name: irradiance_error(light, lights[""]) for name, light in lights.items() if name != "mirror"}
         for pixels in (4, 8):

@@ -30,7 +30,7 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
     """Writes the missing answers of a method to a set.
 
     Args:
-        folder: of the set.
+        folder: folder of the benchmark's set.
         out: folder of the answers.
         method: `network`, or a key of BASELINES.
         weights: file of the network; by default the package's.

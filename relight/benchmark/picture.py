@@ -11,7 +11,7 @@ from relight.benchmark.measures import Intrinsics
 from relight.benchmark.recipes import PictureRecipe
 from relight.benchmark.shots import Shot, variants
 from relight.crop import Crop, extent, figure_means
-from relight.learning.augment import Camera, simulate_camera
+from relight.learning.camera import Camera, simulate_camera
 from relight.maps import Maps
 from relight.meshes import Mesh
 from relight.panoramas import Panorama, project
@@ -60,7 +60,7 @@ class Picture:
 
     Attributes:
         shots: the photograph, under "", and its variants by name.
-        light: of the photograph, in the camera's frame.
+        light: light of the photograph, in the camera's frame.
         new: the N new lights, in the camera's frame.
         maps: ground truth at the photograph's pixels.
         relit: (N,H,W,3) uint8, true pictures in the new lights, black around the figure.
@@ -82,7 +82,7 @@ def render_picture(recipe: PictureRecipe, mesh: Mesh, settings: Settings) -> Pic
     maps = baker.maps(size, SUPERSAMPLE, recipe.view)
     camera = baker.camera(size, recipe.view)
     brightness = BRIGHTNESS * 2**recipe.stops
-    light, *new = (panorama(one, recipe.view.pitch, brightness) for one in (recipe.light, *recipe.new))
+    light, *new = (panorama(source, recipe.view.pitch, brightness) for source in (recipe.light, *recipe.new))
     tracer = PathTracer(mesh, size, camera, gloss=True)
 
     def render(source: Panorama, seed: int) -> np.ndarray:
@@ -91,7 +91,7 @@ def render_picture(recipe: PictureRecipe, mesh: Mesh, settings: Settings) -> Pic
     coverage = maps.coverage[..., None]
     background = math.pi * camera_view(light, (size, size))  # as bright as a white diffuse surface that faces it
     linear = render(light, 1) + (1 - coverage) * background
-    relit = [to_bytes(encode(render(one, 2 + i))) for i, one in enumerate(new)]
+    relit = [to_bytes(encode(render(source, 2 + i))) for i, source in enumerate(new)]
     # `PathTracer.irradiance` would divide by the albedo of the same samples, but takes six times as long.
     diffuse = math.pi * PathTracer(mesh, size, camera).radiance(resampled(light), settings.samples, BOUNCES, 0)
     shading = diffuse / np.maximum(maps.albedo * coverage, MIN_ALBEDO)
@@ -110,7 +110,7 @@ def render_picture(recipe: PictureRecipe, mesh: Mesh, settings: Settings) -> Pic
     shots = {name: shot for name, shot in shots.items() if recipe.varied or not name}
     coefficients = project(light, 2)
     truth = on_square(maps, shading[window], coefficients, shots[""].square)
-    return Picture(shots, light, new, maps, np.stack([one[window] for one in relit]), truth)
+    return Picture(shots, light, new, maps, np.stack([source[window] for source in relit]), truth)
 
 
 def crop_window(mask: np.ndarray, cut: float | None) -> tuple[slice, slice]:

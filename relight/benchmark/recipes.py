@@ -41,11 +41,11 @@ class PictureRecipe:
     """The content of one picture.
 
     Attributes:
-        name: of the picture.
-        seed: of the figure.
-        view: of the camera.
+        name: name of the picture.
+        seed: random seed of the figure.
+        view: view of the camera.
         cut: fraction of the figure's height that is in the picture, from the top; None for all of it.
-        light: of the photograph.
+        light: light of the photograph.
         new: the lights that the person is to be relit with.
         stops: exposure.
         varied: whether the picture has variants for the invariances.
@@ -113,5 +113,5 @@ def with_gloss(mesh: Mesh, seed: int) -> Mesh:
 
 def digest(drawn: list[PictureRecipe]) -> str:
     """Returns the SHA-256 of recipes."""
-    text = json.dumps([asdict(one) for one in drawn], sort_keys=True)
+    text = json.dumps([asdict(recipe) for recipe in drawn], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

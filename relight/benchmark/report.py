@@ -14,8 +14,8 @@ def benchmark(results: Results, name: str) -> dict[str, Any]:
     """Compares the networks of a run, the weights that ship with relight, and the baselines.
 
     Args:
-        results: of the run.
-        name: of the experiment.
+        results: results of the run.
+        name: name of the experiment.
 
     Returns:
         The context of templates/sections/experiments/benchmark.md.
@@ -23,15 +23,15 @@ def benchmark(results: Results, name: str) -> dict[str, Any]:
     Raises:
         UserError: if scores are missing, or were made on different sets.
     """
-    one = results.experiments[name]
-    rows = {**one["trainings"], **{method: [method] for method in FIXED}}
+    experiment = results.experiments[name]
+    rows = {**experiment["trainings"], **{method: [method] for method in FIXED}}
     scored = [
         mean_scores(label(row), [read_scores(results.folder / "benchmark_scores" / method) for method in methods])
         for row, methods in rows.items()
     ]
     kinds = {label(row): "baseline" if row in BASELINES else "network" for row in rows}
-    tables = MethodComparison(scored, results.settings.bootstrap, list(rows).index("shipped")).tables()
+    tables = MethodComparison(scored, list(rows).index("shipped")).tables()
     for stem, table in tables.items():
         table.grid.kinds = [kinds.get(words, "") for words in table.grid.frame.index]  # the last table has measures
         write_tables(results.report / stem, table.title, table.note, table.grid)
-    return {"experiment": one, "trainings": max(map(len, one["trainings"].values())), "tables": tables}
+    return {"experiment": experiment, "trainings": max(map(len, experiment["trainings"].values())), "tables": tables}

@@ -31,7 +31,7 @@ def score(folder: Path | str, answers: Path | str) -> Path:
     """Scores a folder of answers, and writes scores.csv there.
 
     Args:
-        folder: of the set.
+        folder: folder of the benchmark's set.
         answers: folder of the answers.
 
     Returns:
@@ -52,11 +52,11 @@ def score(folder: Path | str, answers: Path | str) -> Path:
         variants = [variant for variant in benchmark.entries if variant.of == entry.name] if has_variants else []
         answered = {picture: read_answer(answers, picture) for picture in (entry, *variants)}
         names = names or set(answered[entry])
-        for one, arrays in answered.items():
-            required = names.difference(PICTURES) if one.of else names
+        for picture, arrays in answered.items():
+            required = names.difference(PICTURES) if picture.of else names
             if set(arrays) != required:
                 raise UserError(
-                    f"{answers / one.name}.npz holds {', '.join(arrays)}, but that of the first picture "
+                    f"{answers / picture.name}.npz holds {', '.join(arrays)}, but that of the first picture "
                     f"{', '.join(sorted(required))}: all answers of a folder must hold the same arrays"
                 )
         rows.append([benchmark.hash[:16], entry.name, entry.figure, score_answers(benchmark, entry, answered)])
@@ -81,7 +81,7 @@ def score_answers(
         depend on it (ABSOLUTE) are left out.
     """
     true, pictures = benchmark.truth(entry)
-    inferred = {one.variant: to_intrinsics(arrays, square_mask(one)) for one, arrays in answered.items()}
+    inferred = {picture.variant: to_intrinsics(arrays, square_mask(picture)) for picture, arrays in answered.items()}
     scores = errors(inferred[""], true) | leaks(inferred[""])
     opaque = entry.shot().mask >= OPAQUE
     for mode in PICTURES:
@@ -137,7 +137,7 @@ def mean_scores(name: str, trainings: list[pd.DataFrame]) -> pd.DataFrame:
     """Averages the scores of the trainings of a network, picture by picture.
 
     Args:
-        name: of the network.
+        name: name of the network.
         trainings: one or more.
 
     Returns:

@@ -13,7 +13,6 @@ from relight.errors import UserError
 from relight.evaluation.report.formats import TextTable, count
 from relight.evaluation.scoring.statistics import Estimate, estimate
 
-RESAMPLES = 10_000
 PICTURE_HEADS = {f"{mode}{key}": f"{mode}: {head}" for mode in PICTURES for key, head in READINGS.items()}
 MAP_HEADS = {name: name.replace("_factor", "*").replace("_ssim", " SSIM") for name in MAP_COLUMNS}
 ERROR_HEADS = {name: head for name, head in (PICTURE_HEADS | MAP_HEADS).items() if not name.endswith(("ssim", "psnr"))}
@@ -35,19 +34,18 @@ class MethodComparison:
 
     Args:
         rows: the scores of each method (`score.read_scores`, `score.mean_scores`).
-        bootstrap: number of resamples of the intervals.
         reference: index of the method from which differences are taken.
 
     Raises:
         UserError: if the methods were scored on different sets, or two have the same name.
     """
 
-    def __init__(self, rows: list[pd.DataFrame], bootstrap: int = RESAMPLES, reference: int = 0):
+    def __init__(self, rows: list[pd.DataFrame], reference: int = 0):
         self.scores = {row.attrs["method"]: row for row in rows}
         if len(self.scores) < len(rows):
             raise UserError("two folders of answers have the same name, by which tables tell methods apart: rename one")
         require_one_set(rows)
-        self.bootstrap, self.reference = bootstrap, list(self.scores)[reference]
+        self.reference = list(self.scores)[reference]
         self.sample = f"of set {rows[0].index[0][0]}, ± half the 95 % interval (bootstrap over figures)."
 
     def tables(self) -> dict[str, ComparisonTable]:
@@ -71,7 +69,9 @@ class MethodComparison:
         """Returns the differences of the other methods from the reference, paired by picture."""
         reference = self.scores[self.reference]
         others = {name: scores - reference for name, scores in self.scores.items() if name != self.reference}
-        grid = columns_with_cells(ERROR_HEADS, {name: self.cells(one, ERROR_HEADS) for name, one in others.items()})
+        grid = columns_with_cells(
+            ERROR_HEADS, {name: self.cells(scores, ERROR_HEADS) for name, scores in others.items()}
+        )
         heads = [name for name, head in ERROR_HEADS.items() if head in grid.frame]
         words = (
             f"Error of each method minus that of {self.reference}, picture by picture; positive where {self.reference} "
@@ -96,10 +96,7 @@ class MethodComparison:
         """Returns the estimates of columns; None for those without a score."""
         means = scores.groupby("figure", sort=False).mean()
         known = {column: means[column].dropna().to_numpy() for column in columns}
-        return {
-            column: estimate(values[None, :, None], self.bootstrap, 0) if len(values) else None
-            for column, values in known.items()
-        }
+        return {column: estimate(values[None, :, None]) if len(values) else None for column, values in known.items()}
 
     def counted(self, methods: Iterable[str], columns: Iterable[str]) -> str:
         """Returns the numbers of pictures and figures for which any of the methods has a score, in words."""

@@ -31,7 +31,7 @@ class Capture:
     """The frames that one camera took of one person in one pose.
 
     Attributes:
-        name: of the capture, PERSON.VIEW.
+        name: name of the capture, PERSON.VIEW.
         subject: the person, the part of the name before the first dot.
         camera: calibrated.
         lamps: (L,3) positions, in the camera's world.
@@ -79,8 +79,8 @@ def list_captures(folder: Path | str, only: str = "") -> dict[str, Path]:
         wanted = re.compile(only)
     except re.error as error:
         raise UserError(f"{only!r} is not a regular expression ({error}): give one for the names of captures") from None
-    found = {path.parent.name: path.parent for path in sorted(Path(folder).glob(f"*/{INDEX}"))}
-    captures = {name: path for name, path in found.items() if wanted.search(name) and not is_unsafe_name(name)}
+    folders = {path.parent.name: path.parent for path in sorted(Path(folder).glob(f"*/{INDEX}"))}
+    captures = {name: path for name, path in folders.items() if wanted.search(name) and not is_unsafe_name(name)}
     if not captures:
         raise UserError(f"{folder} holds no PERSON.VIEW/{INDEX}{f' whose name matches {only}' if only else ''}")
     return captures
@@ -175,7 +175,7 @@ def read_picture(path: Path, what: str, mode: str, size: tuple[int, int] | None 
     """Reads a picture, (H,W,3) uint8 for the mode RGB and (H,W) for L.
 
     Args:
-        path: of the file.
+        path: path of the file.
         what: its name in errors.
         mode: Pillow's.
         size: the height and width that it must have; any, by default.

@@ -27,7 +27,7 @@ def training_maps(folder: Path, size: int) -> Maps:
     """Measures the maps of a capture on the person's square.
 
     Args:
-        folder: of the capture.
+        folder: folder of the capture.
         size: pixels of the square.
 
     Raises:
@@ -41,7 +41,7 @@ def measure_maps(capture: Capture, radiance: Radiance | None = None) -> tuple[Me
 
     Args:
         capture: whose mask has P pixels inside.
-        radiance: of the panoramas to render the person under, in the camera's axes.
+        radiance: radiance of the panoramas to render the person under, in the camera's axes.
 
     Returns:
         The measurement, its maps at the frames' pixels, and the scale by which albedo and pictures must be divided.
@@ -98,9 +98,9 @@ def surface_depth(capture: Capture, stage: LightStage, inside: np.ndarray) -> np
 def mesh_depth(caster: RayCaster, camera: Pinhole, inside: np.ndarray) -> np.ndarray:
     """Returns the depth (P,) of a mesh at the centres of the pixels of `inside` (H,W); zero where rays miss it."""
     row, column = np.nonzero(inside)
-    found = primary_hits(caster, camera, column + 0.5, row + 0.5)
+    hits = primary_hits(caster, camera, column + 0.5, row + 0.5)
     depth = np.zeros(len(row))
-    depth[found.ray] = camera.depth(caster.points(found.face, found.weights))
+    depth[hits.ray] = camera.depth(caster.points(hits.face, hits.weights))
     return depth
 
 

@@ -95,7 +95,7 @@ def measure(frames: Frames, stage: LightStage, points: np.ndarray, radiance: Rad
         frames: yields all frames; called twice.
         stage: with the lamps.
         points: (P,3) of the pixels' surface, in the stage's frame, whose axes the maps have.
-        radiance: of panoramas to render pictures under, in the same axes.
+        radiance: radiance of the panoramas to render pictures under, in the same axes.
     """
     sums = sum_frames(frames, stage, points, radiance)
     stereo = photometric_stereo(frames, stage, points, sums.peak)

@@ -11,16 +11,13 @@ from relight.config.schema import (
     Benchmark,
     Clean,
     Config,
-    Evaluate,
     Experiment,
     Figures,
     Lights,
     Loss,
     Model,
     Panoramas,
-    Pictures,
     Split,
-    Statistics,
     Sweep,
     Timing,
     Trace,
@@ -31,7 +28,7 @@ from relight.config.stages import READS, view
 
 __all__ = [
     "CONF", "IS_CLONE", "MAX_NAME_LENGTH", "NO_AUGMENTATION", "READS", "ROOT", "STRENGTHS",
-    "Align", "Augment", "Bake", "Benchmark", "Clean", "Config", "Evaluate", "Experiment", "Figures", "Lights", "Loss",
-    "Model", "Panoramas", "Pictures", "Split", "Statistics", "Sweep", "Timing", "Trace", "Track", "Train",
+    "Align", "Augment", "Bake", "Benchmark", "Clean", "Config", "Experiment", "Figures", "Lights", "Loss", "Model",
+    "Panoramas", "Split", "Sweep", "Timing", "Trace", "Track", "Train",
     "check", "check_name", "composed", "flat", "presets", "read_preset", "resolved", "view",
 ]  # fmt: skip

@@ -39,7 +39,7 @@ def check_name(what: str, name: str) -> None:
 
     Args:
         what: the setting, for the error: `name`, `rows`.
-        name: of results, a row or an experiment.
+        name: name of results, a row or an experiment.
 
     Raises:
         UserError: if it is not safe.
@@ -87,10 +87,10 @@ def _unknown(cfg: DictConfig, above: str = "") -> Iterator[str]:
 
 def _out_of_range(cfg: DictConfig) -> Iterator[str]:
     """Yields messages about values outside the domains of settings."""
-    found = dict(FIELDS)
+    fields = dict(FIELDS)
     for name in OmegaConf.select(cfg, "experiments") or ():
-        found |= {f"experiments.{name}.{key}": field for key, field in EXPERIMENT.items()}
-    for key, field in found.items():
+        fields |= {f"experiments.{name}.{key}": field for key, field in EXPERIMENT.items()}
+    for key, field in fields.items():
         value = OmegaConf.select(cfg, key)
         if not setting_of(field).allows(value):
             yield f"{key} must be {domain_in_words(field)}, not {value}"

@@ -15,7 +15,7 @@ def explain(error: Exception, groups: Iterable[str]) -> str:
     """Returns one line that names the setting and the values allowed, from the exception or its causes.
 
     Args:
-        error: of Hydra, OmegaConf or YAML.
+        error: error that Hydra, OmegaConf or the YAML reader raised.
         groups: names of all groups of settings.
     """
     for link in _causes(error):

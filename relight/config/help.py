@@ -23,7 +23,7 @@ def listing(cfg: DictConfig, keys: Iterable[str]) -> str:
     lines = []
     for key in keys:
         group, _, single = key.partition(".")
-        if key == "code":  # which only the workflow gives
+        if key == "code":  # no setting, and given by the workflow only
             continue
         if not isinstance(cfg[group], DictConfig):
             lines += ["", _line(key, cfg[key])]

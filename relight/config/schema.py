@@ -71,7 +71,6 @@ class Align:
     table: str | None = setting(
         "CSV table with the columns name, up, front and turn (degrees), for individual figures", None
     )
-    padding: float = setting("margin at each edge, as a share of the image", least=0, below=0.5)
 
 
 @dataclass
@@ -112,12 +111,10 @@ class Panoramas:
     folder: str | None = setting("folder of panoramas, with subfolders", None)
     count: int = setting("number of generated rooms", least=0)
     skies: int = setting("number of generated skies", least=0)
-    seed: int = setting("first seed of rooms and of skies", least=0)
     layout: str = setting(
         "layout of the files; auto detects it by metadata and aspect ratio",
         choices=("auto", "latlong", "angular", "ball", "cross", "strip", "strip-gl"),
     )
-    yaw: float = setting("rotation of all lights about the vertical, from +z toward +x, degrees")
     flip: bool = setting("whether panoramas are mirrored left to right")
     upside_down: bool = setting("whether the first row of files is the bottom", False)
     repair: bool = setting(
@@ -134,11 +131,6 @@ class Lights:
         "unusual lights are removed before the clustering (cut_first) or after it (paper)",
         choices=("cut_first", "paper"),
     )
-    threshold: float = setting("least reference brightness of a panorama, in its own units; 0 keeps all", least=0)
-    brightness: list[float] = setting(
-        "range of the reference brightness of a light, which is drawn uniformly", interval=True, above=0
-    )
-    rotations: int = setting("number of headings of each panorama", least=1)
     clusters: int = setting("number of usual lights", least=2)
     test: int = setting("number of usual test lights, fewer than clusters", least=1)
     extra_test: int = setting("number of further test lights, from panoramas without training lights", least=0)
@@ -241,7 +233,7 @@ class Train:
         choices=("paper", "photo"),
     )
     seed: int = setting("seed of weights, pairs and augmentation", least=0)
-    device: str = setting("device of the training; auto prefers a GPU", choices=DEVICES)
+    device: str = setting("device of the training; auto prefers a GPU, as scores do", choices=DEVICES)
     precision: str = setting("precision of matrix products: 32 bits, or bfloat16", choices=("f32", "bf16"))
     epoch: int = setting("steps between metrics and checkpoints", least=1)
     pairs: str = setting(
@@ -304,31 +296,6 @@ NO_AUGMENTATION = Augment(**dict.fromkeys(STRENGTHS, 0), exposure=[0.0, 0.0])
 
 
 @dataclass
-class Evaluate:
-    """Scores of networks."""
-
-    lights: str = setting("split of the light set to score under; set by an experiment", choices=SCORED_LIGHTS)
-    device: str = setting("device of the inference", choices=DEVICES)
-    figures: str = setting("part of the split to score; set by an experiment", "test", choices=PARTS)
-
-
-@dataclass
-class Statistics:
-    """Intervals in tables of scores."""
-
-    bootstrap: int = setting("number of bootstrap resamples for each interval", least=1)
-    seed: int = setting("seed of the resamples", least=0)
-
-
-@dataclass
-class Pictures:
-    """Pictures in the report."""
-
-    plates: int = setting("number of test figures on a plate", least=1)
-    sheet: int = setting("number of figures on the contact sheet", least=1)
-
-
-@dataclass
 class Trace:
     """Path tracing of test figures, for the experiment `path_traced`."""
 
@@ -344,7 +311,6 @@ class Timing:
     """Inference time, for the experiment `inference_time`."""
 
     sizes: list[int] = setting("sides of the images, pixels", above=0, multiple=64)
-    seconds: float = setting("least duration of each measurement, seconds", above=0)
 
 
 @dataclass
@@ -405,7 +371,7 @@ class Config:
     pin: list[str] = setting(
         "stages that keep their results although their code has changed, such as [figure, bake]", []
     )
-    code: str = setting("hash of a stage's code, which the workflow writes into the stage's settings", "")
+    code: str = ""  # no setting: hash of a stage's code, which the workflow writes into the stage's settings
     figures: Figures = field(default_factory=Figures)
     clean: Clean = field(default_factory=Clean)
     align: Align = field(default_factory=Align)
@@ -417,9 +383,6 @@ class Config:
     loss: Loss = field(default_factory=Loss)
     train: Train = field(default_factory=Train)
     augment: Augment = field(default_factory=Augment)
-    evaluate: Evaluate = field(default_factory=Evaluate)
-    statistics: Statistics = field(default_factory=Statistics)
-    pictures: Pictures = field(default_factory=Pictures)
     trace: Trace = field(default_factory=Trace)
     timing: Timing = field(default_factory=Timing)
     benchmark: Benchmark = field(default_factory=Benchmark)

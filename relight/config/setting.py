@@ -91,17 +91,17 @@ def setting(about: str, default: Any = MISSING, **rules: Any) -> Any:
 
 def setting_of(item: Field[Any]) -> Setting:
     """Returns the Setting of a field."""
-    found: Setting = item.metadata["setting"]
-    return found
+    described: Setting = item.metadata["setting"]
+    return described
 
 
 def domain_in_words(item: Field[Any]) -> str:
     """Returns the domain of a field in words that follow "must be"; empty if there are no limits."""
-    found = setting_of(item)
-    if found.interval:
-        return f"[least, most]{', each ' if found.domain else ''}{found.domain}"
-    many = get_origin(item.type) is list and found.domain
-    return f"a list, each {found.domain}" if many else found.domain
+    described = setting_of(item)
+    if described.interval:
+        return f"[least, most]{', each ' if described.domain else ''}{described.domain}"
+    many = get_origin(item.type) is list and described.domain
+    return f"a list, each {described.domain}" if many else described.domain
 
 
 def type_in_words(kind: Any) -> str:

@@ -7,7 +7,7 @@ from relight.config.schema import FIELDS
 from relight.config.setting import setting_of
 
 # The groups or single settings that each stage gets. Changes of other settings cannot affect it.
-READS = {
+READS: dict[str, tuple[str, ...]] = {
     "figure": ("figures",),
     "scan": ("figures",),
     "capture": ("figures", "bake.size"),
@@ -18,19 +18,19 @@ READS = {
     "split": ("split",),
     "lights": ("panoramas", "lights", "bake.order"),
     "train": ("model", "loss", "train", "augment", "track", "code"),
-    "evaluate": ("evaluate", "track"),
-    "baselines": ("evaluate", "train.color", "bake.order"),
-    "tables": ("statistics",),
-    "plates": ("evaluate", "pictures"),
-    "sheets": ("pictures",),
-    "viewer": ("name", "evaluate"),
-    "light_transfer": ("evaluate",),
-    "trace": ("evaluate", "trace", "panoramas", "bake.order", "bake.rays"),
-    "path_traced": ("evaluate",),
-    "plate": ("evaluate", "pictures"),
+    "evaluate": ("track",),
+    "baselines": ("train.color", "bake.order"),
+    "tables": (),
+    "plates": (),
+    "sheets": (),
+    "viewer": ("name",),
+    "light_transfer": (),
+    "trace": ("trace", "panoramas", "bake.order", "bake.rays"),
+    "path_traced": (),
+    "plate": (),
     "inference_time": ("model", "timing"),
     "benchmark_scores": ("benchmark",),
-    "report": ("statistics", "name"),
+    "report": ("name",),
 }
 
 

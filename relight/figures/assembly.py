@@ -10,7 +10,7 @@ from relight.figures.hair.heads import HairPart, build_hair
 from relight.figures.outfits import Outfit
 from relight.figures.paints import GarmentPaint, accessory_paint, cord_paint, hair_material, shoe_paint, skin_material
 from relight.figures.pose.motion import Motion
-from relight.figures.surfaces import Surface, loop, normals, stacked, thickened
+from relight.figures.surfaces import Surface, loop, normals, quarters, stacked, thickened
 from relight.figures.tailor import collars, footwear, panels, trims
 from relight.figures.tailor.patterns import Pattern
 from relight.figures.tailor.suit import arm_share
@@ -22,6 +22,11 @@ SKIN_GAP = 0.002  # metres between skin and the garment over it
 MIN_SIDE = 64  # pixels of the smallest texture
 BELT_WIDTH = 0.034  # metres
 METAL = (0.42, 0.40, 0.36)  # of buckles
+MASK_SIDE = 1024  # pixels of MakeHuman's mask of the mouth
+HIGH_SHOE_MARGIN, LOW_SHOE_MARGIN = 0.02, 0.012  # metres below the top of a shoe from which skin is inside it
+BELT_BELOW_TOP = 0.022  # metres from the top of trousers to the middle of their belt
+BELT_REACH = 0.012  # metres from the middle of a belt on trousers to the cloth that counts as under it
+GATHER_REACH = 0.014  # the same of a belt on a dress or robe
 
 
 class Assembly:
@@ -31,11 +36,11 @@ class Assembly:
 
     Args:
         builder: to add to.
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         outfit: garments and colors.
         worn: the draped garments, from the skin outward.
         detail: how fine the figure is.
-        seed: of the random details of skin and hair.
+        seed: random seed of the random details of skin and hair.
 
     Attributes:
         cut: the draped garments without scarves, from the skin outward.
@@ -103,12 +108,14 @@ class Assembly:
         positions, keep = self.under_outer_layers(worn, self.covers[number + 1 :])
         atlas = panels.lay_out(*panels.cloth_coordinates(pattern), self.detail.texture)
         paint = GarmentPaint.of(pattern, number, atlas)
+        # A scarf is seen from both sides; other garments get an inner layer along their borders, 2 or 3 edges wide.
         rings = None if scarf else 3 if self.detail.refine > 1 else 2
-        vertices, thick_faces, source = thickened(positions, faces, garment.thickness, rings)
+        vertices, thick_faces, outer_vertex = thickened(positions, faces, garment.thickness, rings)
         vertex_uv = np.zeros((len(positions), 2))
         vertex_uv[faces.ravel()] = atlas.uv.reshape(-1, 2)
-        uv = np.concatenate([atlas.uv, vertex_uv[source[thick_faces[len(faces) :]]]])
-        shown = np.r_[keep, np.ones(len(thick_faces) - len(faces), bool)]
+        inner_faces = thick_faces[len(faces) :]  # the given faces come first
+        uv = np.concatenate([atlas.uv, vertex_uv[outer_vertex[inner_faces]]])
+        shown = np.r_[keep, np.ones(len(inner_faces), bool)]
         self.builder.add(vertices, thick_faces[shown], uv[shown], paint, layer=-1 if scarf else number + 1)
         if garment.kind == "top":
             neck, axes = collars.neck_of(self.motion)
@@ -202,36 +209,37 @@ def as_cover(worn: DrapedGarment) -> Cover:
 def refined(
     vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, times: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns a surface with corner coordinates (F,3,2), subdivided by `surfaces.loop`."""
+    """Returns vertices (V',3), faces (F',3) and corner uv (F',3,2) of a surface, subdivided by `surfaces.loop`."""
     for _ in range(times):
         matrix, faces = loop(faces, len(vertices))
-        a, b, c = uv[:, 0], uv[:, 1], uv[:, 2]
-        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-        corners = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-        vertices, uv = matrix @ vertices, np.concatenate([np.stack(corner, 1) for corner in corners])
+        vertices, uv = matrix @ vertices, quarters(uv, (uv + np.roll(uv, -1, axis=1)) / 2)
     return vertices, faces, uv
 
 
 def mouth_cavity() -> np.ndarray:
-    """Returns which faces (F,) of the skin line the mouth; they are never seen."""
+    """Returns which faces (F,) of the skin line the mouth, by their centres in the UV map; they are never seen."""
     base = makehuman.base()
-    inside = skin.region("inside-mouth", 1024)
-    uv = base.uv[base.uv_faces["body"]].mean(1)
-    return inside[(1023 * (1 - uv[:, 1])).astype(int) % 1024, (1023 * uv[:, 0]).astype(int) % 1024] > 0.5
+    mask = skin.region("inside-mouth", MASK_SIDE)
+    centre = base.uv[base.uv_faces["body"]].mean(1)
+    row = ((MASK_SIDE - 1) * (1 - centre[:, 1])).astype(int) % MASK_SIDE
+    column = ((MASK_SIDE - 1) * centre[:, 0]).astype(int) % MASK_SIDE
+    return mask[row, column] > 0.5
 
 
 def inside_shoes(motion: Motion, outfit: Outfit) -> np.ndarray:
-    """Returns which vertices (n,) of the skin are inside closed shoes."""
+    """Returns which vertices (n,) of the skin are inside closed shoes; sandals, which have straps, hide nothing."""
     body, shoe = motion.body, outfit.shoe
     if shoe.straps:
         return np.zeros(len(body.skin), bool)
-    top = body.joints["foot.L"][1] + shoe.top - (0.02 if shoe.top > 0 else 0.012)
-    return body.skin[:, 1] < top
+    ankle = body.joints["foot.L"][1]
+    margin = HIGH_SHOE_MARGIN if shoe.top > 0 else LOW_SHOE_MARGIN
+    return body.skin[:, 1] < ankle + shoe.top - margin
 
 
 def at_belt(pattern: Pattern) -> np.ndarray:
-    """Returns the vertices (n,) of a garment that lie under its belt."""
-    height, belt = pattern.fields["y"], pattern.garment.belt_height
-    if belt is None:
-        return np.abs(height - height.max() + 0.022) < 0.012
-    return (arm_share(pattern.fields) < 0.1) & (np.abs(height - (pattern.body.heights["waist"] + belt)) < 0.014)
+    """Returns which vertices (n,) of a garment lie under its belt: at the top of trousers, else at its belt height."""
+    height, belt_height = pattern.fields["y"], pattern.garment.belt_height
+    if belt_height is None:
+        return np.abs(height - height.max() + BELT_BELOW_TOP) < BELT_REACH
+    is_trunk = arm_share(pattern.fields) < 0.1
+    return is_trunk & (np.abs(height - (pattern.body.heights["waist"] + belt_height)) < GATHER_REACH)

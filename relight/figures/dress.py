@@ -101,7 +101,7 @@ def sample(seed: int, attempt: int, per_subject: int, sits: float, constraints: 
     """Draws a figure.
 
     Args:
-        seed: of the figure.
+        seed: random seed of the figure.
         attempt: from 0. All attempts have the same person; with more than one figure per subject also the same outfit.
         per_subject: see `make_figure`.
         sits: probability of a sitting pose.

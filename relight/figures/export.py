@@ -34,7 +34,7 @@ def corners(mesh: Mesh, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
     Args:
         mesh: with F faces.
-        number: of the material.
+        number: number of the material.
 
     Returns:
         Vertices of the mesh (n,) and their uv (n,2); the material's faces (m,3) as indices into these.
@@ -118,7 +118,7 @@ def write_glb(mesh: Mesh, path: Path) -> None:
 
     Args:
         mesh: a generated figure, in its own outfit.
-        path: of the .glb.
+        path: path of the .glb.
     """
     normals, document, parts = vertex_normals(mesh), Document(), []
     for number, material in enumerate(mesh.materials):

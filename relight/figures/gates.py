@@ -21,6 +21,7 @@ MAX_INSIDE = 0.012  # share of the cloth inside the body
 INSIDE = 0.012  # depth under the skin at which cloth counts as inside, metres
 PIXEL = 0.003  # metres between the rays that look for skin or cloth that pokes through
 MAX_PATCH = 250  # pixels of a patch of a lower layer inside a higher one; larger patches are openings
+MAX_POKE_DEPTH = 0.02  # metres between such a patch and the layer around it; deeper ones are seen through an opening
 MAX_POKE_THROUGH = 60  # pixels of such patches per figure
 MAX_CROSSING = 0.015  # share of a garment's faces that passed through cloth
 MAX_CROSSING_SITTING = 0.03  # the same for figures that sit: trousers crease through themselves in the fold of the hip
@@ -29,7 +30,9 @@ COVER_RANGE = 0.04  # metres: cloth further before a hand merely hangs in front 
 MIN_HAND_VERTICES = 40  # seen from the front; with fewer or as many a hand is not judged
 LONG_DROP = 0.2  # length of a drop above which its hem hangs level in all poses, metres
 MAX_HEM_SWEPT = 0.10  # difference in height between parts of a hem, metres
-MAX_SPREAD = 0.25  # distance of cloth from the body, in addition to its drop, metres
+SWEPT_PER_DROP = 0.35  # of the same in addition, for each metre of a long drop
+MAX_SPREAD = 0.25  # distance of cloth from the body, in addition to that of its drop, metres
+SPREAD_PER_DROP = 0.4  # the same for each metre of drop, in addition to its flare
 MAX_SLID = 0.12  # distance that the top of a garment may slide down, metres
 
 
@@ -39,7 +42,7 @@ def check_garment(pattern: Pattern, draped: DrapeResult, motion: Motion) -> str 
     Args:
         pattern: its pattern.
         draped: the result of its simulation.
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
 
     Returns:
         Why it is rejected, in one phrase; None if it passes.
@@ -53,11 +56,11 @@ def check_garment(pattern: Pattern, draped: DrapeResult, motion: Motion) -> str 
     if (strain := np.percentile(draped.strain, 99.9)) > MAX_EXTREME_STRAIN:
         return f"{name}: torn, edges at {strain:.2f} of their pattern"
     skin = motion.posed_skin
-    reach = MAX_SPREAD + garment.drop * (0.4 + garment.flare)
+    reach = MAX_SPREAD + garment.drop * (SPREAD_PER_DROP + garment.flare)
     low, high = skin.min(0) - reach, skin.max(0) + reach
     if (x < low).any() or (x > high).any():
         return f"{name}: flew away from the body"
-    max_swept = MAX_HEM_SWEPT + 0.35 * garment.drop * (garment.drop > LONG_DROP)
+    max_swept = MAX_HEM_SWEPT + SWEPT_PER_DROP * garment.drop * (garment.drop > LONG_DROP)
     if (swept := hem_swept(pattern, x, motion)) > max_swept:
         return f"{name}: its hem was swept up by {swept:.2f} m"
     if (share := share_inside(x, skin)) > MAX_INSIDE:
@@ -98,7 +101,7 @@ def check_outfit(worn: list[DrapedGarment], motion: Motion, sitting: bool) -> tu
 
     Args:
         worn: the draped garments, from the skin outward.
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         sitting: whether the figure sits; more of its cloth may go through cloth.
 
     Returns:
@@ -136,14 +139,16 @@ def covered_hands(worn: list[DrapedGarment], motion: Motion) -> tuple[float, flo
     skin_forward = normals(skin, skin_faces)[:, 2] > 0.2
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     face_forward = np.cross(b - a, c - a)[:, 2] > 0
-    surface, out = Collider(vertices, vertices, faces), []
-    for sign in (1, -1):
-        points = skin[hand & skin_forward & (np.sign(motion.body.skin[:, 0]) == sign)] + [0, 0, 0.001]
-        face, depth = surface.raycast(points, np.broadcast_to([0.0, 0.0, 1.0], points.shape))
-        under = (face >= len(skin_faces)) & (depth < COVER_RANGE) & face_forward[face]
-        counted = under | (face < 0)
-        out.append(float(under.sum() / counted.sum()) if counted.sum() > MIN_HAND_VERTICES else 0.0)
-    return out[0], out[1]
+    surface, shares = Collider(vertices, vertices, faces), []
+    for sign in (1, -1):  # left, right
+        on_side = np.sign(motion.body.skin[:, 0]) == sign
+        start = skin[hand & skin_forward & on_side] + [0, 0, 0.001]  # a millimetre before the skin
+        face, depth = surface.raycast(start, np.broadcast_to([0.0, 0.0, 1.0], start.shape))
+        is_cloth, is_free = face >= len(skin_faces), face < 0  # the faces of the skin come first
+        covered = is_cloth & (depth < COVER_RANGE) & face_forward[face]
+        counted = covered | is_free
+        shares.append(float(covered.sum() / counted.sum()) if counted.sum() > MIN_HAND_VERTICES else 0.0)
+    return shares[0], shares[1]
 
 
 def share_inside(x: np.ndarray, skin: np.ndarray) -> float:
@@ -191,18 +196,18 @@ def poke_through(vertices: np.ndarray, faces: np.ndarray, layer: np.ndarray) -> 
         layer: (F,) 0 the skin, 1, 2, ... the clothes outward, -1 anything else.
     """
     face, depth = first_seen(vertices, faces)
-    seen_layer = np.where(face >= 0, layer[face], -2)
+    seen_layer = np.where(face >= 0, layer[face], -2)  # -2 where no face is seen
     total = 0
     for lower in range(int(layer.max())):
         patches = ndimage.label(seen_layer == lower)[0]
         for number, box in enumerate(ndimage.find_objects(patches), 1):
-            box = tuple(slice(max(s.start - 2, 0), s.stop + 2) for s in box)
+            box = tuple(slice(max(s.start - 2, 0), s.stop + 2) for s in box)  # with room for the ring around the patch
             patch = patches[box] == number
             if patch.sum() > MAX_PATCH:
                 continue
             ring = ndimage.binary_dilation(patch) & ~patch
             enclosed = (seen_layer[box][ring] > lower).all()
-            if enclosed and abs(depth[box][ring].mean() - depth[box][patch].mean()) < 0.02:
+            if enclosed and abs(depth[box][ring].mean() - depth[box][patch].mean()) < MAX_POKE_DEPTH:
                 total += int(patch.sum())
     return total
 

@@ -17,9 +17,13 @@ from relight.figures.tailor.garments import Garment, Worn, drawn_from, group, wa
 from relight.figures.texture import Color
 
 TUCKS = ("shirt", "t-shirt", "fitted t-shirt", "long sleeve", "polo shirt", "roll-neck")  # may be worn inside trousers
-TIES = ("plain", "stripes", "print", "check")
+TIES = ("plain", "stripes", "print", "check")  # fabrics of ties
+# Outer garment -> share of those who wear it with a scarf.
+SCARF_SHARES = {"coat": 0.5, "closed coat": 0.5, "jacket": 0.3, "blazer": 0.25, "cardigan": 0.25}
+PALE_SOLE, DARK_SOLE = (0.68, 0.66, 0.62), (0.03, 0.025, 0.022)  # linear albedo
 BELT = 0.09  # metres above the navel: the belt of a robe
 ABOVE_SEAM = 0.022  # metres above the seam of a dress: the middle of its belt
+CROSSED = -0.1  # arm lengths inward from the shoulder, beyond which a wrist is in front of the chest
 
 
 @dataclass(frozen=True)
@@ -53,15 +57,9 @@ class Outfit:
     belt: Fabric | None = None
 
 
-TUCKS = ("shirt", "t-shirt", "fitted t-shirt", "long sleeve", "polo shirt", "roll-neck")  # may be worn inside trousers
-TIES = ("plain", "stripes", "print", "check")
-BELT = 0.09  # metres above the navel: the belt of a robe
-ABOVE_SEAM = 0.022  # metres above the seam of a dress: the middle of its belt
-
-
 def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
     """Adapts an outfit to a pose: removes long coats to sit, and scarves where hands are in front of the chest."""
-    crossed = min(pose.left.wrist[0], pose.right.wrist[0]) < -0.1
+    crossed = min(pose.left.wrist[0], pose.right.wrist[0]) < CROSSED  # +x is outward from the shoulder
 
     def stays(garment: Garment) -> bool:
         long_coat = garment.collar == "lapel" and garment.drop > 0.2
@@ -80,7 +78,11 @@ def pick(rng: np.random.Generator, *draws: str) -> Garment:
 
 
 def sample_base_garments(rng: np.random.Generator, woman: bool) -> list[Garment]:
-    """Draws the garments below jackets and scarves, from the skin outward."""
+    """Draws the garments below jackets and scarves, from the skin outward.
+
+    2.5 % of people wear a robe; of women 20 % a dress, 20 % a skirt and 8 % leggings; the others trousers and a top,
+    which 38 % of those who can tuck in.
+    """
     draw = rng.random()
     if draw > 0.975:
         return [pick(rng, "robes")]
@@ -90,10 +92,10 @@ def sample_base_garments(rng: np.random.Generator, woman: bool) -> list[Garment]
         return tucked(pick(rng, "tops in skirts"), pick(rng, "skirts"))
     if woman and draw < 0.48:
         return [pick(rng, "leggings"), pick(rng, "tops over leggings")]
-    bottom = pick(rng, "trousers")
+    trousers = pick(rng, "trousers")
     top = pick(rng, "tops", *(["further tops of women"] if woman else []))
-    inside = top.name in TUCKS and bottom.name != "joggers" and rng.random() < 0.38
-    return tucked(top, bottom) if inside else [bottom, top]
+    is_tucked = top.name in TUCKS and trousers.name != "joggers" and rng.random() < 0.38
+    return tucked(top, trousers) if is_tucked else [trousers, top]
 
 
 def innermost_top(worn: list[Garment]) -> Garment:
@@ -102,19 +104,19 @@ def innermost_top(worn: list[Garment]) -> Garment:
 
 
 def add_outer_layers(rng: np.random.Generator, worn: list[Garment]) -> list[Garment]:
-    """Draws a jacket or coat over the garments, and a scarf over that; often there is neither."""
+    """Returns the garments, from the skin outward, with a jacket or coat in 40 % of cases, and at times a scarf."""
     worn, top = list(worn), innermost_top(worn)
-    is_one_piece = top.seam is not None
-    if top.name in ("sweater", "hoodie", "robe") or is_one_piece or rng.random() >= 0.40:
+    is_dress = top.seam is not None
+    if top.name in ("sweater", "hoodie", "robe") or is_dress or rng.random() >= 0.40:
         return worn
     draws = ["outer"]
     if top.collar == "fold" and top.tuck_height is not None:
         draws.append("outer over tucked shirts")
     inner = under(top)
     worn[worn.index(top)] = inner
-    worn.append(over(pick(rng, *draws), inner))
-    odds = {"coat": 0.5, "closed coat": 0.5, "jacket": 0.3, "blazer": 0.25, "cardigan": 0.25}.get(worn[-1].name, 0)
-    if rng.random() < odds and not any(g.name in ("shorts", "tank top") for g in worn):
+    outer = over(pick(rng, *draws), inner)
+    worn.append(outer)
+    if rng.random() < SCARF_SHARES.get(outer.name, 0) and not any(g.name in ("shorts", "tank top") for g in worn):
         scarves = list(group("scarves").values())
         worn.append(scarves[int(rng.integers(len(scarves)))])
     return worn
@@ -131,31 +133,33 @@ def sample_outfit(rng: np.random.Generator, person: Person, hair: Collection[str
     woman = person.female > 0.5
     worn = add_outer_layers(rng, sample_base_garments(rng, woman))
     names = {g.name for g in worn}
-    thin = innermost_top(worn)
-    can_tie = "shirt" in names and not woman and not names & {"scarf", "wrapped scarf", "shorts"}
-    tie = can_tie and rng.random() < (0.85 if names & {"blazer", "waistcoat"} else 0.3)
-    has_loops = thin.tuck_height is not None and worn[1].kind == "trousers" and not names & {"leggings", "joggers"}
-    belt = rng.random() < (0.6 if has_loops else 0.35 if thin.seam is not None else 0.4 * (thin.name == "robe"))
-    if belt and not has_loops:
-        worn[0] = replace(thin, belt_height=BELT if thin.seam is None else thin.seam + ABOVE_SEAM)
+    top = innermost_top(worn)
+    can_wear_tie = "shirt" in names and not woman and not names & {"scarf", "wrapped scarf", "shorts"}
+    has_tie = can_wear_tie and rng.random() < (0.85 if names & {"blazer", "waistcoat"} else 0.3)
+    # The loops of trousers show where a top is tucked in; dresses and robes are belted without loops.
+    has_loops = top.tuck_height is not None and worn[1].kind == "trousers" and not names & {"leggings", "joggers"}
+    is_dress = top.seam is not None
+    has_belt = rng.random() < (0.6 if has_loops else 0.35 if is_dress else 0.4 * (top.name == "robe"))
+    if has_belt and not has_loops:
+        worn[0] = replace(top, belt_height=BELT if top.seam is None else top.seam + ABOVE_SEAM)
     garments = [in_fabric(rng, garment) for garment in worn]
     shoe = shoes()[int(rng.choice(len(shoes()), p=shoe_odds(woman, worn)))]
     upper = shoe_color(rng, shoe)
-    pale = "sneaker" in shoe.name and rng.random() < 0.75
+    has_pale_sole = "sneaker" in shoe.name and rng.random() < 0.75
     style = styles()[list(styles())[int(rng.choice(len(styles()), p=style_odds(woman, person, hair)))]]
     return Outfit(
         garments=garments,
         shoe=shoe,
         upper=upper,
-        sole=(0.68, 0.66, 0.62) if pale else (0.03, 0.025, 0.022),
+        sole=PALE_SOLE if has_pale_sole else DARK_SOLE,
         hair=style,
         hair_color=sample_color(rng, person),
         hat=fabrics.sample_fabric(rng, ("knit",) if style.hat == "beanie" else ("plain", "denim"), False),
         beard=0.0 if woman or rng.random() < 0.5 else float(rng.uniform(0.15, 0.9)),
         makeup=float(rng.uniform(0.1, 0.9)) if woman else 0.0,
         iris=sample_iris(rng, person),
-        tie=fabrics.sample_fabric(rng, TIES, False) if tie else None,
-        belt=fabrics.sample_fabric(rng, ("leather",), True) if belt else None,
+        tie=fabrics.sample_fabric(rng, TIES, False) if has_tie else None,
+        belt=fabrics.sample_fabric(rng, ("leather",), True) if has_belt else None,
     )
 
 
@@ -184,9 +188,9 @@ def shoe_color(rng: np.random.Generator, shoe: Shoe) -> Color:
 
 def shoe_odds(woman: bool, worn: list[Garment]) -> np.ndarray:
     """Returns the probability of each of `shoes` (S,) with these garments."""
-    skirted = worn[0].name.endswith("dress") or any(g.kind == "skirt" for g in worn)
+    has_skirt = worn[0].name.endswith("dress") or any(g.kind == "skirt" for g in worn)
     weights = []
     for shoe in shoes():
         weight = shoe.women if woman else shoe.men
-        weights.append(shoe.with_skirt if woman and skirted and shoe.with_skirt is not None else weight)
+        weights.append(shoe.with_skirt if woman and has_skirt and shoe.with_skirt is not None else weight)
     return np.array(weights) / np.sum(weights)

@@ -26,7 +26,7 @@ class GarmentPaint:
     """Paints the texture atlas of a garment: its fabric, seams and wear.
 
     Attributes:
-        number: of the garment in the outfit.
+        number: number of the garment in the outfit.
         garment: as it was cut.
         atlas: its panels.
         marks: see `marks.images`.
@@ -86,7 +86,7 @@ ACCESSORIES: dict[str, tuple[float, Callable[[Outfit], Fabric | None]]] = {  # w
 def accessory_paint(name: str, side: int) -> Paint:
     """Returns the paint of one of ACCESSORIES: a square of fabric as a texture of `side` pixels."""
     width, fabric_of = ACCESSORIES[name]
-    u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
+    u, v = cell_centres(side)
 
     def paint(outfit: Outfit) -> Material:
         fabric = fabric_of(outfit)
@@ -94,6 +94,11 @@ def accessory_paint(name: str, side: int) -> Paint:
         return Material(texture=coded(woven(fabric, "front", width * u, -0.5 * width * v, width / side)), name=name)
 
     return paint
+
+
+def cell_centres(side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns u and v in (0,1) at the centres of a texture's pixels, each (side,side); v runs down the rows."""
+    return np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
 
 
 def skin_material(person: Person, outfit: Outfit, side: int, seed: int) -> Material:
@@ -110,7 +115,7 @@ def hair_material(outfit: Outfit, kind: str, side: int, seed: int) -> Material:
         return Material((0.3 * np.minimum(color, 0.12)).astype(np.float32), name=kind)
     if kind == "brows":
         color = skin.brow_color(color)
-    u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
+    u, v = cell_centres(side)
     pale = float(np.clip(color.mean() / 0.3, 0, 1))  # light hair varies less, in shares of its own albedo
     spread = 0.30 - 0.16 * pale
     streaks = noise(u * 120, v * 5, seed) + 0.7 * noise(u * 31, v * 3, seed + 1) - 0.85

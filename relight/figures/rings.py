@@ -30,16 +30,20 @@ def contour(values: np.ndarray, faces: np.ndarray, level: float) -> tuple[np.nda
     above = values[faces] > level
     crossed = faces[above.any(1) & ~above.all(1)]
     above = values[crossed] > level
+    next_above = np.roll(above, -1, axis=1)  # of the next corner of the face
+    begin_corner, end_corner = (above & ~next_above).argmax(1), (~above & next_above).argmax(1)  # where sides cross it
     row = np.arange(len(crossed))
-    following = np.roll(above, -1, axis=1)
-    ends = []
-    for k in ((above & ~following).argmax(1), (~above & following).argmax(1)):
-        ends.append(np.sort(np.stack([crossed[row, k], crossed[row, (k + 1) % 3]], axis=1), axis=1))
-    edge = np.stack(ends, axis=1)
-    a, b = values[edge[..., 0]], values[edge[..., 1]]
-    size = len(values)
-    begins, stops = (np.sort(edge[:, k, 0] * size + edge[:, k, 1]) for k in (0, 1))
-    return edge, (level - a) / (b - a), bool(np.array_equal(begins, stops))
+    edges = np.stack(
+        [
+            np.sort(np.stack([crossed[row, corner], crossed[row, (corner + 1) % 3]], axis=1), axis=1)
+            for corner in (begin_corner, end_corner)
+        ],
+        axis=1,
+    )
+    first, second = values[edges[..., 0]], values[edges[..., 1]]
+    # An edge as one number, so that the edges on which pieces begin and end can be compared.
+    begin_edges, end_edges = (np.sort(edges[:, k, 0] * len(values) + edges[:, k, 1]) for k in (0, 1))
+    return edges, (level - first) / (second - first), bool(np.array_equal(begin_edges, end_edges))
 
 
 def winding(ring: np.ndarray, line: np.ndarray) -> int:
@@ -60,16 +64,17 @@ def winding(ring: np.ndarray, line: np.ndarray) -> int:
         for end, direction in ((line[0], first), (line[-1], last))
     )
     points = np.concatenate([[before], line, [after]])
-    start, along = points[:-1, None], np.diff(points, axis=0)[:, None]
+    # Each segment of the line is intersected with each triangle of the fan: one axis for segments, one for triangles.
+    start, segment = points[:-1, None], np.diff(points, axis=0)[:, None]
     centre = ring.mean((0, 1))
-    p, q = ring[:, 0] - centre, ring[:, 1] - centre  # each piece, with the centre, is a triangle
-    normal = np.cross(p, q)
-    facing = (along * normal).sum(-1)
-    off = centre - start
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = (off * normal).sum(-1) / facing
-        turned = np.cross(along, off)
-        u, v = -(turned * q).sum(-1) / facing, (turned * p).sum(-1) / facing
+    side_p, side_q = ring[:, 0] - centre, ring[:, 1] - centre
+    normal = np.cross(side_p, side_q)
+    facing = (segment * normal).sum(-1)
+    to_centre = centre - start
+    with np.errstate(divide="ignore", invalid="ignore"):  # segments parallel to a triangle have no t, and are outside
+        t = (to_centre * normal).sum(-1) / facing  # position of the intersection along the segment
+        turned = np.cross(segment, to_centre)
+        u, v = -(turned * side_q).sum(-1) / facing, (turned * side_p).sum(-1) / facing  # and in the triangle's sides
         inside = (t >= 0) & (t < 1) & (u >= 0) & (v >= 0) & (u + v < 1)
     return int((np.sign(facing) * inside).sum())
 
@@ -83,28 +88,31 @@ def lost_rings(pattern: Pattern, x: np.ndarray, motion: Motion) -> dict[str, tup
     Args:
         pattern: whose fields run along arms (tops) or legs (trousers).
         x: (n,3) the draped finest vertices, metres.
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
 
     Returns:
         For each limb with rings, the number that do not wind once, and the number of all.
     """
     field, bones = LIMBS.get(pattern.garment.kind, ("", ()))
-    level, out = pattern.levels[-1], {}
+    level, counts = pattern.levels[-1], {}
     for side, word in (("L", "left"), ("R", "right")) if bones else ():
         names = [f"{bone}.{side}" for bone in bones]
-        rest = np.stack([motion.body.joints[name] for name in names])
-        posed = np.stack([motion.joint(name) for name in names])
-        on = pattern.fields[f"arm_share{side}"] > 0.5 if field == "arm" else (pattern.fields["x"] > 0) == (side == "L")
-        faces = level.faces[on[level.faces].all(1)]
-        wound = []
-        for at in LEVELS:
-            edge, share, closed = contour(pattern.fields[f"{field}{side}"], faces, at)
+        rest_line = np.stack([motion.body.joints[name] for name in names])
+        posed_line = np.stack([motion.joint(name) for name in names])
+        if field == "arm":
+            on_limb = pattern.fields[f"arm_share{side}"] > 0.5
+        else:
+            on_limb = (pattern.fields["x"] > 0) == (side == "L")
+        faces = level.faces[on_limb[level.faces].all(1)]
+        winds_once = []  # for each ring, as draped
+        for ring_level in LEVELS:
+            edge, share, closed = contour(pattern.fields[f"{field}{side}"], faces, ring_level)
             if not closed or len(edge) == 0:
                 continue
             near, far, share = edge[..., 0], edge[..., 1], share[..., None]
-            before, after = (p[near] * (1 - share) + p[far] * share for p in (level.fitted, x))
-            if winding(before, rest) == 1:
-                wound.append(winding(after, posed) == 1)
-        if wound:
-            out[f"{word} {field}"] = (wound.count(False), len(wound))
-    return out
+            rest_ring, draped_ring = (p[near] * (1 - share) + p[far] * share for p in (level.fitted, x))
+            if winding(rest_ring, rest_line) == 1:
+                winds_once.append(winding(draped_ring, posed_line) == 1)
+        if winds_once:
+            counts[f"{word} {field}"] = (winds_once.count(False), len(winds_once))
+    return counts

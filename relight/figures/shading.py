@@ -27,7 +27,7 @@ def shaded(mesh: Mesh, strength: float) -> Mesh:
     the figure, averaged over neighbouring vertices.
 
     Args:
-        mesh: of the figure.
+        mesh: mesh of the figure.
         strength: in [0,1]; with 0 the mesh itself is returned.
     """
     if strength == 0:

@@ -14,36 +14,42 @@ def edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns the edges (E,2), the edge (F,3) of each side 01, 12, 20, and the number of faces (E,) at each edge."""
     sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1).astype(np.int64)
     n = int(faces.max(initial=0)) + 1
-    unique, inverse, count = np.unique(sides[:, 0] * n + sides[:, 1], return_inverse=True, return_counts=True)
+    key = sides[:, 0] * n + sides[:, 1]  # one number for an edge is faster than rows of two
+    unique, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
     return np.stack([unique // n, unique % n], axis=1), inverse.reshape(3, -1).T, count
 
 
 def rim(faces: np.ndarray) -> np.ndarray:
-    """Returns the directed border edges (m,2), sorted by their first vertex."""
+    """Returns the border edges (m,2), directed as in their faces and sorted by their first vertex."""
     _, face_edge, count = edges(faces)
-    out = np.concatenate([faces[count[face_edge[:, k]] == 1][:, [k, (k + 1) % 3]] for k in range(3)])
-    return out[np.lexsort((out[:, 1], out[:, 0]))]
+    sides = []
+    for k in range(3):
+        is_border = count[face_edge[:, k]] == 1
+        sides.append(faces[is_border][:, [k, (k + 1) % 3]])
+    border = np.concatenate(sides)
+    return border[np.lexsort((border[:, 1], border[:, 0]))]
 
 
 def neighbours(faces: np.ndarray, n: int) -> sparse.csr_matrix:
     """Returns the row-stochastic vertex adjacency (n,n), whose product with values averages them over neighbours."""
-    e = edges(faces)[0]
-    a = sparse.coo_matrix(
-        (np.ones(2 * len(e)), (np.r_[e[:, 0], e[:, 1]], np.r_[e[:, 1], e[:, 0]])), shape=(n, n)
-    ).tocsr()
-    return sparse.diags(1 / np.maximum(np.asarray(a.sum(1)).ravel(), 1)) @ a
+    first, second = edges(faces)[0].T
+    both_ways = np.r_[first, second], np.r_[second, first]
+    adjacency = sparse.coo_matrix((np.ones(2 * len(first)), both_ways), shape=(n, n)).tocsr()
+    return sparse.diags(1 / np.maximum(np.asarray(adjacency.sum(1)).ravel(), 1)) @ adjacency
 
 
 def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Returns area-weighted unit vertex normals (V,3)."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    flat = np.cross(b - a, c - a)
-    out = np.stack([np.bincount(faces.ravel(), np.repeat(flat[:, d], 3), len(vertices)) for d in range(3)], axis=1)
-    return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-12)
+    face_normal = np.cross(b - a, c - a)  # as long as twice the face's area
+    sums = np.stack(
+        [np.bincount(faces.ravel(), np.repeat(face_normal[:, axis], 3), len(vertices)) for axis in range(3)], axis=1
+    )
+    return sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12)
 
 
 def compacted(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """Drops unused vertices."""
+    """Returns a surface (matrix, faces) without the vertices that no face uses."""
     used, inverse = np.unique(faces, return_inverse=True)
     return matrix[used], inverse.reshape(faces.shape)
 
@@ -55,46 +61,70 @@ def clip(
 
     A vertex whose distance from the line is less than `snap` of its edge moves onto it, which avoids slivers.
     """
-    n, s = matrix.shape[0], field.astype(float).copy()
-    e, face_edge, count = edges(faces)
-    a, b = s[e[:, 0]], s[e[:, 1]]
-    crossing = np.flatnonzero(a * b < 0)
-    t = a[crossing] / (a[crossing] - b[crossing])
-    near = np.concatenate([t, 1 - t])
-    vertex, other = e[crossing].T.ravel(), e[crossing][:, ::-1].T.ravel()
-    at_rim = np.zeros(n, bool)  # border vertices move along the border only
-    at_rim[e[count == 1].ravel()] = True
-    near = np.where(at_rim[vertex] & np.tile(count[crossing] != 1, 2), np.inf, near)
-    order = np.lexsort((other, near, vertex))
-    first = order[np.unique(vertex[order], return_index=True)[1]]
-    first = first[near[first] < snap]
+    n, field = matrix.shape[0], field.astype(float).copy()
+    edge, face_edge, count = edges(faces)
+    vertex, other, share = snapped_vertices(edge, count == 1, field, snap)
     move = sparse.eye(n, format="lil")
-    move[vertex[first], vertex[first]] = 1 - near[first]
-    move[vertex[first], other[first]] = near[first]
+    move[vertex, vertex] = 1 - share
+    move[vertex, other] = share
     matrix = move.tocsr() @ matrix
-    s[vertex[first]] = 0
-    a, b = s[e[:, 0]], s[e[:, 1]]
-    crossing = np.flatnonzero(a * b < 0)
-    t = a[crossing] / (a[crossing] - b[crossing])
+    field[vertex] = 0
+    crossing, share = zero_crossings(edge, field)
     rows = np.arange(len(crossing))
-    cut = sparse.csr_matrix(
-        (np.r_[1 - t, t], (np.r_[rows, rows], np.r_[e[crossing, 0], e[crossing, 1]])), shape=(len(crossing), n)
-    )
+    ends = np.r_[edge[crossing, 0], edge[crossing, 1]]
+    cut = sparse.csr_matrix((np.r_[1 - share, share], (np.r_[rows, rows], ends)), shape=(len(crossing), n))
     matrix = sparse.vstack([matrix, cut @ matrix]).tocsr()
-    at = np.full(len(e), -1)
-    at[crossing] = n + rows
-    inside = s[faces] >= 0
-    whole = inside.all(1) & (s[faces] > 0).any(1)
-    kept = [faces[whole]]
-    for face, side in zip(faces[~whole & (s[faces] > 0).any(1)], face_edge[~whole & (s[faces] > 0).any(1)]):
-        ring = []
-        for k in range(3):
-            if s[face[k]] >= 0:
-                ring.append(face[k])
-            if at[side[k]] >= 0:
-                ring.append(at[side[k]])
-        kept.append(np.array([[ring[0], ring[k], ring[k + 1]] for k in range(1, len(ring) - 1)]).reshape(-1, 3))
+    cut_vertex = np.full(len(edge), -1)  # the new vertex on each edge
+    cut_vertex[crossing] = n + rows
+    reaches_in = (field[faces] > 0).any(1)
+    is_whole = reaches_in & (field[faces] >= 0).all(1)
+    kept = [faces[is_whole]]
+    is_cut = reaches_in & ~is_whole
+    for face, sides in zip(faces[is_cut], face_edge[is_cut]):
+        polygon = []  # what is left of the face, in its order
+        for corner, side in zip(face, sides):
+            if field[corner] >= 0:
+                polygon.append(corner)
+            if cut_vertex[side] >= 0:
+                polygon.append(cut_vertex[side])
+        fan = [[polygon[0], polygon[k], polygon[k + 1]] for k in range(1, len(polygon) - 1)]
+        kept.append(np.array(fan).reshape(-1, 3))
     return compacted(matrix, np.concatenate(kept).astype(np.int64))
+
+
+def zero_crossings(edge: np.ndarray, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the indices (c,) of edges (E,2) on which a field (n,) changes its sign, and where, from 0 to 1 (c,)."""
+    first, second = field[edge[:, 0]], field[edge[:, 1]]
+    crossing = np.flatnonzero(first * second < 0)
+    return crossing, first[crossing] / (first[crossing] - second[crossing])
+
+
+def snapped_vertices(
+    edge: np.ndarray, is_border: np.ndarray, field: np.ndarray, snap: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Finds the vertices that move onto the zero line of a field, each along the edge on which the line is nearest.
+
+    Vertices of the border move along the border only.
+
+    Args:
+        edge: (E,2) vertices.
+        is_border: (E,) whether an edge belongs to one face only.
+        field: (n,) at the vertices.
+        snap: largest distance from the line, over the length of the edge.
+
+    Returns:
+        The vertices (m,), ascending; the other ends (m,) of their edges; the shares (m,) of the way there.
+    """
+    crossing, position = zero_crossings(edge, field)
+    vertex, other = edge[crossing].T.ravel(), edge[crossing][:, ::-1].T.ravel()  # both ends of each edge
+    share = np.concatenate([position, 1 - position])
+    at_border = np.zeros(len(field), bool)
+    at_border[edge[is_border].ravel()] = True
+    share = np.where(at_border[vertex] & np.tile(~is_border[crossing], 2), np.inf, share)
+    order = np.lexsort((other, share, vertex))
+    nearest = order[np.unique(vertex[order], return_index=True)[1]]
+    nearest = nearest[share[nearest] < snap]
+    return vertex[nearest], other[nearest], share[nearest]
 
 
 def split(
@@ -105,22 +135,25 @@ def split(
     Returns:
         The matrix to its vertices, its faces (F,3), and which of them (F,) lie on the positive side.
     """
-    (ahead, front), (behind, back) = (clip(matrix, faces, sign * field) for sign in (1, -1))
-    both = sparse.vstack([ahead, behind]).tocsr()
-    # equal rows of the matrix are equal vertices
-    place = np.round(both @ np.random.default_rng(0).random((both.shape[1], 3)), 9)
-    _, first, inverse = np.unique(place, axis=0, return_index=True, return_inverse=True)
-    joined = inverse.reshape(-1)[np.concatenate([front, back + ahead.shape[0]])]
-    return both[first], joined, np.arange(len(joined)) < len(front)
+    (positive, positive_faces), (negative, negative_faces) = (clip(matrix, faces, sign * field) for sign in (1, -1))
+    both = sparse.vstack([positive, negative]).tocsr()
+    # Both parts have the vertices of the line. Equal rows of the matrix are equal vertices, told by random positions of
+    # the source vertices: different rows give different points.
+    points = np.round(both @ np.random.default_rng(0).random((both.shape[1], 3)), 9)
+    _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    joined = inverse.reshape(-1)[np.concatenate([positive_faces, negative_faces + positive.shape[0]])]
+    return both[first], joined, np.arange(len(joined)) < len(positive_faces)
 
 
 def loop(faces: np.ndarray, n: int) -> tuple[sparse.csr_matrix, np.ndarray]:
     """Subdivides once by Loop's scheme; returns the matrix (n+E,n) to the new vertices, and the new faces (4F,3).
 
-    Loop, "Smooth subdivision surfaces based on triangles", 1987; borders follow the cubic B-spline rule.
+    Loop, "Smooth subdivision surfaces based on triangles", 1987; borders follow the cubic B-spline rule. The n old
+    vertices come first, then one on each edge: 3/8 of both ends and 1/8 of both opposite corners, 1/2 of both ends on
+    the border. Old vertices move by beta toward each neighbour, on the border by 1/8 toward both neighbours on it.
     """
-    e, face_edge, count = edges(faces)
-    m, border = len(e), count == 1
+    edge, face_edge, count = edges(faces)
+    edge_count, is_border = len(edge), count == 1
     rows, columns, values = [], [], []
 
     def add(row: np.ndarray, column: np.ndarray, value: float | np.ndarray) -> None:
@@ -129,26 +162,42 @@ def loop(faces: np.ndarray, n: int) -> tuple[sparse.csr_matrix, np.ndarray]:
         values.append(np.broadcast_to(value, row.shape))
 
     for side, opposite in ((0, 2), (1, 0), (2, 1)):
-        inner = ~border[face_edge[:, side]]
+        inner = ~is_border[face_edge[:, side]]
         add(n + face_edge[inner, side], faces[inner, opposite], 0.125)
     on_border = np.zeros(n, bool)
-    on_border[e[border].ravel()] = True
-    degree = np.bincount(e.ravel(), minlength=n)
+    on_border[edge[is_border].ravel()] = True
+    degree = np.bincount(edge.ravel(), minlength=n)
     beta = np.where(degree == 3, 3 / 16, 3 / (8 * np.maximum(degree, 1)))
-    for p, q in ((0, 1), (1, 0)):
-        add(n + np.arange(m), e[:, p], np.where(border, 0.5, 0.375))
-        inner = ~on_border[e[:, p]]
-        add(e[inner, p], e[inner, q], beta[e[inner, p]])
-        add(e[border, p], e[border, q], 0.125)
+    for end, other in ((0, 1), (1, 0)):
+        add(n + np.arange(edge_count), edge[:, end], np.where(is_border, 0.5, 0.375))
+        inner = ~on_border[edge[:, end]]
+        add(edge[inner, end], edge[inner, other], beta[edge[inner, end]])
+        add(edge[is_border, end], edge[is_border, other], 0.125)
     add(np.arange(n), np.arange(n), np.where(on_border, 0.75, 1 - degree * beta))
     matrix = sparse.csr_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n + m, n)
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n + edge_count, n)
     )
     matrix = sparse.diags(1 / np.asarray(matrix.sum(1)).ravel()) @ matrix
-    a, b, c = faces.T
-    ab, bc, ca = (n + face_edge).T
-    corners = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-    return matrix.tocsr(), np.concatenate([np.stack(corner, axis=1) for corner in corners])
+    return matrix.tocsr(), quarters(faces, n + face_edge)
+
+
+def quarters(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
+    """Returns the four triangles (4F,3,...) into which the middles of its sides divide each triangle.
+
+    Args:
+        corners: (F,3,...) a, b, c of each triangle: indices of vertices, or points.
+        middles: (F,3,...) those of its sides ab, bc, ca.
+    """
+    a, b, c = corners.swapaxes(0, 1)
+    ab, bc, ca = middles.swapaxes(0, 1)
+    triangles = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+    return np.concatenate([np.stack(triangle, axis=1) for triangle in triangles])
+
+
+def closed_rings(rows: int, sides: int) -> np.ndarray:
+    """Returns a grid of vertex indices (rows, sides + 1) of rings, whose last column is its first one."""
+    index = np.arange(rows * sides).reshape(rows, sides)
+    return np.concatenate([index, index[:, :1]], 1)
 
 
 def border_loops(faces: np.ndarray) -> list[np.ndarray]:
@@ -166,14 +215,14 @@ def border_loops(faces: np.ndarray) -> list[np.ndarray]:
 
 def border_distance(vertices: np.ndarray, faces: np.ndarray, rings: int) -> np.ndarray:
     """Returns the number of edges (V,) from each vertex to the border, at most `rings`."""
-    e, _, count = edges(faces)
-    out = np.full(len(vertices), rings)
-    out[e[count == 1].ravel()] = 0
+    edge, _, count = edges(faces)
+    distance = np.full(len(vertices), rings)
+    distance[edge[count == 1].ravel()] = 0
     for ring in range(1, rings):
-        for p, q in ((0, 1), (1, 0)):
-            near = e[out[e[:, p]] == ring - 1, q]
-            out[near] = np.minimum(out[near], ring)
-    return out
+        for end, other in ((0, 1), (1, 0)):
+            next_vertices = edge[distance[edge[:, end]] == ring - 1, other]
+            distance[next_vertices] = np.minimum(distance[next_vertices], ring)
+    return distance
 
 
 def near_border(vertices: np.ndarray, faces: np.ndarray, rings: int) -> np.ndarray:
@@ -197,15 +246,15 @@ def thickened(
     """
     band = np.ones(len(faces), bool) if rings is None else near_border(vertices, faces, rings)
     used, inverse = np.unique(faces[band], return_inverse=True)
-    inner = len(vertices) + inverse.reshape(-1, 3)
-    below = vertices[used] - normals(vertices, faces)[used] * depth
-    position = np.full(len(vertices), -1)
-    position[used] = len(vertices) + np.arange(len(used))
+    inner_faces = len(vertices) + inverse.reshape(-1, 3)
+    inner_vertices = vertices[used] - normals(vertices, faces)[used] * depth
+    inner_of = np.full(len(vertices), -1)  # the inner vertex of each outer one
+    inner_of[used] = len(vertices) + np.arange(len(used))
     sides = rim(faces)
-    a, b = sides[(position[sides] >= 0).all(1)].T
-    walls = np.concatenate([np.stack([b, a, position[a]], 1), np.stack([b, position[a], position[b]], 1)])
-    out = np.concatenate([faces, inner[:, ::-1], walls])
-    return np.concatenate([vertices, below]), out, np.concatenate([np.arange(len(vertices)), used])
+    a, b = sides[(inner_of[sides] >= 0).all(1)].T
+    walls = np.concatenate([np.stack([b, a, inner_of[a]], 1), np.stack([b, inner_of[a], inner_of[b]], 1)])
+    all_faces = np.concatenate([faces, inner_faces[:, ::-1], walls])
+    return np.concatenate([vertices, inner_vertices]), all_faces, np.concatenate([np.arange(len(vertices)), used])
 
 
 def smoothed(values: np.ndarray, faces: np.ndarray, times: int) -> np.ndarray:
@@ -229,12 +278,13 @@ def extruded(ring: np.ndarray, rows: list[np.ndarray], offset: int, closed: bool
         New vertices and faces.
     """
     m, previous, faces = len(ring), ring, []
+    column = np.arange(m if closed else m - 1)
+    next_column = (column + 1) % m
     for k in range(len(rows)):
-        now = offset + k * m + np.arange(m)
-        j = np.arange(m if closed else m - 1)
-        a, b, c, d = previous[j], previous[(j + 1) % m], now[j], now[(j + 1) % m]
+        current = offset + k * m + np.arange(m)
+        a, b, c, d = previous[column], previous[next_column], current[column], current[next_column]
         faces += [np.stack([b, a, c], 1), np.stack([b, c, d], 1)]
-        previous = now
+        previous = current
     return np.concatenate(rows), np.concatenate(faces)
 
 
@@ -247,8 +297,11 @@ def grid_faces(rows: int, columns: int) -> np.ndarray:
 
 def longest_run(ring: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     """Returns the longest run of chosen vertices in a closed ring (m,), of which at least one is not chosen."""
-    starts = np.flatnonzero(chosen & ~np.roll(chosen, 1))
-    return max((np.roll(ring, -k)[: int(np.argmin(np.roll(chosen, -k)))] for k in starts), key=len)
+    runs = []
+    for start in np.flatnonzero(chosen & ~np.roll(chosen, 1)):  # chosen, and the vertex before is not
+        length = int(np.argmin(np.roll(chosen, -start)))  # up to the first that is not chosen
+        runs.append(np.roll(ring, -start)[:length])
+    return max(runs, key=len)
 
 
 def stacked(parts: list[Surface]) -> Surface:

@@ -6,11 +6,16 @@ from relight.srgb import encode
 
 Color = tuple[float, float, float]  # linear albedo of red, green and blue
 MIN_TEXELS = 1.4  # size of the smallest feature
+NOISE_SCALE = 5.0  # factor that gives `noise`, less its mean, a standard deviation of about 1
 SRGB = (255 * encode(np.arange(65536) / 65535) + 0.5).astype(np.uint8)  # by linear value
 
 
 def lattice(i: np.ndarray, j: np.ndarray, seed: int) -> np.ndarray:
-    """Hashes integer lattice points to [0,1), the same on every machine."""
+    """Hashes integer lattice points (i, j), of equal shapes, to [0,1), the same on every machine.
+
+    The points and the seed are mixed by products with large odd numbers and shifts, modulo 2^32 (as in xxHash); 24 bits
+    of the result are used.
+    """
     with np.errstate(over="ignore"):
         h = i.astype(np.int64).astype(np.uint32) * np.uint32(374761393) + j.astype(np.int64).astype(
             np.uint32
@@ -21,22 +26,30 @@ def lattice(i: np.ndarray, j: np.ndarray, seed: int) -> np.ndarray:
 
 
 def noise(x: np.ndarray, y: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Returns value noise in [0,1] with features of size 1. Broadcast grids take a tenth of the time."""
+    """Returns value noise in [0,1] with features of size 1: random values at integers, smoothly interpolated.
+
+    Args:
+        x, y: (...) coordinates. Grids that are broadcast from a row x and a column y take a tenth of the time.
+        seed: random seed of the values.
+    """
     if x.ndim == 2 and x.strides[0] == 0 and y.strides[1] == 0:
         return grid_noise(x[0], y[:, 0], seed)
     i, j = np.floor(x), np.floor(y)
-    a, b = x - i, y - j
-    a, b = a * a * (3 - 2 * a), b * b * (3 - 2 * b)
+    a, b = smoothstep(x - i), smoothstep(y - j)
     low = lattice(i, j, seed) * (1 - a) + lattice(i + 1, j, seed) * a
     high = lattice(i, j + 1, seed) * (1 - a) + lattice(i + 1, j + 1, seed) * a
     return low * (1 - b) + high * b
 
 
+def smoothstep(t: np.ndarray) -> np.ndarray:
+    """Returns 3 t^2 - 2 t^3, which rises from 0 to 1 over [0,1] with slope 0 at both ends."""
+    return t * t * (3 - 2 * t)
+
+
 def grid_noise(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
     """Returns `noise` (h,w) at the points of a grid with columns x (w,) and rows y (h,)."""
     i, j = np.floor(x).astype(int), np.floor(y).astype(int)
-    a, b = (x - i).astype(x.dtype), (y - j).astype(y.dtype)
-    a, b = a * a * (3 - 2 * a), (b * b * (3 - 2 * b))[:, None]
+    a, b = smoothstep((x - i).astype(x.dtype)), smoothstep((y - j).astype(y.dtype))[:, None]
     columns, rows = np.arange(i.min(), i.max() + 2), np.arange(j.min(), j.max() + 2)
     values = lattice(columns[None], rows[:, None], seed).astype(x.dtype)
     left = np.take(values, i - columns[0], 1) * (1 - a) + np.take(values, i + 1 - columns[0], 1) * a
@@ -46,19 +59,34 @@ def grid_noise(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
 def grain(
     u: np.ndarray, v: np.ndarray, width: float, height: float, texel: float, seed: int, offset: float = 0.0
 ) -> np.ndarray:
-    """Returns noise of mean 0 and standard deviation about 1 with features of `width` by `height` metres.
+    """Returns noise (...) of mean 0 and standard deviation about 1 with features of `width` by `height` metres.
 
     Features finer than MIN_TEXELS texels are enlarged, with the lower contrast of averages of independent ones.
+
+    Args:
+        u, v: (...) cloth coordinates, metres.
+        width, height: of the features along u and v, metres.
+        texel: metres between the samples.
+        seed: random seed of the noise.
+        offset: in features along u, which makes the noise of panels differ.
     """
     smallest = MIN_TEXELS * texel
-    x, y = max(width, smallest), max(height, smallest)
-    return float(np.sqrt(width / x * height / y)) * 5.0 * (noise(u / x + offset, v / y, seed) - 0.5)
+    drawn_width, drawn_height = max(width, smallest), max(height, smallest)
+    contrast = float(np.sqrt(width / drawn_width * height / drawn_height))
+    return contrast * NOISE_SCALE * (noise(u / drawn_width + offset, v / drawn_height, seed) - 0.5)
 
 
 def band(x: np.ndarray, period: float, share: float, soft: float = 0.0012) -> np.ndarray:
-    """Returns 1 inside stripes that fill `share` of each period, with edges of `soft` metres."""
-    d = np.abs((x / period + 0.5) % 1 - 0.5) * period
-    return np.clip((share * period / 2 - d) / soft + 0.5, 0, 1)
+    """Returns 1 inside stripes and 0 between them (...).
+
+    Args:
+        x: (...) coordinate across the stripes, metres; one of them has its middle at 0.
+        period: metres from one stripe to the next.
+        share: share of each period that a stripe fills.
+        soft: metres over which edges rise.
+    """
+    from_middle = np.abs((x / period + 0.5) % 1 - 0.5) * period  # metres
+    return np.clip((share * period / 2 - from_middle) / soft + 0.5, 0, 1)
 
 
 def mixed(ground: np.ndarray, pattern: np.ndarray, share: np.ndarray) -> np.ndarray:

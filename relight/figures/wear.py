@@ -31,7 +31,7 @@ class Detail:
 
     Attributes:
         refine: subdivisions of the garments.
-        frames: of the motion into the pose.
+        frames: number of frames of the motion into the pose.
         solver: settings for each level of a garment, from coarse to fine.
         body: subdivisions of the skin.
         texture: side of the largest texture in pixels.
@@ -98,7 +98,7 @@ class Obstacles:
         Args:
             garment: to be draped; no scarf.
             inner: the garments already draped.
-            frame: of the motion.
+            frame: index of the motion's frame.
             fine: whether their finest levels are meant, as they hang at the last frame, or their coarsest, at `frame`.
         """
         top = garment.kind == "top"
@@ -190,7 +190,7 @@ def finished(
     """Adds fine wrinkles to a draped garment, and an even neckline, and moves it out of the layers below.
 
     Args:
-        pattern: of the garment.
+        pattern: pattern of the garment.
         draped: the result of its simulation.
         fabric: its seed places the wrinkles.
         below: the layers below.
@@ -214,7 +214,7 @@ def drape_scarf(
     """Drapes a scarf around the neck of the posed figure; it does not take part in the motion.
 
     Args:
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         scarf: to be draped.
         skin: vertices and faces, posed.
         inner: the garments already draped.

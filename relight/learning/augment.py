@@ -6,7 +6,7 @@ ground truth: otherwise bright images would weigh more in the losses.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -14,7 +14,8 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from relight.config import STRENGTHS, Augment
-from relight.learning.camera import decode, encode, photograph, shade
+from relight.learning.camera import Camera, simulate_camera
+from relight.learning.color import shade
 from relight.learning.data import Batch, compact_index, extent
 from relight.learning.harmonics import unoccluded
 
@@ -23,6 +24,8 @@ CUT_SHARE = 0.5  # of the pictures with a new framing, which end between chest a
 ZOOM = (0.75, 1.15)  # range of the size of the figure, as a factor on the usual framing
 SHIFT = 0.05  # largest shift of the figure's box from the centre, as a share of the side
 CUT_HEIGHT = (0.4, 0.85)  # range of the share of a figure's height that a cut leaves
+SIDE_CUT_SHARE = 0.25  # of these pictures, which also end at the left or right of the figure
+CUT_WIDTH = (0.6, 0.95)  # range of the share of its width that this leaves
 # ln(R/G) of a white balance for each ln(B/G): about the Planckian locus between 2,500 and 8,000 K in sRGB.
 RED_PER_BLUE = -0.6
 SKIN_RATIOS = ((1.12, 2.2), (1.02, 2.2))  # ranges of R/G and G/B of skin, which keeps its color
@@ -31,48 +34,8 @@ PRINT_BEND = 0.03  # shift of a print across a surface that turns by 90 degrees,
 PRINT_PERIOD = (0.012, 0.2)  # range of a print's period, as a share of the image's side
 ROUGHNESS_RANGE = (0.25, 0.7)  # of glossy materials: the square root of GGX's alpha
 SPECULAR_STRENGTH = (0.2, 1.5)  # of their reflectance at normal incidence, over 4 %
+CAMERA = Camera(tone=0.25, blur=0.8, sharpen=0.8, noise=0.02, jpeg=0.4)  # at full strength
 MAX_WEAR = 1.5  # largest factor, and its inverse the smallest, on roughness and reflectance of known materials
-JPEG_QUALITY = (40, 95)  # the end is excluded
-
-# Quantisation tables of JPEG (ITU-T T.81, Annex K) for luminance and chrominance.
-_LUMINANCE_TABLE = (
-    "16 11 10 16 24 40 51 61 12 12 14 19 26 58 60 55 14 13 16 24 40 57 69 56 14 17 22 29 51 87 80 62 "
-    "18 22 37 56 68 109 103 77 24 35 55 64 81 104 113 92 49 64 78 87 103 121 120 101 72 92 95 98 112 100 103 99"
-)
-_CHROMINANCE_TABLE = (
-    "17 18 24 47 99 99 99 99 18 21 26 66 99 99 99 99 24 26 56 99 99 99 99 99 47 66 99 99 99 99 99 99 "
-    + " ".join(["99"] * 32)
-)
-_QUANTISATION = torch.tensor(
-    [[float(n) for n in table.split()] for table in (_LUMINANCE_TABLE, _CHROMINANCE_TABLE, _CHROMINANCE_TABLE)]
-).view(3, 8, 8)
-_RGB_TO_YCC = torch.tensor([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])
-
-
-@dataclass(frozen=True)
-class Camera:
-    """What a camera does to a picture.
-
-    Attributes:
-        tone: strength of the tone curve and of changes of saturation, below 1.
-        blur: largest standard deviation of the blur, pixels.
-        sharpen: largest weight of the unsharp mask.
-        noise: largest standard deviation of the noise, of codes in [0,1].
-        jpeg: share of the pictures that are compressed.
-    """
-
-    tone: float
-    blur: float
-    sharpen: float
-    noise: float
-    jpeg: float
-
-    def weakened(self, strength: float) -> "Camera":
-        """Returns a camera that does each of these by the factor `strength` in [0,1]."""
-        return Camera(*(strength * value for value in vars(self).values()))
-
-
-CAMERA = Camera(tone=0.25, blur=0.8, sharpen=0.8, noise=0.02, jpeg=0.4)
 
 
 def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Generator], size: int) -> Batch:
@@ -82,7 +45,7 @@ def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Ge
         batch: relit images of the color model `photo`, at exposure 1.
         settings: strength of each part; with all at 0 and the batch's own size the batch is returned unchanged.
         generators: one per image, so that an image does not depend on its neighbours in the batch.
-        size: of the new images in pixels, at most `batch.size`.
+        size: side of the new images in pixels, at most `batch.size`.
 
     Returns:
         A batch of the same pairs at `size`. Its `light`, `shading` and `relit` are those before exposure.
@@ -291,31 +254,39 @@ def _reframed(
     mean of four pixels.
     """
     side, mask = mask.shape[-1], mask.clone()
-    squares = torch.zeros(len(mask), 2, 3)
+    affine = torch.zeros(len(mask), 2, 3)  # from the new square to the old one, both from -1 to 1: scale and centre
     for i, rng in enumerate(generators):
-        squares[i, 0, 0] = squares[i, 1, 1] = 1
+        affine[i, 0, 0] = affine[i, 1, 1] = 1
         if rng.random() >= settings.framing:
             continue
         if rng.random() < CUT_SHARE:
-            (top, bottom), _ = extent(mask[i])
-            mask[i, :, top + math.ceil(rng.uniform(*CUT_HEIGHT) * (bottom - top)) :] = 0
-            left, right = extent(mask[i])[1]
-            if rng.random() < 0.25:  # also cut at the left or right edge of the photograph
-                width = math.ceil(rng.uniform(0.6, 0.95) * (right - left))
-                mask[i, ..., *((slice(left + width, None),) if rng.random() < 0.5 else (slice(0, right - width),))] = 0
+            cut_figure(mask[i], rng)
         (top, bottom), (left, right) = extent(mask[i])
         zoom = math.exp(rng.uniform(*np.log(ZOOM)))
-        scale = max(bottom - top, right - left) / (FIGURE_SHARE * zoom * side)  # of the old square in the new one
+        scale = max(bottom - top, right - left) / (FIGURE_SHARE * zoom * side)
         centre = np.array([(left + right) / 2, (top + bottom) / 2]) / side * 2 - 1
         shift = rng.uniform(-SHIFT, SHIFT, 2) * 2 * scale
-        squares[i, 0, 0] = squares[i, 1, 1] = scale
-        squares[i, :, 2] = torch.from_numpy(centre + shift)
-    grid = F.affine_grid(squares, [len(mask), 1, size, size], align_corners=False).to(maps.device)
+        affine[i, 0, 0] = affine[i, 1, 1] = scale
+        affine[i, :, 2] = torch.from_numpy(centre + shift)
+    grid = F.affine_grid(affine, [len(mask), 1, size, size], align_corners=False).to(maps.device)
     share = F.grid_sample(mask, grid, align_corners=False)
     inside = (share >= 0.5).float()
     inside[..., 0, 0] = 0  # the padding of compact maps needs a pixel outside
     maps = F.grid_sample(maps * mask, grid, align_corners=False) / share.clamp_min(0.5)
     return maps * inside, inside
+
+
+def cut_figure(mask: Tensor, rng: np.random.Generator) -> None:
+    """Cuts a mask (1,S,S) in place as the edge of a photograph does: below, and in a quarter also at one side."""
+    (top, bottom), _ = extent(mask)
+    mask[:, top + math.ceil(rng.uniform(*CUT_HEIGHT) * (bottom - top)) :] = 0
+    left, right = extent(mask)[1]
+    if rng.random() < SIDE_CUT_SHARE:
+        width = math.ceil(rng.uniform(*CUT_WIDTH) * (right - left))
+        if rng.random() < 0.5:
+            mask[..., left + width :] = 0
+        else:
+            mask[..., : right - width] = 0
 
 
 def _perturbed_masks(mask: Tensor, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
@@ -353,74 +324,3 @@ def _over_random_background(scene: Tensor, mask: Tensor, generators: list[np.ran
         ]
     )
     return torch.where(mask > 0, scene, background)
-
-
-def simulate_camera(image: Tensor, camera: Camera, generators: list[np.random.Generator]) -> Tensor:
-    """Simulates a camera: blur, tone curve, sharpening, noise and JPEG compression.
-
-    Args:
-        image: (B,3,S,S) linear; S must be a multiple of 8 unless `camera.jpeg` is 0.
-        camera: strength of each part.
-        generators: one per image.
-
-    Returns:
-        (B,3,S,S), the linear values of 8-bit sRGB codes.
-    """
-    image = torch.cat([_blurred(picture[None], rng.uniform(0, camera.blur)) for picture, rng in zip(image, generators)])
-    coded = encode(image.clamp(0, 1))
-    pictures = []
-    for picture, rng in zip(coded, generators):
-        picture = _with_tone_curve(picture, camera.tone, rng)
-        picture = picture + rng.uniform(0, camera.sharpen) * (picture - _blurred(picture[None], 1.0)[0])
-        noise_generator = torch.Generator(picture.device).manual_seed(int(rng.integers(2**62)))
-        strength = rng.uniform(0, camera.noise)
-        if strength:
-            picture = picture + strength * torch.randn(picture.shape, generator=noise_generator, device=picture.device)
-        picture = picture.clamp(0, 1)
-        if rng.random() < camera.jpeg:
-            picture = compress_jpeg(picture, int(rng.integers(*JPEG_QUALITY)))
-        pictures.append(picture)
-    return photograph(decode(torch.stack(pictures)), "photo")
-
-
-def _with_tone_curve(coded: Tensor, strength: float, rng: np.random.Generator) -> Tensor:
-    """Applies a gamma, an S-curve and a saturation to coded values (3,S,S); monotone for strengths below 1."""
-    if not strength:
-        return coded
-    coded = coded ** math.exp(rng.uniform(-strength, strength))
-    coded = coded - rng.uniform(-strength / 2, strength) * torch.sin(2 * math.pi * coded) / (2 * math.pi)
-    grey = coded.mean(0, keepdim=True)
-    return (grey + (coded - grey) * (1 + rng.uniform(-strength, strength))).clamp(0, 1)
-
-
-def _blurred(image: Tensor, sigma: float) -> Tensor:
-    """Blurs (B,3,S,S) by a Gaussian of `sigma` pixels; border pixels are replicated."""
-    if sigma < 0.2:
-        return image
-    radius = math.ceil(3 * sigma)
-    kernel = torch.exp(-(torch.arange(-radius, radius + 1, device=image.device) ** 2) / (2 * sigma**2))
-    kernel = (kernel / kernel.sum()).expand(3, 1, 1, -1)
-    image = F.conv2d(F.pad(image, (radius, radius, 0, 0), mode="replicate"), kernel, groups=3)
-    return F.conv2d(F.pad(image, (0, 0, radius, radius), mode="replicate"), kernel.mT, groups=3)
-
-
-def compress_jpeg(coded: Tensor, quality: int) -> Tensor:
-    """Returns coded values after JPEG compression without chroma subsampling (ITU-T T.81).
-
-    Args:
-        coded: (3,S,S) in [0,1]; S is a multiple of 8.
-        quality: 1 to 100; scales the quantisation tables of Annex K as libjpeg does.
-    """
-    scale = 50 / quality if quality < 50 else 2 - quality / 50
-    tables = (_QUANTISATION.to(coded.device) * scale).round().clamp(1, 255)
-    k, n = torch.arange(8.0, device=coded.device)[:, None], torch.arange(8.0, device=coded.device)
-    cosine = torch.cos(math.pi * (2 * n + 1) * k / 16) * torch.where(k == 0, math.sqrt(1 / 8), 0.5)
-    matrix = _RGB_TO_YCC.to(coded.device)
-    size = coded.shape[-1]
-    planes = torch.tensordot(matrix, coded * 255 - 128, 1)  # grey is 0 in all three planes
-    blocks = planes.view(3, size // 8, 8, size // 8, 8).transpose(2, 3)
-    spectrum = cosine @ blocks @ cosine.T
-    tables = tables[:, None, None]
-    blocks = cosine.T @ ((spectrum / tables).round() * tables) @ cosine
-    planes = blocks.transpose(2, 3).reshape(3, size, size)
-    return ((torch.tensordot(torch.linalg.inv(matrix), planes, 1) + 128) / 255).clamp(0, 1)

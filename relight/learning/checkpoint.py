@@ -141,12 +141,12 @@ def restore_state(
     if not path.exists():
         return 0, [], ""
     try:
-        found = torch.load(path, map_location=device, weights_only=True)
-        same = found["settings"] == digest
+        state = torch.load(path, map_location=device, weights_only=True)
+        same = state["settings"] == digest
     except Exception as error:  # of pickle, zipfile or torch: the file was damaged after it was written
         return 0, [], f"{path} cannot be read ({type(error).__name__}): starting from the beginning"
     if not same:
         return 0, [], f"{path} belongs to other settings or data: starting from the beginning"
     for name, part in parts.items():
-        part.load_state_dict(found[name])
-    return found["step"], found["history"], f"going on from step {found['step']} ({path})"
+        part.load_state_dict(state[name])
+    return state["step"], state["history"], f"going on from step {state['step']} ({path})"

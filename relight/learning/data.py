@@ -18,7 +18,7 @@ from torch import Tensor
 
 from relight.errors import UserError
 from relight.files import existing_file
-from relight.learning.camera import photograph, quantised, shade
+from relight.learning.color import photograph, quantised, shade
 from relight.learning.harmonics import mirror_signs
 from relight.maps import PackedMaps
 from relight.npz import read_npz
@@ -27,6 +27,14 @@ from relight.sh import order_of
 from relight.text import read_text
 
 MULTIPLE = 64  # P is a multiple of it
+
+
+def choose_device(name: str) -> torch.device:
+    """Returns the device `cpu` or `cuda`; `auto` prefers a GPU. Raises UserError if there is none for `cuda`."""
+    has_gpu = torch.cuda.is_available()
+    if name == "cuda" and not has_gpu:
+        raise UserError("train.device=cuda, but torch finds no GPU: give train.device=cpu or auto")
+    return torch.device("cuda" if has_gpu and name != "cpu" else "cpu")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,11 +66,12 @@ def compact_index(mask: Tensor) -> CompactIndex:
     padded = F.pad(mask[:, 0], (1, 1, 1, 1))
     eroded = mask[:, 0] & padded[:, :-2, 1:-1] & padded[:, 2:, 1:-1] & padded[:, 1:-1, :-2] & padded[:, 1:-1, 2:]
     flat, eroded = mask.flatten(1), eroded.flatten(1)
-    width = -(-int(flat.sum(1).max()) // MULTIPLE) * MULTIPLE
-    rank = flat.cumsum(1) - 1
+    width = -(-int(flat.sum(1).max()) // MULTIPLE) * MULTIPLE  # P
+    rank = flat.cumsum(1) - 1  # place of each in-mask pixel in its compact map
     image, flat_index = flat.nonzero(as_tuple=True)
     slot = rank[image, flat_index]
-    pixel = (~flat).int().argmax(1)[:, None].repeat(1, width)
+    first_outside = (~flat).int().argmax(1)
+    pixel = first_outside[:, None].repeat(1, width)
     pixel[image, slot] = flat_index
     below = torch.arange(width, device=mask.device).repeat(batch, 1)
     slot_below = rank[image, (flat_index + size).clamp_max(size * size - 1)]
@@ -148,9 +157,9 @@ class RelitSet:
         Args:
             packed: packed maps (relight.maps.packed).
             lights: light set (relight.lights.table).
-            order: of the harmonics that the network infers.
+            order: order of the harmonics that the network infers.
             color: `paper` uses the 8-bit sRGB codes of the albedo as linear values; `photo` uses linear albedo.
-            device: of all tensors.
+            device: device of all tensors.
 
         Raises:
             UserError: if a file does not exist or holds fewer bands than `order`.
@@ -164,10 +173,10 @@ class RelitSet:
             )
         self.coefficients = (order + 1) ** 2
         bands = order_of(table["coefficients"].shape[1])
-        for path, found in ((packed, figures.order), (lights, bands)):
-            if found < order:
+        for path, file_order in ((packed, figures.order), (lights, bands)):
+            if file_order < order:
                 raise UserError(
-                    f"{path} has harmonics up to order {found}: model.order={order} needs bake.order={order}"
+                    f"{path} has harmonics up to order {file_order}: model.order={order} needs bake.order={order}"
                 )
         self.names, self.size, self.color = list(figures.names), figures.size, color
         self.figure_of, self.has_view = list(figures.figures), np.array([view is not None for view in figures.views])
@@ -200,8 +209,8 @@ class RelitSet:
     def other_views(self, figures: np.ndarray) -> np.ndarray:
         """Returns the indices of the other views and outfits of `figures`, which are indices of frontal views."""
         chosen = {self.names[figure] for figure in figures}
-        found = [i for i, figure in enumerate(self.figure_of) if figure in chosen and figure != self.names[i]]
-        return np.array(found, np.int64)
+        indices = [i for i, figure in enumerate(self.figure_of) if figure in chosen and figure != self.names[i]]
+        return np.array(indices, np.int64)
 
     def batch(
         self,
@@ -212,8 +221,8 @@ class RelitSet:
         """Relights B pairs.
 
         Args:
-            figure: (B,) int indices.
-            light: (B,) int indices.
+            figure: (B,) int indices of maps.
+            light: (B,) int indices of lights.
             mirror: (B,) bool, which pairs are mirrored left to right: image, maps and light. Their compact maps keep
                 the order of the unmirrored pixels.
         """
@@ -236,9 +245,8 @@ class RelitSet:
             pixel = torch.where(flip, pixel + size - 1 - 2 * (pixel % size), pixel)
             signs = torch.where(flip, self.signs, 1.0)
             transport, lights = transport * signs[:, None, :], lights * signs[..., None]
-            normal = (
-                normal * torch.stack([1 - 2.0 * flip[:, 0], *2 * [torch.ones(len(flip), device=device)]], 1)[:, None]
-            )
+            mirrored_x = torch.tensor([-1.0, 1.0, 1.0], device=device)
+            normal = normal * torch.where(flip, mirrored_x, 1.0)[:, None]
 
         shading = shade(transport, lights)
         relit = albedo * shading
@@ -271,7 +279,7 @@ def neighbours(pixel: np.ndarray, offset: np.ndarray, size: int) -> tuple[np.nda
     Args:
         pixel: flat indices of all masks' pixels, ascending within each figure.
         offset: (figures+1,) where each figure's pixels begin.
-        size: of the images, pixels.
+        size: side of the square images, pixels.
 
     Returns:
         below (pixels,) int32, the index within its figure of the pixel below, or the pixel's own if not interior;
@@ -311,7 +319,7 @@ def draw_pairs(seed: int, step: int, batch: int, figures: int, lights: int, orde
     Each epoch shows every pair exactly once. A batch may span the end of one epoch and the start of the next.
 
     Args:
-        seed: of the training.
+        seed: random seed of the training.
         step: from 0.
         batch: pairs of a step.
         figures: number of figures.

@@ -23,7 +23,7 @@ from torch import Tensor
 from relight.config import Loss
 from relight.errors import UserError
 from relight.extensions import extension
-from relight.learning.camera import shade
+from relight.learning.color import shade
 from relight.learning.data import Batch
 from relight.learning.networks import with_transport
 from relight.sh import order_of
@@ -37,7 +37,7 @@ class Comparison:
     """The inferred maps of a batch beside the true ones, as the terms need them; what several terms need is kept.
 
     Attributes:
-        outputs: of the network, maps (B,C,S,S) and light (B,K,3).
+        outputs: outputs of the network, maps (B,C,S,S) and light (B,K,3).
         batch: the ground truth.
         maps: the inferred maps (B,P,C) inside the masks, with the transport that follows from normals (and AO).
         albedo, transport: two of them.
@@ -87,7 +87,7 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> tuple[Tensor
     losses use the transport that follows from its normals (and AO).
 
     Args:
-        outputs: of the network, maps (B,C,S,S) and light (B,K,3).
+        outputs: outputs of the network, maps (B,C,S,S) and light (B,K,3).
         batch: the ground truth.
         loss: weights and reduction. Losses of weight 0 are skipped. The reduction is the mean over the channels and
             over all pixels, background included (`image`, the authors'), or over those of the masks (`mask`).
@@ -102,9 +102,9 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> tuple[Tensor
     values: dict[str, Tensor] = {}
     weighted: list[Tensor] = []
 
-    def add(found: dict[str, Tensor], weight: float) -> None:
-        values.update(found)
-        weighted.extend(weight * value for value in found.values())
+    def add(terms: dict[str, Tensor], weight: float) -> None:
+        values.update(terms)
+        weighted.extend(weight * value for value in terms.values())
 
     for name, term in TERMS.items():
         if weight := getattr(loss, name):
@@ -117,7 +117,10 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> tuple[Tensor
             add({f"extra_{name}": extension(name, "loss")(outputs, batch)}, weight)
     if not weighted:
         raise UserError("every weight in the group loss is 0: give one, such as loss=full")
-    return sum(weighted[1:], weighted[0]), values
+    total = weighted[0]
+    for term_value in weighted[1:]:
+        total = total + term_value
+    return total, values
 
 
 def transport_losses(c: Comparison) -> dict[str, Tensor]:

@@ -429,7 +429,7 @@ def with_transport(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
 
     Args:
         maps: inferred maps (..., C), channels last.
-        order: of the harmonics.
+        order: largest degree of the spherical harmonics.
 
     Returns:
         The maps with `transport` (..., K): as inferred, or the unoccluded transport of the normals, times `ao` if there
@@ -460,6 +460,6 @@ def build(model: Model, size: int) -> Network:
         raise UserError(
             f"the image size is {size} px: it must be a multiple of {STRIDE}, because the network halves it six times"
         )
-    own = {"unet": UNet, "ours": PaperNetwork, "sfsnet": PaperNetwork, "sfsnet_ao": PaperNetwork}
-    kind: type[Network] = own.get(model.name) or extension(model.name, "network")
+    built_in = {"unet": UNet, "ours": PaperNetwork, "sfsnet": PaperNetwork, "sfsnet_ao": PaperNetwork}
+    kind: type[Network] = built_in.get(model.name) or extension(model.name, "network")
     return kind(model, size).to(memory_format=kind.layout)  # type: ignore[call-overload]  # not in torch's hints

@@ -10,9 +10,9 @@ from torch import Tensor, nn
 from relight.config import Train
 from relight.learning.networks import NORMS
 
+BETA2 = 0.999  # decay of Adam's mean of squared gradients
 # Learning rate of Muon over that of Adam. Muon spreads each step over all directions of a matrix, so it takes steps of
 # a larger RMS than Adam; docs/lab/training.md has the measurement.
-BETA2 = 0.999  # decay of Adam's mean of squared gradients
 MUON_LR = 5.0
 MOMENTUM = 0.95  # decay of Muon's mean of gradients
 RMS = 0.2  # root mean square of Muon's steps over its learning rate, about that of Adam's (Liu et al. 2025)
@@ -102,7 +102,7 @@ def make_optimizers(network: nn.Module, train: Train) -> dict[str, torch.optim.O
     chosen = {id(weight) for weight in muon}
     adam = [p for p in network.parameters() if p.requires_grad and id(p) not in chosen]
     betas = (train.beta1, BETA2)
-    found: dict[str, torch.optim.Optimizer] = {"adam": torch.optim.Adam(adam, train.lr, betas, fused=True)}
+    optimizers: dict[str, torch.optim.Optimizer] = {"adam": torch.optim.Adam(adam, train.lr, betas, fused=True)}
     if muon:
-        found["muon"] = Muon(muon)
-    return found
+        optimizers["muon"] = Muon(muon)
+    return optimizers

@@ -6,7 +6,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from relight.errors import UserError
-from relight.learning.camera import shade
+from relight.learning.color import shade
 from relight.learning.harmonics import mirror_signs
 from relight.learning.networks import Network, with_transport
 
@@ -38,11 +38,11 @@ def predict(network: Network, image: np.ndarray, mask: np.ndarray, mirrored: boo
             f"image {image.shape[1:]} with mask {mask.shape[1:]}: this network takes {network.size}x{network.size} px"
         )
     device = next(network.parameters()).device
-    seen, inside = (torch.from_numpy(x).to(device) for x in (image, mask[..., None]))
+    pictures, inside = (torch.from_numpy(x).to(device) for x in (image, mask[..., None]))
     with torch.inference_mode():
-        maps = _maps(network, seen, inside)
+        maps = _maps(network, pictures, inside)
         if mirrored:
-            other = _unmirrored(_maps(network, seen.flip(2), inside.flip(2)), network.order)
+            other = _unmirrored(_maps(network, pictures.flip(2), inside.flip(2)), network.order)
             maps = {name: (values + other[name]) / 2 for name, values in maps.items()}
             if "normal" in maps:
                 maps["normal"] = F.normalize(maps["normal"], dim=-1)

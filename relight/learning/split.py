@@ -29,7 +29,7 @@ def split_figures(
     The validation gets whole subjects with `subject`, and single figures otherwise; none if only one is left.
 
     Args:
-        names: of all figures.
+        names: names of all figures.
         subjects: the person of each.
         split: settings.
         sitting: names of the seated figures.

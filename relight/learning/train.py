@@ -30,7 +30,7 @@ from relight.errors import UserError
 from relight.files import atomic_write, existing_file, file_hash
 from relight.learning.augment import augment_batch
 from relight.learning.checkpoint import load_network, restore_state, save_network, save_state
-from relight.learning.data import Batch, RelitSet, draw_pairs, generator, read_split
+from relight.learning.data import Batch, RelitSet, choose_device, draw_pairs, generator, read_split
 from relight.learning.losses import losses
 from relight.learning.networks import STRIDE, Network, UNet, build
 from relight.learning.optimizers import make_optimizers
@@ -49,7 +49,7 @@ class Recipe:
     """All settings of a training.
 
     Attributes:
-        model: of the network.
+        model: settings of the network.
         loss: weights and reduction.
         train: steps, optimiser, data and precision.
         augment: strengths of the augmentation.
@@ -225,21 +225,18 @@ def distributed_process(train: Train) -> Iterator[tuple[torch.device, int, int]]
     Raises:
         UserError: if there is no GPU for `train.device=cuda`, or the batch cannot be divided among the processes.
     """
-    if train.device == "cuda" and not torch.cuda.is_available():
-        raise UserError("train.device=cuda, but torch finds no GPU: give train.device=cpu or auto")
-    kind = "cuda" if train.device != "cpu" and torch.cuda.is_available() else "cpu"
-    world = int(os.environ.get("WORLD_SIZE", 1))
+    device, world = choose_device(train.device), int(os.environ.get("WORLD_SIZE", 1))
     if world == 1:
-        yield torch.device(kind), 0, 1
+        yield device, 0, 1
         return
     if train.batch % world:
         raise UserError(
             f"train.batch={train.batch} is not divisible by the {world} processes: give a multiple of {world}"
         )
-    device = torch.device(kind, int(os.environ["LOCAL_RANK"])) if kind == "cuda" else torch.device("cpu")
-    if kind == "cuda":
+    if device.type == "cuda":
+        device = torch.device("cuda", int(os.environ["LOCAL_RANK"]))
         torch.cuda.set_device(device)
-    distributed.init_process_group("nccl" if kind == "cuda" else "gloo")
+    distributed.init_process_group("nccl" if device.type == "cuda" else "gloo")
     try:
         yield device, distributed.get_rank(), world
     finally:

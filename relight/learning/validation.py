@@ -13,11 +13,12 @@ from torch import Tensor, nn
 
 from relight.config import NO_AUGMENTATION, Loss
 from relight.learning.augment import augment_batch
-from relight.learning.camera import encode, shade
+from relight.learning.color import encode, shade
 from relight.learning.data import RelitSet, extent, read_split
 from relight.learning.losses import losses
 from relight.learning.networks import with_transport
 from relight.sh import order_of
+from relight.srgb import to_bytes
 
 MAX_PAIRS = 8
 MAX_DRAWN = 4  # pairs in the picture
@@ -63,9 +64,8 @@ class Validation:
             for part, mode in modes:
                 part.training = mode
         total, terms = losses(outputs, self.batch, self.loss)
-        return {name: float(value) for name, value in {"loss": total, **terms}.items()}, self.picture(
-            outputs
-        ) if drawn else None
+        values = {name: float(value) for name, value in {"loss": total, **terms}.items()}
+        return values, self.picture(outputs) if drawn else None
 
     def picture(self, outputs: dict[str, Tensor]) -> np.ndarray:
         """Draws two rows for each of the first pairs, ground truth above prediction, with the pairs in two columns.
@@ -73,13 +73,11 @@ class Validation:
         The cells are the image (albedo * shading), albedo, shading, lit ball, and the figure under the light of
         the next pair.
         """
-        from relight.lights import lit_ball
-
         batch = self.batch
         order = order_of(batch.light.shape[1])
         maps = with_transport({name: batch.gather(dense) for name, dense in outputs.items() if name != "light"}, order)
-        white = batch.shading.flatten(1).amax(1).clamp_min(1.0)
-        rows = []
+        white = batch.shading.flatten(1).amax(1).clamp_min(1.0)  # shading that is drawn as white, of each pair
+        rows = []  # of cells (B,h,w,3) and lights (B,K,3): the truth, then what is inferred
         for albedo, transport, light, shading in (
             (batch.albedo, batch.transport, batch.light, batch.shading),
             (maps["albedo"], maps["transport"], outputs["light"].float(), None),
@@ -88,24 +86,17 @@ class Validation:
             relit = albedo * shade(transport, batch.light.roll(-1, 0))
             cells = [albedo * shading, albedo, shading / white[:, None, None], relit]
             rows.append((self._cells([cell * batch.inside for cell in cells]), light.cpu().numpy()))
-        height, width = rows[0][0][0].shape[1:3]
         blocks = []
         for pair in range(min(self.pairs, MAX_DRAWN)):
             lines = []
-            for (*panels, last), coefficients in rows:
-                lit = lit_ball(coefficients[pair], min(height, width))
-                cell = np.full((height, width, 3), BACKGROUND, np.float32)
-                top, left = (height - len(lit)) // 2, (width - len(lit)) // 2
-                inside = cell[top : top + len(lit), left : left + len(lit)]
-                inside[:] = lit[..., :3] * lit[..., 3:] + inside * (1 - lit[..., 3:])
+            for (*panels, last), lights in rows:
+                cell = ball_cell(lights[pair], last.shape[1:3])
                 lines.append([*(panel[pair] for panel in panels), cell, last[pair]])
             blocks.append(concatenated([concatenated(line, 1) for line in lines], 0))
         if len(blocks) > 1 and len(blocks) % 2:
             blocks.append(np.full_like(blocks[0], BACKGROUND))
-        sheet = concatenated(
-            [concatenated(blocks[i : i + 2], 1, 4 * GAP) for i in range(0, len(blocks), 2)], 0, 4 * GAP
-        )
-        return np.round(np.clip(sheet, 0, 1) * 255).astype(np.uint8)
+        pairs_of_blocks = [concatenated(blocks[i : i + 2], 1, 4 * GAP) for i in range(0, len(blocks), 2)]
+        return to_bytes(concatenated(pairs_of_blocks, 0, 4 * GAP))
 
     def _cells(self, compact: list[Tensor]) -> list[np.ndarray]:
         """Returns compact maps (B,P,3) as cropped pictures (B,h,w,3) for display, at most MAX_HEIGHT high."""
@@ -121,6 +112,19 @@ class Validation:
             cell = F.avg_pool2d(cell, shrink) if shrink > 1 else cell
             pictures.append(cell.permute(0, 2, 3, 1).cpu().numpy())
         return pictures
+
+
+def ball_cell(light: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Returns a cell of a shape (h,w) with a ball under a light (K,3) in its middle, (h,w,3) float32."""
+    from relight.lights import lit_ball
+
+    height, width = shape
+    ball = lit_ball(light, min(height, width))
+    cell = np.full((height, width, 3), BACKGROUND, np.float32)
+    top, left = (height - len(ball)) // 2, (width - len(ball)) // 2
+    middle = cell[top : top + len(ball), left : left + len(ball)]
+    middle[:] = ball[..., :3] * ball[..., 3:] + middle * (1 - ball[..., 3:])
+    return cell
 
 
 def concatenated(parts: list[np.ndarray], axis: int, gap: int = GAP) -> np.ndarray:

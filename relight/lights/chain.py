@@ -50,7 +50,7 @@ def build_light_set(
     Args:
         panoramas: which panoramas are generated or read.
         lights: how lights are selected.
-        order: of the spherical harmonics.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
         progress: whether the remaining time is shown.
 
     Returns:
@@ -127,13 +127,11 @@ def project_panoramas(
         UserError: if the settings name no panorama or none can be read.
     """
     if panoramas.source == "generated":
-        sources = [f"room:{panoramas.seed + i}" for i in range(panoramas.count)]
-        sources += [f"sky:{panoramas.seed + i}" for i in range(panoramas.skies)]
+        sources = [f"room:{seed}" for seed in range(panoramas.count)]
+        sources += [f"sky:{seed}" for seed in range(panoramas.skies)]
         if not sources:
             raise UserError("panoramas.count and panoramas.skies are 0: at least one panorama is needed")
-        light_of: Callable[[str], Projected] = partial(
-            generated_light, order=order, yaw=panoramas.yaw, flip=panoramas.flip
-        )
+        light_of: Callable[[str], Projected] = partial(generated_light, order=order, flip=panoramas.flip)
     else:
         folder = Path(panoramas.folder or "")
         sources = list_panoramas(folder)
@@ -156,20 +154,19 @@ def project_panoramas(
     return list(projected), np.stack(list(projected.values())), unreadable, repaired
 
 
-def generated_light(source: str, order: int, yaw: float = 0.0, flip: bool = False) -> np.ndarray:
+def generated_light(source: str, order: int, flip: bool = False) -> np.ndarray:
     """Generates a panorama and projects it.
 
     Args:
         source: such as "room:12", "sky:3" or "lamps:5".
-        order: of the spherical harmonics.
-        yaw: degrees by which the light is rotated about the vertical, from +z toward +x.
-        flip: whether left and right are mirrored first.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
+        flip: whether left and right are mirrored.
 
     Returns:
         The light (K,3).
     """
     kind, seed = source.split(":")
-    return orient(project(Panorama(GENERATORS[kind](int(seed)), source=source), order), yaw, flip)
+    return orient(project(Panorama(GENERATORS[kind](int(seed)), source=source), order), 0.0, flip)
 
 
 def file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarray, list[str]] | str:
@@ -192,7 +189,7 @@ def read_from_folder(source: str, panoramas: Panoramas, yaw: float = 0.0) -> Pan
     Args:
         source: path of the file within `panoramas.folder`.
         panoramas: layout, orientation and repair.
-        yaw: degrees of rotation in addition to `panoramas.yaw`.
+        yaw: degrees of rotation about the vertical, from +z toward +x.
 
     Raises:
         UserError: as `read_panorama`.
@@ -202,7 +199,7 @@ def read_from_folder(source: str, panoramas: Panoramas, yaw: float = 0.0) -> Pan
     return read_panorama(
         path,
         layout=panoramas.layout,
-        yaw=panoramas.yaw + yaw,
+        yaw=yaw,
         flip=panoramas.flip,
         repair=panoramas.repair,
         upside_down=panoramas.upside_down,

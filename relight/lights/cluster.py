@@ -31,7 +31,7 @@ def medoids(lights: np.ndarray, sources: np.ndarray, clusters: int, seed: int) -
         lights: (N,K,3).
         sources: (N,) the panorama of each light.
         clusters: the largest number of medoids.
-        seed: of k-means.
+        seed: random seed of k-means.
 
     Returns:
         Indices (M,) of the medoids, ascending, and the cluster (M,) of each, with M <= `clusters`.
@@ -99,9 +99,7 @@ def choose_test_lights(lights: np.ndarray, sources: np.ndarray, settings: Lights
     if settings.split == "random" or len(np.unique(sources)) == 1:
         test[np.random.default_rng(settings.seed).permutation(n)[:test_count]] = True
         return test
-    ordered = sources[farthest_first(irradiance_features(lights))]
-    _, first = np.unique(ordered, return_index=True)
-    panoramas = ordered[np.sort(first)]
+    panoramas = list(dict.fromkeys(sources[farthest_first(irradiance_features(lights))].tolist()))
     stride = len(panoramas) / test_count
     # Every `stride`-th panorama, then the others, until there are enough lights; one panorama is left for training.
     positions = [int((i + 0.5) * stride) for i in range(test_count) if (i + 0.5) * stride < len(panoramas)]

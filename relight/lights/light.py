@@ -14,6 +14,7 @@ from relight.panoramas import Panorama
 from relight.sh import UNOCCLUDED_T00, coefficient_count, from_relight, order_of
 
 MIN_EIGENVALUE = -1e-3  # moment eigenvalue of a valid light; below 0, as coefficients in files are rounded
+MIN_FRONT = 0.25  # reference brightness over the mean irradiance, below which the front of a light is dark
 FRAME = "x right, y up, z toward the camera, unless the convention says otherwise"
 
 
@@ -51,9 +52,10 @@ class Light:
         return order_of(len(self.coefficients))
 
     def normalised(self, target: float = 0.8) -> "Light":
-        """Scales the light to the reference brightness `target`, the irradiance E(0,0,1) of the brightest channel.
+        """Returns the light scaled to the reference brightness `target`: E(0,0,1) of the brightest channel.
 
-        A light with a dark front is scaled by its mean irradiance instead, to limit the brightness of the other sides.
+        A light with a dark front is scaled so that MIN_FRONT of its mean irradiance has this brightness, which limits
+        that of the other sides.
 
         Raises:
             UserError: if the mean radiance is not positive.
@@ -62,7 +64,7 @@ class Light:
         mean = float(self.coefficients[0].max()) * UNOCCLUDED_T00  # irradiance, over all normals
         if mean <= 0:
             raise UserError(f"{self.source} is black: the mean radiance of a light must be positive")
-        scale = target / max(brightness, 0.25 * mean)
+        scale = target / max(brightness, MIN_FRONT * mean)
         return replace(self, coefficients=self.coefficients * scale)
 
     def at_order(self, order: int) -> "Light":
@@ -89,7 +91,7 @@ def direction(azimuth: float, elevation: float, name: str) -> np.ndarray:
     Args:
         azimuth: degrees from the camera toward +x.
         elevation: degrees above the horizon.
-        name: of the light in errors.
+        name: name of the light in errors.
 
     Raises:
         UserError: if an angle is out of range.
@@ -109,7 +111,7 @@ def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
         light: to write.
         path: .json (coefficients, convention, frame and source) or .npy ((K,3) float64). Since .npy cannot store the
             convention, it becomes part of the name: kitchen.npy is written as kitchen.relight.npy.
-        convention: of the coefficients in the file (relight.sh.conventions).
+        convention: convention of the coefficients in the file (relight.sh.conventions).
 
     Returns:
         The path of the file.

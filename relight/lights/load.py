@@ -71,8 +71,8 @@ def load_light(
 
     Args:
         text: as above.
-        order: of the spherical harmonics.
-        layout: of a panorama's file (`read_panorama`).
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
+        layout: layout of a panorama's file (`read_panorama`).
         yaw: degrees of rotation about the vertical, from +z toward +x.
         flip: mirrors left and right, before the rotation.
         exposure: factor on the radiance.
@@ -107,8 +107,8 @@ def load_light(
     elif (match := IN_SET.fullmatch(text)) and not Path(text).exists():
         light = read_row(match[1], int(match[2]))
     elif ":" in text and (name := text.partition(":")[0]) in (*extensions.OWN, *extensions.names()):
-        found = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
-        light = found if isinstance(found, Light) else Light(as_table(found, text), text)
+        answer = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
+        light = answer if isinstance(answer, Light) else Light(as_table(answer, text), text)
     elif text.startswith(("room:", "sky:", "lamps:", "key:")):
         raise UserError(
             f"{text} is malformed: a generated light is named like room:7, sky:3, lamps:5 or key:#ffeedd@45,30"
@@ -179,7 +179,7 @@ def key_light(color: str, azimuth: float, elevation: float, fill: float, order: 
         azimuth: degrees from the camera toward +x.
         elevation: degrees above the horizon, -90 to 90.
         fill: irradiance of the fill over that of the lamp.
-        order: of the spherical harmonics.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
 
     Raises:
         UserError: if a number is out of range.
@@ -207,7 +207,7 @@ def read_coefficients(path: Path, convention: str | None) -> Light:
 
     Args:
         path: .npy, .json, .txt or .csv.
-        convention: of the coefficients; None for that of the JSON, else of the file's name, else relight's.
+        convention: convention of the coefficients; None for that of the JSON, else of the file's name, else relight's.
 
     Raises:
         UserError: if the file is too large or not a table of coefficients.

@@ -65,10 +65,11 @@ def place_light(codes: np.ndarray, toward: np.ndarray | None = None) -> np.ndarr
     known = place_statistics()
     picture = thumbnail(codes)
     if toward is None:
-        shape = np.tensordot(np.append(1, np.clip(features(picture), known.least, known.most)), known.light, 1)
+        weights = np.append(1, np.clip(features(picture), known.least, known.most))  # (7,): of the mean and the changes
+        grey_light = np.tensordot(weights, known.light, 1)
     else:
-        shape = (lamp_parts(toward) @ known.lamp)[:, None]
-    light = shape * tint(picture)
+        grey_light = (lamp_parts(toward) @ known.lamp)[:, None]
+    light = grey_light * tint(picture)
     norm = float(np.linalg.norm(light * IRRADIANCE))
     return light * (known.level * max(float(luminance(picture).mean()), FLOOR) / norm)
 

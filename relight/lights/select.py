@@ -24,9 +24,13 @@ from relight.text import read_text
 
 log = logging.getLogger(__name__)
 
+MIN_BRIGHTNESS = 0.2  # reference brightness of a panorama, in its own units, below which it is dark (the paper's)
+BRIGHTNESS = (0.7, 0.9)  # range of the reference brightness to which lights are scaled (the paper's)
+ROTATIONS = 36  # headings of each panorama, every 10 degrees (the paper's)
 MAX_UNUSUAL = 80  # clusters of unusual lights
 MIN_FRONT = 1e-4  # reference brightness over the mean; a darker front cannot be scaled to a target
 MIN_DIRECTIVITY = 0.35  # |L1| / L00; above it, a light has a main direction, which the rules test
+MORE_THAN_ALL_RULES = 10  # rules that a light of scale 0 counts as breaking
 BATCH = 4096  # lights that are measured at a time
 
 
@@ -68,7 +72,7 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     Args:
         coefficients: (N,K,3) radiance, in the panoramas' own units.
         sources: N names of the panoramas.
-        settings: of all steps; must have passed relight.config.check.
+        settings: settings of all steps; must have passed relight.config.check.
 
     Returns:
         The light set, and a record of plain values: `steps` with the numbers of lights before and after each step and
@@ -80,8 +84,8 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     if len(coefficients) != len(sources) or not sources:
         raise UserError(f"lights: {len(coefficients)} lights of {len(sources)} panoramas; at least one is needed")
     record: dict[str, Any] = {"order": settings.order, "steps": [], "warnings": [], "unlit": {}}
-    kept = above_threshold(coefficients, settings.threshold, record)
-    copies = rotated_copies(coefficients[kept], np.asarray(sources)[kept], settings)
+    kept = above_threshold(coefficients, record)
+    copies = rotated_copies(coefficients[kept], np.asarray(sources)[kept], settings.seed)
     record_step(record, "rotate and scale", len(kept), len(copies), {})
     copies = without_vetoed(copies, settings.veto, record)
     if settings.order == "paper":
@@ -125,18 +129,18 @@ def record_step(record: dict[str, Any], step: str, before: int, after: int, reas
     record["steps"].append({"step": step, "in": before, "out": after, "why": reasons})
 
 
-def above_threshold(coefficients: np.ndarray, threshold: float, record: dict[str, Any]) -> np.ndarray:
-    """Returns indices of the lights (N,K,3) whose reference brightness reaches `threshold`.
+def above_threshold(coefficients: np.ndarray, record: dict[str, Any]) -> np.ndarray:
+    """Returns indices of the lights (N,K,3) whose reference brightness reaches MIN_BRIGHTNESS.
 
     The threshold is in the files' units and assumes one exposure for all panoramas. If it would remove more than half
     of them, they must be in other units: all are kept, with a warning.
     """
     brightness = reference_brightness(coefficients)
-    bright = brightness >= threshold
+    bright = brightness >= MIN_BRIGHTNESS
     if bright.sum() * 2 < len(bright):
         record["warnings"].append(
-            f"lights.threshold={threshold:g} would drop {int((~bright).sum())} of {len(bright)} panoramas (median "
-            f"reference brightness {np.median(brightness):.3g}): they are in other units, so none was dropped"
+            f"a least reference brightness of {MIN_BRIGHTNESS:g} would drop {int((~bright).sum())} of {len(bright)} "
+            f"panoramas (median {np.median(brightness):.3g}): they are in other units, so none was dropped"
         )
         bright[:] = True
     reasons = {"dark": int((~bright).sum())} if not bright.all() else {}
@@ -144,7 +148,7 @@ def above_threshold(coefficients: np.ndarray, threshold: float, record: dict[str
     return np.flatnonzero(bright)
 
 
-def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, settings: Lights) -> LightSet:
+def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, seed: int) -> LightSet:
     """Rotates every light about the vertical in equal steps and scales each copy to a random reference brightness.
 
     The reference brightness is uniform in its range, with a seed that depends only on the panorama's index and on
@@ -153,29 +157,28 @@ def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, settings: Ligh
     Args:
         coefficients: (N,K,3) of the panoramas.
         sources: (N,) their names.
-        settings: rotations, brightness and seed.
+        seed: random seed of the brightness.
 
     Returns:
-        N * rotations lights, all in the training split.
+        N * ROTATIONS lights, all in the training split.
     """
-    n, steps = len(coefficients), settings.rotations
+    n, steps = len(coefficients), ROTATIONS
     order = order_of(coefficients.shape[1])
     yaw = np.arange(steps) * 360 / steps
     rotations = np.stack([rotation_matrix(rotation_about_y(angle), order) for angle in np.radians(yaw)])
     rotated = np.einsum("rjk,nkc->nrjc", rotations, coefficients).reshape(n * steps, -1, 3)
-    seed = settings.seed * 1_000_003 + np.arange(n * steps)
-    low, high = settings.brightness
-    target = np.array([np.random.default_rng(s).uniform(low, high) for s in seed])
+    seeds = seed * 1_000_003 + np.arange(n * steps)
+    target = np.array([np.random.default_rng(copy_seed).uniform(*BRIGHTNESS) for copy_seed in seeds])
     brightness = reference_brightness(rotated)
     constant = rotated[:, 0].max(-1)  # the first coefficient, of the brightest channel
-    lit = brightness > MIN_FRONT * constant
-    scale = np.where(lit, target / np.where(lit, brightness, 1), 0.0)
+    has_front_light = brightness > MIN_FRONT * constant
+    scale = np.where(has_front_light, target / np.where(has_front_light, brightness, 1), 0.0)
     return LightSet(
         coefficients=(rotated * scale[:, None, None]).astype(np.float32),
         split=np.full(n * steps, "train", dtype="<U10"),
         source=np.repeat(np.asarray(sources, dtype=str), steps),
         yaw=np.tile(yaw, n),
-        seed=seed,
+        seed=seeds,
         scale=scale,
         cluster=np.full(n * steps, -1),
         reason=np.full(n * steps, "", dtype="<U64"),
@@ -280,8 +283,8 @@ def split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -
     """
     broken = broken_rules(copies.coefficients, RULES[settings.rules])
     broken = {"dark": copies.scale == 0, **{name: rule & (copies.scale > 0) for name, rule in broken.items()}}
-    broken_count = np.sum(list(broken.values()), axis=0) + 10 * broken["dark"]
-    if broken_count.min() >= 10:
+    broken_count = np.sum(list(broken.values()), axis=0) + MORE_THAN_ALL_RULES * broken["dark"]
+    if broken_count.min() >= MORE_THAN_ALL_RULES:
         raise UserError("lights: no copy of any panorama has light on its front; add other panoramas")
     usual = broken_count == broken_count.min()
     if broken_count.min():
@@ -300,10 +303,10 @@ def unlit_panoramas(sources: list[str], copies: LightSet, usual: LightSet) -> di
     left = set(sources) - set(usual.source.tolist())
     reasons = {}
     for source in filter(left.__contains__, sources):
-        own = copies.reason[copies.source == source].tolist()
-        broken = Counter(word for reason in own for word in reason.split(" ") if word)
-        reasons[source] = ", ".join(f"{word} at {n} of {len(own)} headings" for word, n in broken.most_common())
-    return {source: words or "below lights.threshold, or vetoed" for source, words in reasons.items()}
+        by_heading = copies.reason[copies.source == source].tolist()
+        broken = Counter(rule for reason in by_heading for rule in reason.split(" ") if rule)
+        reasons[source] = ", ".join(f"{rule} at {n} of {len(by_heading)} headings" for rule, n in broken.most_common())
+    return {source: words or "too dark, or vetoed" for source, words in reasons.items()}
 
 
 def darkened(lights: LightSet, limit: float) -> LightSet:
@@ -325,20 +328,20 @@ def cluster(lights: LightSet, clusters: int, seed: int, record: dict[str, Any] |
     Args:
         lights: to cluster.
         clusters: their largest number.
-        seed: of k-means.
+        seed: random seed of k-means.
         record: gets the step, and a warning if there are fewer clusters; None for neither.
     """
     chosen, label = medoids(lights.coefficients, lights.source, clusters, seed)
-    found = lights.rows(chosen)
-    found.cluster[:] = label
+    selected = lights.rows(chosen)
+    selected.cluster[:] = label
     if record is not None:
-        record_step(record, "cluster", len(lights), len(found), {})
-        if len(found) < clusters:
+        record_step(record, "cluster", len(lights), len(selected), {})
+        if len(selected) < clusters:
             record["warnings"].append(
-                f"lights.clusters: {clusters} were asked for and {len(found)} found among {len(lights)} lights of "
+                f"lights.clusters: {clusters} were asked for and {len(selected)} found among {len(lights)} lights of "
                 f"{len(set(lights.source.tolist()))} panoramas"
             )
-    return found
+    return selected
 
 
 def split_unusual(unusual: LightSet, usual: LightSet) -> np.ndarray:
@@ -373,9 +376,9 @@ def extra_test_lights(candidates: LightSet, lights: LightSet, settings: Lights) 
     """
     used = np.isin(candidates.source, lights.source[np.isin(lights.split, ("train", "test", "rich"))])
     free = candidates.rows(~used)
-    found = cluster(free, settings.extra_test, settings.seed) if len(free) else free
-    found.split[:] = "test"
-    return found
+    extra = cluster(free, settings.extra_test, settings.seed) if len(free) else free
+    extra.split[:] = "test"
+    return extra
 
 
 def split_warnings(lights: LightSet, settings: Lights) -> list[str]:

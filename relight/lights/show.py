@@ -1,5 +1,6 @@
 """Draws lights: ball, diffuse panorama and statistics of one light; contact sheets of light sets."""
 
+import math
 import textwrap
 from functools import lru_cache
 from pathlib import Path
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
 ALBEDO = 0.5  # of the balls, so that lights above the reference brightness are not clipped
 TEXT, MUTED_TEXT, WHITE, ACCENT, DARK = "#1c1f24", "#7a808a", "#ffffff", "#c2410c", "#15171b"
 MAX_UNUSUAL = 20  # on a contact sheet
+COLUMNS = 10  # of a contact sheet
+CELL = 1.22  # inches of the side of its cells
+ROW = 1.28 * CELL  # inches from row to row
+HEAD = 0.42  # inches of the title of a part
 SAMPLES = 2  # of a ball, per pixel in each direction
 
 
@@ -31,7 +36,7 @@ def lit_ball(coefficients: np.ndarray, size: int, white: float = 1 / ALBEDO, lin
 
     Args:
         coefficients: (K,3) of the light.
-        size: of the picture in pixels.
+        size: side of the square picture, pixels.
         white: the irradiance that is shown as 1.
         linear: whether the light is linear and the result is sRGB-encoded; otherwise, the codes are the light's.
 
@@ -52,8 +57,8 @@ def unoccluded_ball(size: int, order: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns the disc and the transport of a unit ball seen from the front.
 
     Args:
-        size: of the picture in pixels.
-        order: of the spherical harmonics.
+        size: side of the square picture, pixels.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
 
     Returns:
         The disc, (size,size) bool, and the unoccluded transport (P,K) of its pixels in raster order.
@@ -70,13 +75,13 @@ def diffuse_panorama(coefficients: np.ndarray, height: int) -> np.ndarray:
 
     Args:
         coefficients: (K,3) of the light.
-        height: of the panorama in pixels.
+        height: height of the panorama in pixels.
 
     Returns:
         (height, 2 height,3) linear, lat-long with -z at the centre.
     """
-    lit = irradiance(coefficients, latlong_directions(height, 2 * height).reshape(-1, 3))
-    return np.maximum(lit, 0).reshape(height, 2 * height, 3) / np.pi
+    values = irradiance(coefficients, latlong_directions(height, 2 * height).reshape(-1, 3))
+    return np.maximum(values, 0).reshape(height, 2 * height, 3) / np.pi
 
 
 def write_light_picture(light: Light, path: Path | str) -> None:
@@ -124,7 +129,7 @@ def label_directions(axes: "Axes", shape: tuple[int, ...]) -> None:
 
     Args:
         axes: that show the picture.
-        shape: of the picture.
+        shape: (height, width, channels) of the picture.
     """
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
@@ -209,58 +214,53 @@ def write_contact_sheet(lights: LightSet, path: Path | str) -> None:
         (f"Unusual lights, left out: {len(picked)} of the {len(unusual)} kept", unusual.rows(picked), MUTED_TEXT),
     ]
     parts = [part for part in parts if len(part[1])]
-    columns, cell, head = 10, 1.22, 0.42
-    rows = [-(-len(part) // columns) for _, part, _ in parts]
-    width, height = columns * cell + 0.4, sum(rows) * cell * 1.28 + head * len(parts) + 0.25
+    rows = [math.ceil(len(part) / COLUMNS) for _, part, _ in parts]
+    width, height = COLUMNS * CELL + 0.4, sum(rows) * ROW + HEAD * len(parts) + 0.25
     figure = Figure(figsize=(width, height), dpi=120, facecolor=WHITE)
     top = height - 0.12
-    for (title, part, color), count in zip(parts, rows):
-        level = (top - 0.2) / height
-        figure.text(0.25 / width, level, title, color=color, fontsize=11, weight="bold", va="center")
-        top -= head
+    for (title, part, color), row_count in zip(parts, rows):
+        figure.text(0.25 / width, (top - 0.2) / height, title, color=color, fontsize=11, weight="bold", va="center")
+        top -= HEAD
         for i in range(len(part)):
-            x, y = 0.2 + (i % columns) * cell, top - (i // columns + 1) * cell * 1.28
-            draw_cell(figure, part.rows(np.array([i])), x, y, cell, width, height)
-        top -= count * cell * 1.28
+            row, column = divmod(i, COLUMNS)
+            draw_cell(figure, part.rows(np.array([i])), 0.2 + column * CELL, top - (row + 1) * ROW, width, height)
+        top -= row_count * ROW
     with atomic_write(path) as temporary:
         figure.savefig(temporary, format="png")
 
 
-def draw_cell(figure: "Figure", light: LightSet, x: float, y: float, cell: float, width: float, height: float) -> None:
-    """Draws one light of a contact sheet.
+def draw_cell(figure: "Figure", light: LightSet, x: float, y: float, width: float, height: float) -> None:
+    """Draws one light of a contact sheet: ball and horizon on a dark ground, its source and heading, and the reason.
 
     Args:
         figure: the contact sheet.
         light: a light set of one row.
         x, y: lower left corner of the cell, inches.
-        cell: side of the cell, inches.
         width, height: of the figure, inches.
     """
+
+    def add_axes(left: float, bottom: float, box_width: float, box_height: float) -> "Axes":
+        """Adds axes at a box in the cell, inches."""
+        box = ((x + left) / width, (y + bottom) / height, box_width / width, box_height / height)
+        return figure.add_axes(box)
+
+    def add_text(bottom: float, words: str, size: float, color: str) -> None:
+        place = (x + CELL / 2) / width, (y + bottom) / height
+        figure.text(*place, words, fontsize=size, color=color, ha="center", va="center")
+
     coefficients = light.coefficients[0]
-    background = figure.add_axes(
-        ((x + 0.05) / width, (y + 0.30) / height, (cell - 0.1) / width, (cell - 0.02) / height)
-    )
+    background = add_axes(0.05, 0.30, CELL - 0.1, CELL - 0.02)
     background.set(xticks=[], yticks=[], facecolor=DARK)
     background.spines[:].set_visible(False)
-    axes = figure.add_axes(((x + 0.11) / width, (y + 0.44) / height, (cell - 0.22) / width, (cell - 0.22) / height))
+    axes = add_axes(0.11, 0.44, CELL - 0.22, CELL - 0.22)
     axes.imshow(lit_ball(coefficients, 120), interpolation="bilinear")
     axes.axis("off")
-    band = figure.add_axes(((x + 0.11) / width, (y + 0.34) / height, (cell - 0.22) / width, 0.06 / height))
-    strip = diffuse_panorama(coefficients, 24)[11:13].mean(0, keepdims=True)
-    band.imshow(encode(strip * np.pi * ALBEDO), aspect="auto", interpolation="bilinear")
+    band = add_axes(0.11, 0.34, CELL - 0.22, 0.06)
+    horizon = diffuse_panorama(coefficients, 24)[11:13].mean(0, keepdims=True)  # the two rows in the middle
+    band.imshow(encode(horizon * np.pi * ALBEDO), aspect="auto", interpolation="bilinear")
     band.axis("off")
     source = light.source[0].rsplit("/", 1)[-1]
     name = source if len(source) <= 16 else source[:7] + "…" + source[-8:]
-    centre = (x + cell / 2) / width
-    label = f"{name}  {light.yaw[0]:.0f}°"
-    figure.text(centre, (y + 0.215) / height, label, fontsize=6.2, color=TEXT, ha="center", va="center")
+    add_text(0.215, f"{name}  {light.yaw[0]:.0f}°", 6.2, TEXT)
     detail = light.reason[0].replace(" ", ", ") or f"E {reference_brightness(coefficients):.2f}"
-    figure.text(
-        centre,
-        (y + 0.10) / height,
-        detail if len(detail) <= 24 else detail[:23] + "…",
-        fontsize=5.6,
-        color=MUTED_TEXT,
-        ha="center",
-        va="center",
-    )
+    add_text(0.10, detail if len(detail) <= 24 else detail[:23] + "…", 5.6, MUTED_TEXT)

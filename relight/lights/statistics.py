@@ -7,6 +7,10 @@ from relight.sh import order_of, sphere_spiral, unoccluded
 
 FRONT = np.array([0.0, 0.0, 1.0])
 NORMAL_COUNT = 1000  # on which the irradiance is sampled
+# Factors of 1, of x, y and z, of xy, yz and xz, of 3z^2-1, and of x^2-y^2 in the spherical harmonics.
+Y_0, Y_1, Y_XY = 0.28209479177387814, 0.4886025119029199, 1.0925484305920792
+Y_ZZ, Y_XX = 0.31539156525252005, 0.5462742152960396
+BEARINGS = 72  # of upright surfaces
 MAX_BELOW = 1.1  # irradiance from below over that from above; lights beyond it get a note
 
 
@@ -29,17 +33,18 @@ def moment_eigenvalue(lights: np.ndarray) -> np.ndarray:
         (...,) float64; -1 for a light that is black.
     """
     c = np.moveaxis(np.asarray(lights, np.float64), -1, -2)  # (..., 3, K)
-    m0 = c[..., 0] / 0.28209479177387814
+    # Moments are integrals of radiance times 1, x, x y ...: coefficients over the factors of these in the harmonics.
+    m0 = c[..., 0] / Y_0
     positive = np.where(m0 > 0, m0, np.inf)
     if c.shape[-1] == 1:
         return np.sign(m0).min(-1)
-    m = c[..., [3, 1, 2]] / 0.4886025119029199
+    m = c[..., [3, 1, 2]] / Y_1
     if c.shape[-1] == 4:
         return (1 - np.linalg.norm(m, axis=-1) / positive).min(-1)
-    xy, yz, xz = (c[..., k] / 1.0925484305920792 for k in (4, 5, 7))
-    zz = (c[..., 6] / 0.31539156525252005 + m0) / 3
-    difference = c[..., 8] / 0.5462742152960396
-    xx, yy = ((m0 - zz) + difference) / 2, ((m0 - zz) - difference) / 2
+    xy, yz, xz = (c[..., k] / Y_XY for k in (4, 5, 7))
+    zz = (c[..., 6] / Y_ZZ + m0) / 3
+    xx_minus_yy = c[..., 8] / Y_XX
+    xx, yy = ((m0 - zz) + xx_minus_yy) / 2, ((m0 - zz) - xx_minus_yy) / 2  # xx + yy + zz = m0
     x, y, z = m[..., 0], m[..., 1], m[..., 2]
     matrix = np.stack([m0, x, y, z, x, xx, xy, xz, y, xy, yy, yz, z, xz, yz, zz], -1).reshape(*m0.shape, 4, 4)
     smallest = np.linalg.eigvalsh(matrix)[..., 0]
@@ -67,23 +72,23 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
         up, down: irradiance of the normals (0,1,0) and (0,-1,0), over the mean
         side_least, side_most: of upright surfaces (normals with y = 0), over the mean
         first, second: |L1| / L00 and |L2| / L00, norms of bands 1 and 2
-        elevation: of the main direction, degrees above the horizon
-        azimuth: of the main direction, degrees from the camera toward +x
+        elevation: elevation of the main direction, degrees above the horizon
+        azimuth: azimuth of the main direction, degrees from the camera toward +x
         toward: cosine between the main direction and the direction to the camera
         red, blue: ln(R/G) and ln(B/G) of the mean radiance
         moment: `moment_eigenvalue`; no physically possible light has a negative one
     """
     lights = np.asarray(lights, np.float64)
     order = order_of(lights.shape[-2])
-    n = sphere_spiral(NORMAL_COUNT)
-    transport = unoccluded(n, order)
+    normals = sphere_spiral(NORMAL_COUNT)
+    transport = unoccluded(normals, order)
     luminances = luminance(lights)
     irradiances = luminances @ transport.T
-    faces_camera = n[:, 2] > 0
+    faces_camera = normals[:, 2] > 0
     mean = luminances[:, 0] * unoccluded(FRONT, 0)[0]
     positive_mean = np.where(mean > 0, mean, np.inf)
-    circle = np.linspace(0, 2 * np.pi, 72, endpoint=False)
-    horizontal = np.stack([np.sin(circle), np.zeros(72), np.cos(circle)], -1)
+    circle = np.linspace(0, 2 * np.pi, BEARINGS, endpoint=False)
+    horizontal = np.stack([np.sin(circle), np.zeros(BEARINGS), np.cos(circle)], -1)
     side = luminances @ unoccluded(horizontal, order).T
     up, down, front = (luminances @ unoccluded(np.array(d, float), order) for d in ((0, 1, 0), (0, -1, 0), (0, 0, 1)))
     positive_l00 = np.where(luminances[:, 0] > 0, luminances[:, 0], np.inf)

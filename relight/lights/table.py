@@ -87,9 +87,9 @@ def write_light_set(lights: LightSet, path: Path | str) -> None:
         writer = csv.writer(file)
         writer.writerow([*plain, "reference", "convention", *names])
         for i in range(len(lights)):
-            own = [getattr(lights, name)[i] for name in plain]
+            columns = [getattr(lights, name)[i] for name in plain]
             numbers = [f"{value:.7g}" for value in lights.coefficients[i].ravel()]
-            writer.writerow([*own, f"{reference[i]:.4f}", CONVENTION, *numbers])
+            writer.writerow([*columns, f"{reference[i]:.4f}", CONVENTION, *numbers])
 
 
 def read_light_set(path: Path | str) -> LightSet:
@@ -107,8 +107,8 @@ def read_light_set(path: Path | str) -> LightSet:
     if missing := {"convention", *names} - set(stored):
         raise UserError(f"{archive} is not a light set of relight (it lacks {', '.join(sorted(missing))})")
     if str(stored["convention"]) != CONVENTION:
-        found = str(stored["convention"])
-        raise UserError(f"{archive}: its convention is {found!r}; that of a light set is {CONVENTION!r}")
+        convention = str(stored["convention"])
+        raise UserError(f"{archive}: its convention is {convention!r}; that of a light set is {CONVENTION!r}")
     lights = LightSet(**{name: stored[name] for name in names})
     table = lights.coefficients
     has_shape = table.ndim == 3 and table.shape[2] == 3 and table.dtype.kind == "f"
@@ -118,5 +118,5 @@ def read_light_set(path: Path | str) -> LightSet:
         )
     if any(getattr(lights, name).shape != (len(lights),) for name in names if name != "coefficients"):
         raise UserError(f"{archive} is not a light set of relight (its columns differ in length)")
-    lights.order  # noqa: B018  (raises where K is no number of coefficients)
+    order_of(table.shape[1])  # raises where K is no number of coefficients
     return lights

@@ -97,7 +97,7 @@ def write_left_out(path: Path | str, info: dict[str, Any], reason: str) -> None:
     """Writes a file of 1 x 1 px in place of the maps of a left-out figure.
 
     Args:
-        path: of the file.
+        path: path of the file.
         info: as `Maps.info`.
         reason: why the figure has no maps.
     """

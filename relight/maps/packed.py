@@ -98,12 +98,12 @@ class PackedMaps:
     """Packed maps, memory-mapped: the pixels of a map are read from disk when they are used.
 
     Attributes:
-        names: of the F maps.
-        subjects: of the maps.
+        names: names of the F maps.
+        subjects: subjects of the maps.
         figures: the figure of each map, by the name of the maps of its frontal view in its own outfit.
         views: the view of each map (`relight.transport.view.view_record`), None for the frontal view.
-        size: of the images in pixels.
-        order: of the spherical harmonics.
+        size: side of the square images, pixels.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
         glossy: whether there is gloss.
         offset: (F+1,) int64, where the pixels of each map begin.
     """
@@ -155,7 +155,7 @@ class PackedMaps:
         """Reads the foreground pixels of one map.
 
         Args:
-            index: of the map, from 0.
+            index: index of the map, from 0.
 
         Returns:
             `pixel` (P,) int32, flat indices in raster order, and as float16 `transport` (P,K), `albedo` (P,3) linear,
@@ -219,9 +219,9 @@ def _create_safetensors(
     and the raw arrays.
 
     Args:
-        path: of the file.
+        path: path of the file.
         tensors: type and shape of each array, by name.
-        metadata: of the header.
+        metadata: metadata of the header.
     """
     header: dict[str, Any] = {"__metadata__": metadata}
     end = 0

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from relight.config import Align
+from relight.crop import PADDING
 from relight.errors import UserError
 from relight.files import existing_file
 from relight.meshes.axes import AXES, find_axes, flat_side
@@ -17,7 +18,7 @@ from relight.text import read_table
 MIN_CERTAINTY = 0.3  # of the front, below which there is a warning
 
 
-def align(mesh: Mesh, settings: Align) -> Mesh:
+def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
     """Aligns a mesh: +x image right, +y up, +z toward the camera, in units of the image plane.
 
     The bounding box is centred at the origin and 2 (1 - 2 padding) high, or so wide if it is wider than high. The units
@@ -26,7 +27,8 @@ def align(mesh: Mesh, settings: Align) -> Mesh:
 
     Args:
         mesh: in the file's frame.
-        settings: up and front, axes of the file or `auto`; padding; table.
+        settings: up and front, axes of the file or `auto`; table.
+        padding: margin at each edge, as a share of the image, in [0,0.5).
 
     Returns:
         The aligned mesh. Its info["align"] has rotation (3,3), centre and scale, with
@@ -59,7 +61,7 @@ def align(mesh: Mesh, settings: Align) -> Mesh:
     extent = (high - low)[:2].max()
     if not extent > 0:
         raise UserError(f"{name or 'the mesh'} has no extent in the view from {front} with {up} up")
-    scale = float(2 * (1 - 2 * settings.padding) / extent)
+    scale = float(2 * (1 - 2 * padding) / extent)
     centre = (low + high) / 2
     record = {
         "up": up,

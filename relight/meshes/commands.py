@@ -26,13 +26,12 @@ def check(
     front: Annotated[str, typer.Option(help="Axis that the figure faces, or auto.")] = "auto",
 ) -> None:
     """Read, clean and align one file, and print what was found and repaired."""
-    from relight.config import Align, composed
+    from relight.config import Align, read_preset
     from relight.meshes import align, clean, read_mesh
 
-    settings = composed()
     original = read_mesh(mesh)
     textures = [material.texture for material in original.materials if material.texture is not None]
-    result = align(clean(original, settings.clean), Align(up=up, front=front, padding=settings.align.padding))
+    result = align(clean(original, read_preset("clean")), Align(up, front))
     size = " x ".join(f"{extent:.4g}" for extent in original.vertices.max(axis=0) - original.vertices.min(axis=0))
     print(f"{mesh.name}: {len(original.faces)} faces, {len(original.vertices)} vertices, {size} units")
     print(

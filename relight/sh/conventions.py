@@ -35,7 +35,7 @@ def as_table(numbers: object, name: str = "light") -> np.ndarray:
         (K,3) float64.
 
     Raises:
-        UserError: if the shape is none of these, or a number is not finite or beyond LARGEST.
+        UserError: if the shape is none of these, or a number is not finite or beyond MAX_COEFFICIENT.
     """
     try:
         array = np.asarray(numbers, np.float64).squeeze()

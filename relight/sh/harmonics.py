@@ -78,13 +78,13 @@ def polynomials(x: Any, y: Any, z: Any, ones: Any, order: int) -> Iterator[tuple
         azimuth.append((x * cosine - y * sine, x * sine + y * cosine))
     sectoral = 1.0  # P_mm / sin^m = (2m-1)!!
     for m, (cosine, sine) in enumerate(azimuth):
-        before, legendre = 0 * ones, sectoral * ones
+        previous, legendre = 0 * ones, sectoral * ones  # P_lm / sin^m for l - 1 and l
         for l in range(m, order + 1):
             scale = normalisation(l, m)
             yield l * l + l + m, scale * legendre * cosine if m else scale * legendre
             if m:
                 yield l * l + l - m, scale * legendre * sine
-            before, legendre = legendre, ((2 * l + 1) * z * legendre - (l + m) * before) / (l - m + 1)
+            previous, legendre = legendre, ((2 * l + 1) * z * legendre - (l + m) * previous) / (l - m + 1)
         sectoral *= 2 * m + 1
 
 
@@ -189,20 +189,21 @@ def sphere_quadrature(degree: int) -> tuple[np.ndarray, np.ndarray]:
     Returns:
         Directions (N,3), and weights (N,) with the sum 4 pi.
     """
-    z, wz = np.polynomial.legendre.leggauss(degree // 2 + 1)
+    z, z_weights = np.polynomial.legendre.leggauss(degree // 2 + 1)
     azimuth = 2 * np.pi * np.arange(degree + 1) / (degree + 1)
-    s = np.sqrt(1 - z * z)[:, None]
-    directions = np.stack(np.broadcast_arrays(s * np.cos(azimuth), s * np.sin(azimuth), z[:, None]), -1)
-    weights = np.repeat(wz * 2 * np.pi / (degree + 1), degree + 1)
+    sine = np.sqrt(1 - z * z)[:, None]  # of the angle from the pole
+    directions = np.stack(np.broadcast_arrays(sine * np.cos(azimuth), sine * np.sin(azimuth), z[:, None]), -1)
+    weights = np.repeat(z_weights * 2 * np.pi / (degree + 1), degree + 1)
     return directions.reshape(-1, 3), weights
 
 
 def sphere_spiral(count: int) -> np.ndarray:
     """Returns unit vectors (count,3) that are spread evenly over the sphere by a Fibonacci spiral."""
     index = np.arange(count)
-    z, azimuth = 1 - (2 * index + 1) / count, np.pi * (3 - np.sqrt(5)) * index
-    side = np.sqrt(1 - z * z)
-    return np.stack([side * np.cos(azimuth), side * np.sin(azimuth), z], -1)
+    z = 1 - (2 * index + 1) / count
+    azimuth = np.pi * (3 - np.sqrt(5)) * index  # a golden angle from one to the next
+    sine = np.sqrt(1 - z * z)  # of the angle from the pole
+    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), z], -1)
 
 
 def rotation_matrix(rotation: np.ndarray, order: int = 2) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Bakes the maps of one figure: the frontal view, and further views."""
 
 import sys
+from itertools import chain
 from pathlib import Path
 
 from relight.config import Bake
@@ -18,26 +19,30 @@ def main(bake: Bake, mesh: Path, out: Path) -> None:
     aligned = Mesh.load(mesh)
     name, fabrics = aligned.info.get("name", out.stem), aligned.info.get("outfits", [None])
     identity = {"figure": name, "subject": aligned.info.get("subject", name)}
+    outfit_endings, view_endings = outfit_names("", len(fabrics)), ["", *view_names("", bake.views)]
     views = [FRONTAL, *(random_view(view) for view in view_names(name, bake.views))]
-    targets: list[list[tuple[Path, dict]]] = [[] for _ in views]  # of each view, the outfits
-    for number, label in enumerate(outfit_names("", len(fabrics))):
-        outfit = {"outfit": number, "fabrics": fabrics[number]} if number else {}
-        for k, ending in enumerate(["", *view_names("", bake.views)]):
-            record = {**identity, "name": name + label + ending, **outfit} if label + ending else {}
-            targets[k].append((out.with_name(out.stem + label + ending + out.suffix), record))
+
+    def target(outfit: int, view_ending: str) -> tuple[Path, dict]:
+        """Returns the file of a view of an outfit, and what its record has beside that of the mesh."""
+        ending = outfit_endings[outfit] + view_ending
+        dressed = {"outfit": outfit, "fabrics": fabrics[outfit]} if outfit else {}
+        record = {**identity, "name": name + ending, **dressed} if ending else {}
+        return out.with_name(out.stem + ending + out.suffix), record
+
+    targets = [[target(outfit, ending) for outfit in range(len(fabrics))] for ending in view_endings]
     reason = aligned.info.get("left_out")
     if reason is None:
         try:
             baker = Baker(aligned, bake.rays, bake.order, bounces=bake.bounces)
-            for view, files in zip(views, targets):
-                for (path, record), maps in zip(files, baker.outfits(bake.size, bake.supersample, view)):
+            for view, view_targets in zip(views, targets):
+                for (path, record), maps in zip(view_targets, baker.outfits(bake.size, bake.supersample, view)):
                     maps.info.update(record)
                     write_maps(path, maps)
         except UserError as error:
             reason = str(error)
             print(f"{name} is left out: {reason}", file=sys.stderr)
     if reason is not None:
-        for path, record in (target for files in targets for target in files):
+        for path, record in chain.from_iterable(targets):
             write_left_out(path, {**aligned.info, **record}, reason)
 
 

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from relight.config import Evaluate
 from relight.stages.stage import stage
 
 
@@ -11,13 +10,15 @@ from relight.stages.stage import stage
     packed="packed set (.safetensors)",
     lights="lights (.npz)",
     split="split (.json)",
+    condition="what is scored: test, or FIGURES-LIGHTS such as sitting-test",
     out="scores (.csv)",
 )
-def main(evaluate: Evaluate, color: str, order: int, packed: Path, lights: Path, split: Path, out: Path) -> None:
+def main(color: str, order: int, packed: Path, lights: Path, split: Path, condition: str, out: Path) -> None:
     """Writes the scores of the baselines (`relight.evaluation.scoring.baselines`)."""
     from relight.evaluation.scoring.baselines import evaluate_baselines
+    from relight.evaluation.scoring.evaluate import Condition
 
-    evaluate_baselines(packed, lights, split, evaluate, out, color, order)
+    evaluate_baselines(packed, lights, split, Condition.parse(condition), out, color, order)
 
 
 if __name__ == "__main__":

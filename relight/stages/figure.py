@@ -5,6 +5,7 @@ from pathlib import Path
 from relight.config import Figures
 from relight.errors import UserError
 from relight.extensions import extension
+from relight.meshes import Mesh
 from relight.stages.stage import stage
 from relight.stages.step import save_mesh
 
@@ -19,22 +20,20 @@ def main(figures: Figures, figure: str, out: Path) -> None:
         raise UserError(f"io.figure must be g and a seed, such as g0012, not {figure}")
     seed = int(figure[1:])
 
-    def make():
-        if figures.source != "generated":
-            return add_name(extension(figures.source, "figure")(figures, seed))
-        names = (tuple(names) for names in (figures.poses, figures.garments, figures.hair))
-        mesh = make_figure(
-            seed,
-            figures.detail,
-            figures.texture,
-            figures.per_subject,
-            figures.shading,
-            figures.outfits,
-            Constraints(figures.sitting, *names),
-        )
-        return add_name(mesh)
-
-    def add_name(mesh):
+    def make() -> Mesh:
+        if figures.source == "generated":
+            poses, garments, hair = map(tuple, (figures.poses, figures.garments, figures.hair))
+            mesh = make_figure(
+                seed,
+                figures.detail,
+                figures.texture,
+                figures.per_subject,
+                figures.shading,
+                figures.outfits,
+                Constraints(figures.sitting, poses, garments, hair),
+            )
+        else:
+            mesh = extension(figures.source, "figure")(figures, seed)
         mesh.info.update(name=figure, axes={"up": "+y", "front": "+z"})
         return mesh
 

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from relight.config import Evaluate
 from relight.stages.networks import networks_of
 from relight.stages.stage import stage
 
@@ -16,14 +15,12 @@ from relight.stages.stage import stage
     split="split (.json)",
     out="scores (.csv)",
 )
-def main(
-    evaluate: Evaluate, experiments: Path, networks: Path, packed: Path, lights: Path, split: Path, out: Path
-) -> None:
+def main(experiments: Path, networks: Path, packed: Path, lights: Path, split: Path, out: Path) -> None:
     """Writes the scores of all networks of the experiment."""
     from relight.evaluation.experiments.transfer import evaluate_transfer
 
     by_training, _ = networks_of(experiments, "light_transfer", networks)
-    evaluate_transfer(by_training, packed, lights, split, evaluate, out)
+    evaluate_transfer(by_training, packed, lights, split, out)
 
 
 if __name__ == "__main__":

@@ -9,8 +9,8 @@ def networks_of(experiments: Path, name: str, folder: Path) -> tuple[dict[str, P
 
     Args:
         experiments: those of the run (.json).
-        name: of the experiment.
-        folder: of the networks.
+        name: name of the experiment.
+        folder: folder of the networks.
 
     Returns:
         The files of all trainings by name (ours_full.s0), and those of the first training of each row by row

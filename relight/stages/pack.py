@@ -1,6 +1,7 @@
 """Packs the maps of all figures into one file for training, and lists the figures that were left out."""
 
 import json
+import math
 import sys
 from pathlib import Path
 
@@ -29,12 +30,12 @@ def main(split: Split, names: Path, maps: Path, out: Path, record: Path) -> None
     infos = {name: read_info(maps / f"{name}.exr") for name in all_names}
     figures = {name: info for name, info in infos.items() if info.get("figure", name) == name}
     reasons = {name: info["left_out"] for name, info in figures.items() if "left_out" in info}
-    usable = len(figures) - len(reasons)
-    if usable < max(2, split.least * len(figures)):
+    usable, needed = len(figures) - len(reasons), max(2, math.ceil(split.least * len(figures)))
+    if usable < needed:
         first = "".join(f"; {name}: {reason}" for name, reason in list(reasons.items())[:3])
         raise UserError(
-            f"only {usable} of {len(figures)} figures are usable, and at least "
-            f"{max(2, int(-(-split.least * len(figures) // 1)))} are needed (split.least={split.least}){first}"
+            f"only {usable} of {len(figures)} figures are usable, and at least {needed} are needed "
+            f"(split.least={split.least}){first}"
         )
     for name, reason in reasons.items():
         print(f"left out: {name}: {reason}", file=sys.stderr)

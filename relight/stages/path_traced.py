@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from relight.config import Evaluate
 from relight.stages.networks import networks_of
 from relight.stages.stage import stage
 
@@ -16,14 +15,12 @@ from relight.stages.stage import stage
     traced="traced irradiance (.npz)",
     out="scores (.csv)",
 )
-def main(
-    evaluate: Evaluate, experiments: Path, networks: Path, packed: Path, lights: Path, traced: Path, out: Path
-) -> None:
+def main(experiments: Path, networks: Path, packed: Path, lights: Path, traced: Path, out: Path) -> None:
     """Writes the scores of all networks of the experiment."""
     from relight.evaluation.experiments.path_traced import evaluate_traced
 
     by_training, _ = networks_of(experiments, "path_traced", networks)
-    evaluate_traced(by_training, packed, lights, traced, evaluate, out)
+    evaluate_traced(by_training, packed, lights, traced, out)
 
 
 if __name__ == "__main__":

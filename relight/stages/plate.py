@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from relight.config import Evaluate, Pictures
 from relight.stages.networks import networks_of
 from relight.stages.stage import stage
 
@@ -18,8 +17,6 @@ from relight.stages.stage import stage
     out="picture (.png)",
 )
 def main(
-    evaluate: Evaluate,
-    pictures: Pictures,
     experiments: Path,
     experiment: str,
     networks: Path,
@@ -34,7 +31,7 @@ def main(
 
     draw = {"light_transfer": transfer_plate, "path_traced": traced_plate}[experiment]
     _, by_row = networks_of(experiments, experiment, networks)
-    draw(by_row, packed, lights, reference, evaluate, pictures.plates, out)
+    draw(by_row, packed, lights, reference, out)
 
 
 if __name__ == "__main__":

@@ -2,18 +2,17 @@
 
 from pathlib import Path
 
-from relight.config import Statistics
 from relight.stages.stage import stage
 
 
 @stage("report", experiments="experiments (.json)", results="folder of the results", out="report (.html)")
-def main(statistics: Statistics, name: str, experiments: Path, results: Path, out: Path) -> None:
+def main(name: str, experiments: Path, results: Path, out: Path) -> None:
     """Writes the page of a run from its results (`relight.evaluation.report.build.build_report`)."""
     from relight.benchmark.report import benchmark
     from relight.evaluation.report.build import build_report
     from relight.evaluation.report.own import OWN
 
-    build_report(name, statistics, experiments, results, out, {**OWN, "benchmark": benchmark})
+    build_report(name, experiments, results, out, {**OWN, "benchmark": benchmark})
 
 
 if __name__ == "__main__":

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from relight.config import Pictures
 from relight.stages.stage import stage
+
+SHEET_FIGURES = 48  # of the contact sheet
 
 
 @stage(
@@ -17,7 +18,6 @@ from relight.stages.stage import stage
     histogram="chart of their occlusion (.png)",
 )
 def main(
-    pictures: Pictures,
     names: Path,
     maps: Path,
     lights: Path,
@@ -35,7 +35,7 @@ def main(
     plot_occlusion(measure_occlusion(paths, occlusion), histogram)
     chosen = read_light_set(lights)
     write_contact_sheet(chosen, spheres)
-    contact_sheet(paths[: pictures.sheet], clearest_light(chosen.of("test").coefficients), figures)
+    contact_sheet(paths[:SHEET_FIGURES], clearest_light(chosen.of("test").coefficients), figures)
 
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@ class Stage:
     is called for each position of the lists.
 
     Attributes:
-        name: of the stage.
+        name: name of the stage.
         ports: name -> description of each file that it reads or writes, and of each name that it is given.
     """
 
@@ -83,7 +83,8 @@ class Stage:
         files = "\n".join(f"    {words[port]:34s}  {what}" for port, what in self.ports.items())
         about = (sys.modules[self._function.__module__].__doc__ or "").strip()
         settings = listing(composed(), READS[self.name])
-        return f"{about}\n\nFiles:\n{files}\n\nSettings that it reads, as key=value:\n{settings}\n{FLAGS}"
+        read = f"Settings that it reads, as key=value:\n{settings}" if settings else "It reads no settings."
+        return f"{about}\n\nFiles:\n{files}\n\n{read}\n{FLAGS}"
 
     def _run(self, cfg: DictConfig) -> None:
         """Runs the stage with composed settings. Errors end here, since Hydra would print more lines."""

@@ -34,7 +34,7 @@ def transform_mesh(path: Path, transform: Callable[[Mesh], Mesh], out: Path) -> 
 
     Args:
         path: the mesh record (.npz).
-        transform: of the mesh; if it raises UserError, the figure is left out.
+        transform: changes the mesh; if it raises UserError, the figure is left out.
         out: the mesh record to write.
     """
     mesh = Mesh.load(path)

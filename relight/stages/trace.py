@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from relight.config import Evaluate, Panoramas, Trace
+from relight.config import Panoramas, Trace
 from relight.stages.stage import stage
 
 
@@ -15,7 +15,6 @@ from relight.stages.stage import stage
     out="traced irradiance (.npz)",
 )
 def main(
-    evaluate: Evaluate,
     trace: Trace,
     panoramas: Panoramas,
     order: int,
@@ -29,7 +28,7 @@ def main(
     """Writes the irradiance of test figures by path tracing (`relight.evaluation.experiments.tracing.trace`)."""
     from relight.evaluation.experiments import tracing
 
-    tracing.trace(packed, lights, split, meshes, panoramas, evaluate, trace, order, rays, out)
+    tracing.trace(packed, lights, split, meshes, panoramas, trace, order, rays, out)
 
 
 if __name__ == "__main__":

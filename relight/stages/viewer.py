@@ -3,12 +3,13 @@
 import json
 from pathlib import Path
 
-from relight.config import Evaluate
 from relight.stages.stage import stage
 
 MAX_FIGURES = 24  # of the page; more would be hard to choose from
 MAX_BYTES = 12_000_000  # of the page; with larger maps it has fewer figures
 PAGE_BYTES = 100_000  # of a page without figures
+MARKUP_BYTES = 1000  # of a figure beside its maps
+TYPICAL_QUALITY = 2  # index in QUALITIES, with which figures are counted; `build_gallery` chooses the final one
 
 
 @stage(
@@ -23,7 +24,6 @@ PAGE_BYTES = 100_000  # of a page without figures
 )
 def main(
     name: str,
-    evaluate: Evaluate,
     experiments: Path,
     results: Path,
     packed: Path,
@@ -47,10 +47,10 @@ def main(
         f"{source.replace(':', ' ')} at {yaw:.0f}°": light[:9]
         for source, yaw, light in zip(test.source, test.yaw, test.coefficients)
     }
-    tables = (one["trainings"] for one in json.loads(experiments.read_text()).values() if "scores" in one)
+    tables = (settings for settings in json.loads(experiments.read_text()).values() if "scores" in settings)
     networks = {
-        label(row): load(results / "train" / f"{trainings[0]}.safetensors", packed, lights, evaluate)
-        for row, trainings in next(tables, {}).items()
+        label(row): load(results / "train" / f"{trainings[0]}.safetensors", packed, lights)
+        for row, trainings in next(tables, {"trainings": {}})["trainings"].items()
     }
     first = int((light_set.split == "test").argmax())
 
@@ -64,11 +64,16 @@ def main(
 
     names = json.loads(split.read_text())["test"]
     figures = [baked_figure(maps / f"{names[i]}.exr") for i in evenly_spaced(len(names), MAX_FIGURES)]
-    sizes = [len(to_json(figure, QUALITIES[2])) for figure in figures]
-    size_ratio = max(len(to_json(one, QUALITIES[2])) for one in versions_of(figures[0])) / sizes[0]
-    count = int((MAX_BYTES - PAGE_BYTES) / (max(sizes) * size_ratio + 1000) / (1 + len(networks)))
+
+    def coded_bytes(figure: Figure) -> int:
+        return len(to_json(figure, QUALITIES[TYPICAL_QUALITY]))
+
+    # Inferred maps are coded for one figure only; those of the others are larger than true ones by the same factor.
+    inferred_factor = max(map(coded_bytes, versions_of(figures[0]))) / coded_bytes(figures[0])
+    figure_bytes = (1 + len(networks)) * (max(map(coded_bytes, figures)) * inferred_factor + MARKUP_BYTES)
+    count = int((MAX_BYTES - PAGE_BYTES) / figure_bytes)
     shown = [figures[i] for i in evenly_spaced(len(figures), max(1, min(MAX_FIGURES, count)))]
-    versions = [one for figure in shown for one in versions_of(figure)]
+    versions = [version for figure in shown for version in versions_of(figure)]
     build_gallery(out, versions, lights_by_name, title=f"relight: {name}", limit=MAX_BYTES)
 
 

@@ -44,7 +44,7 @@ def register(client, runs: list) -> None:
 
     Args:
         client: an `MlflowClient`.
-        runs: of trainings.
+        runs: runs of trainings.
     """
     from mlflow.exceptions import MlflowException
 
@@ -70,8 +70,8 @@ def download_network(uri: str) -> Path:
     """Downloads the network of a model in MLflow.
 
     Args:
-        uri: of the model, such as models:/relight@paper, at MLFLOW_TRACKING_URI or by default in the store of this
-            repository.
+        uri: address of the model, such as models:/relight@paper, at MLFLOW_TRACKING_URI or by default in the store of
+            this repository.
 
     Returns:
         The network's file (.safetensors).

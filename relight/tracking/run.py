@@ -46,7 +46,7 @@ class TrainingRun:
         """
         Args:
             track: store and experiment; a workflow's have priority for its stages.
-            name: of the training, such as ours_full.s0.
+            name: name of the training, such as ours_full.s0.
             fingerprint: `relight.learning.train.fingerprint`.
             settings: parameters of the run, nested.
             data: input files by name.

@@ -18,7 +18,7 @@ def serve(track: Track, port: int) -> None:
 
     Args:
         track: store and experiment.
-        port: of the server, on this machine only.
+        port: port of the server, on this machine only.
 
     Raises:
         UserError: if nothing is tracked.

@@ -80,7 +80,7 @@ def create_database(uri: str) -> None:
     """Creates a missing SQLite database, whole or not at all, since MLflow cannot repair an incomplete one.
 
     Args:
-        uri: of the store; nothing is done for others.
+        uri: address of the store; nothing is done for others.
 
     Raises:
         sqlite3.Error: if the database is locked or damaged; MLflow itself would try for minutes.

@@ -55,10 +55,10 @@ class Baker:
         Args:
             mesh: aligned, if its frontal view is to be baked.
             rays: per pixel.
-            order: of the spherical harmonics; the maps have K = (order + 1)^2 transport coefficients.
-            seed: of the rays' azimuths.
-            bounces: of interreflection with the mesh's albedo; with more than 0, the maps hold `bounced`, and the mesh
-                must have one outfit only.
+            order: order of the spherical harmonics; the maps have K = (order + 1)^2 transport coefficients.
+            seed: random seed of the rays' azimuths.
+            bounces: number of interreflections with the mesh's albedo; with more than 0, the maps hold `bounced`, and
+                the mesh must have one outfit only.
             threads: 0 takes every core. The result does not depend on it.
 
         Raises:
@@ -85,8 +85,8 @@ class Baker:
         The frontal view shows the mesh in its own frame; other views place it to fill the picture (`place_mesh`).
 
         Args:
-            size: of the image in pixels.
-            view: of the mesh.
+            size: side of the square image, pixels.
+            view: view of the mesh.
         """
         caster = self.caster
         if view == FRONTAL:
@@ -115,9 +115,9 @@ class Baker:
         turned to the camera. In perspective, all pixels have the same axes, with z along the optical axis.
 
         Args:
-            size: of the image in pixels.
+            size: side of the square image, pixels.
             supersample: samples per pixel in each direction.
-            view: of the mesh.
+            view: view of the mesh.
 
         Returns:
             The maps of each of `outfit_meshes`.
@@ -185,7 +185,7 @@ class Baker:
             face: (N,) of the points.
             weights: (N,3) barycentric.
             azimuth: (N,) of the rays, radians.
-            subset: of the rays, as for `integrate`.
+            subset: which of the rays are cast, as for `integrate`.
 
         Returns:
             `transport` (N,K), `normal` (N,3), `albedo` (N,O,3) of O outfits; `gloss` (N,O,2) for glossy meshes;

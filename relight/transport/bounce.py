@@ -26,10 +26,10 @@ def solve_radiosity(
 
     Args:
         mesh: for the albedo.
-        caster: of the mesh.
+        caster: casts rays at the mesh.
         rays: per pixel; faces get fewer.
-        order: of the spherical harmonics.
-        seed: of the rays' azimuths.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
+        seed: random seed of the rays' azimuths.
         bounces: at least 1.
 
     Returns:
@@ -72,13 +72,13 @@ def _split_long_edges(caster: RayCaster) -> tuple[RayCaster, np.ndarray]:
 def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Returns barycentric weights (N,3) of points (N,3) in triangles (N,3,3); thirds in triangles without area."""
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    p = points - corners[:, 0]
+    p = points - corners[:, 0]  # = v a + w b, whose products with a and b are two equations for v and w
     aa, ab, bb = (np.einsum("nx,nx->n", *pair) for pair in ((a, a), (a, b), (b, b)))
     pa, pb = np.einsum("nx,nx->n", p, a), np.einsum("nx,nx->n", p, b)
-    area = aa * bb - ab * ab
-    is_degenerate = area <= 0
-    safe = np.where(is_degenerate, 1, area)
-    v, w = (pa * bb - pb * ab) / safe, (pb * aa - pa * ab) / safe
+    determinant = aa * bb - ab * ab
+    is_degenerate = determinant <= 0
+    divisor = np.where(is_degenerate, 1, determinant)
+    v, w = (pa * bb - pb * ab) / divisor, (pb * aa - pa * ab) / divisor
     weights = np.stack([1 - v - w, v, w], 1)
     weights[is_degenerate] = 1 / 3
     return weights

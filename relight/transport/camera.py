@@ -27,10 +27,10 @@ class Camera:
     z = 0 where the orthographic rays of the same pixels do, so both show a figure at the origin at the same size.
 
     Attributes:
-        size: of the image in pixels.
-        distance: of the camera plane from the origin, in units of the camera's frame.
+        size: side of the square image, pixels.
+        distance: distance of the camera plane from the origin, in units of the camera's frame.
         perspective: whether the camera is perspective; otherwise it is orthographic.
-        pose: of the mesh in the camera's frame; None if the mesh's frame is the camera's.
+        pose: pose of the mesh in the camera's frame; None if the mesh's frame is the camera's.
 
     Raises:
         UserError: if size or distance are not positive.

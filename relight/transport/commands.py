@@ -125,21 +125,18 @@ def bake(
 
 def _cleaned_and_aligned(mesh: "Mesh", up: str, front: str, padding: float) -> "Mesh":
     """Cleans and aligns a mesh as the workflow does, and reports the repairs on stderr."""
-    from dataclasses import replace
-
-    from relight.config import read_preset
+    from relight.config import Align, read_preset
     from relight.meshes import align, clean
     from relight.meshes.cleaning import FINDINGS
 
-    settings = replace(read_preset("align"), up=up, front=front, padding=padding)
     cleaned = clean(mesh, read_preset("clean"))
-    found = cleaned.info["repairs"]
-    repaired = {name: count for name, count in found.items() if name not in FINDINGS}
-    for word, counts in (("repaired", repaired), ("found", {k: v for k, v in found.items() if k not in repaired})):
+    repairs = {name: count for name, count in cleaned.info["repairs"].items() if name not in FINDINGS}
+    findings = {name: count for name, count in cleaned.info["repairs"].items() if name in FINDINGS}
+    for word, counts in (("repaired", repairs), ("found", findings)):
         if counts:
             text = ", ".join(f"{name} {count}" for name, count in counts.items())
             typer.echo(f"{mesh.info['name']}: {word} ({text})", err=True)
-    aligned = align(cleaned, settings)
+    aligned = align(cleaned, Align(up, front), padding)
     for note in aligned.info["warnings"][len(mesh.info.get("warnings", [])) :]:  # the earlier ones are printed already
         typer.echo(f"{mesh.info['name']}: {note}", err=True)
     record = aligned.info["align"]

@@ -41,13 +41,13 @@ def integrate(
     rays do not, and sums of fixed-point numbers are exact in any order.
 
     Args:
-        caster: of the mesh that occludes.
+        caster: casts rays at the mesh that occludes.
         points: (P,3) on the mesh.
         normals: (P,3) unit shading normals n, for the cosine.
         geometric: (P,3) unit normals along which rays start off the surface, for the visibility V.
         rays: N, per point.
-        order: of the spherical harmonics.
-        seed: of the rays' azimuths.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
+        seed: random seed of the rays' azimuths.
         radiosity: (F,K,C) of the front of each face, per unit of each coefficient of the light (`solve_radiosity`).
         batch: rays that are cast at a time.
         azimuth: (P,) radians, instead of random ones.
@@ -125,7 +125,8 @@ def _gather(radiosity: np.ndarray, face: np.ndarray, front: np.ndarray, rays: in
     """
     from scipy.sparse import csr_array  # takes .1 s to import, and only bounces need it
 
-    ends = np.concatenate([[0], np.cumsum(front.reshape(-1, rays).sum(1))])
-    used = face[front]
-    weights = np.full(len(used), 1 / rays, np.float32)
-    return csr_array((weights, used.astype(np.int32), ends), shape=(len(ends) - 1, len(radiosity))) @ radiosity
+    # A sparse matrix (P,F): row p holds 1 / rays for each ray of point p that hits the front of a face, in its column.
+    row_ends = np.concatenate([[0], np.cumsum(front.reshape(-1, rays).sum(1))])
+    columns = face[front].astype(np.int32)
+    weights = np.full(len(columns), 1 / rays, np.float32)
+    return csr_array((weights, columns, row_ends), shape=(len(row_ends) - 1, len(radiosity))) @ radiosity

@@ -24,7 +24,7 @@ class RayCaster:
         normals: (F,3) float64 unit geometric normals, counter-clockwise outward; zero for faces without area.
         areas: (F,) float64 of the faces.
         low, high, centre: (3,) float64 of the bounding box.
-        diagonal: of the bounding box.
+        diagonal: length of the bounding box's diagonal.
         offset: distance from the surface at which rays start.
         threads: as given.
     """

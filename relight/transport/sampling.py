@@ -34,7 +34,7 @@ def tangent_frames(normals: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
     """
     x, y, z = np.asarray(normals, np.float64).T
     sign = np.where(z < 0, -1.0, 1.0)
-    a = -1 / (sign + z)
+    a = -1 / (sign + z)  # a and b, as in the paper, are shared by the entries
     b = x * y * a
     tangent = np.stack([1 + sign * x * x * a, sign * b, -sign * x], -1)
     bitangent = np.stack([b, sign + y * y * a, -y], -1)
@@ -52,9 +52,9 @@ def zonal_lobes(order: int) -> tuple[np.ndarray, list[np.ndarray]]:
     m = 2 * order + 1
     index = np.arange(m) + 0.5
     z = 1 - index / m  # one hemisphere is enough, since a band is either even or odd
-    angle = index * (np.pi * (3 - np.sqrt(5)))
-    radius = np.sqrt(1 - z**2)
-    directions = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], -1)
+    azimuth = index * (np.pi * (3 - np.sqrt(5)))  # a golden angle from one to the next
+    sine = np.sqrt(1 - z**2)  # of the angle from the pole
+    directions = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), z], -1)
     values = basis(directions, order)
     return directions, [np.linalg.pinv(values[:, l * l : (l + 1) ** 2]) for l in range(order + 1)]
 
@@ -69,7 +69,7 @@ def rotate_to_world(coefficients: np.ndarray, frame: np.ndarray, order: int) -> 
     Args:
         coefficients: (P,K).
         frame: (P,3,3); the rows are the axes of each point's frame in the world.
-        order: of the spherical harmonics.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
 
     Returns:
         (P,K) float64.

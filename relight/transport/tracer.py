@@ -39,7 +39,7 @@ class PathTracer:
 
     Attributes:
         mi: the module Mitsuba.
-        size: of the image in pixels.
+        size: side of the square image, pixels.
         camera: as given, or the frontal one.
         front: the largest z of the mesh in the camera's frame.
         shapes: Mitsuba's shapes by name.
@@ -50,7 +50,7 @@ class PathTracer:
 
         Args:
             mesh: aligned, if it is seen from the front.
-            size: of the image in pixels; a pixel is the mean over its area.
+            size: side of the square image, pixels; a pixel is the mean over its area.
             camera: as of `Baker.camera`; by default the frontal one.
             gloss: whether glossy materials reflect; otherwise, all are diffuse.
 
@@ -126,8 +126,8 @@ class PathTracer:
         Args:
             sky: (H,W,3) radiance, not negative, at `sky_directions`.
             samples: per pixel.
-            bounces: of interreflection.
-            seed: of the samples.
+            bounces: number of bounces of interreflection.
+            seed: random seed of the samples.
 
         Returns:
             (S,S,3) float32.
@@ -141,8 +141,8 @@ class PathTracer:
             sky: (H,W,3) radiance; may be negative, as truncated series are. Positive and negative parts are rendered
                 separately, since light is additive.
             samples: per pixel.
-            bounces: of interreflection.
-            seed: of the samples.
+            bounces: number of bounces of interreflection.
+            seed: random seed of the samples.
 
         Returns:
             (S,S,3) float64, the mean over the covered part of each pixel; zero outside the mesh.
@@ -223,11 +223,3 @@ def block_means(image: np.ndarray, k: int) -> np.ndarray:
     """Returns the means (H/k,W/k,...) over the k x k blocks of an image (H,W,...)."""
     height, width = image.shape[0] // k, image.shape[1] // k
     return image.reshape(height, k, width, k, *image.shape[2:]).mean((1, 3))
-
-
-def interior_blocks(mask: np.ndarray, k: int) -> np.ndarray:
-    """Returns which k x k blocks, (H/k,W/k) bool, lie in a mask (H,W) together with their eight neighbours."""
-    full = block_means(mask.astype(float), k) == 1
-    padded = np.pad(full, 1)
-    rows, columns = full.shape
-    return np.all([padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)], 0)

@@ -85,9 +85,9 @@ def bake_vertices(
     Args:
         mesh: in any frame and unit. The albedo of a vertex is that of the first face that uses it.
         rays: per vertex.
-        order: of the spherical harmonics.
-        seed: of the rays' azimuths.
-        bounces: of interreflection.
+        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
+        seed: random seed of the rays' azimuths.
+        bounces: number of bounces of interreflection.
         threads: 0 takes every core. The result does not depend on it.
 
     Raises:

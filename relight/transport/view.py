@@ -88,7 +88,7 @@ def place_mesh(view: View, vertices: np.ndarray) -> Pose:
     this, the eye moves; the focal length stays. The middle of the figure's depth lies in the plane z = 0.
 
     Args:
-        view: of the mesh.
+        view: view of the mesh.
         vertices: (V,3) float64 of the mesh.
 
     Raises:
@@ -104,10 +104,11 @@ def place_mesh(view: View, vertices: np.ndarray) -> Pose:
     shift = (low + high) / 2
     scale = side / extent
     if (distance := view.distance) is not None:
-        eye_z = max(eye_distance(lateral, points[:, 2], side / 2, distance) for lateral in points.T[:2])
+        x, y, depth = points.T  # across and down are independent: in each, the eye sees points (x, z) or (y, z)
+        eye_z = max(eye_distance(lateral, depth, side / 2, distance) for lateral in (x, y))
         if eye_z - high[2] < MIN_EYE_DISTANCE * side:
             raise UserError(f"focal length {view.focal:g}: the eye would touch the figure; choose a longer one")
-        shift[:2] = [eye_offset(lateral, points[:, 2], distance, eye_z) for lateral in points.T[:2]]
+        shift[:2] = [eye_offset(lateral, depth, distance, eye_z) for lateral in (x, y)]
         scale = distance / (eye_z - shift[2])
     return Pose(view.rotation, mesh_centre + view.rotation.T @ shift, float(scale))
 
@@ -122,7 +123,7 @@ def extreme_points(lateral: np.ndarray, depth: np.ndarray, half_width: float, di
     Args:
         lateral: (V,) x, or y, of the points.
         depth: (V,) z of the points.
-        half_width: of the points in the image.
+        half_width: half the width that the points fill in the image.
         distance: from the eye to its image plane.
 
     Returns:
@@ -136,7 +137,7 @@ def extreme_points(lateral: np.ndarray, depth: np.ndarray, half_width: float, di
 def eye_distance(lateral: np.ndarray, depth: np.ndarray, half_width: float, distance: float) -> float:
     """Returns the eye's z from which points fill +-half_width of the image; arguments as of `extreme_points`."""
     right, left = extreme_points(lateral, depth, half_width, distance)
-    return float(depth[right] + depth[left] + distance / half_width * (lateral[right] - lateral[left])) / 2
+    return edge_crossing(depth, lateral, distance / half_width, right, left)
 
 
 def eye_offset(lateral: np.ndarray, depth: np.ndarray, distance: float, eye_z: float) -> float:
@@ -151,7 +152,19 @@ def eye_offset(lateral: np.ndarray, depth: np.ndarray, distance: float, eye_z: f
         step = distance * float(lateral[right] - lateral[left]) / float(2 * eye_z - depth[right] - depth[left])
         is_growing = step > half_width * (1 + 1e-12)
         half_width = max(half_width, step)
-    return float(lateral[right] + lateral[left] + half_width / distance * (depth[right] - depth[left])) / 2
+    return edge_crossing(lateral, depth, half_width / distance, right, left)
+
+
+def edge_crossing(along: np.ndarray, across: np.ndarray, slope: float, right: int, left: int) -> float:
+    """Returns the coordinate of the eye at which the lines of sight through the two outermost points meet.
+
+    Args:
+        along: (V,) that coordinate of the points.
+        across: (V,) the coordinate perpendicular to it.
+        slope: by which a line of sight changes `along` per unit of `across`.
+        right, left: indices of the two points.
+    """
+    return float(along[right] + along[left] + slope * (across[right] - across[left])) / 2
 
 
 def view_record(view: View, pose: Pose) -> dict[str, Any]:
@@ -189,7 +202,7 @@ def random_view(name: str) -> View:
     view in four is orthographic; the focal length of the others is log-uniform from 25 to 120 mm.
 
     Args:
-        name: of the view's maps.
+        name: name of the view's maps.
     """
     rng = np.random.default_rng([0, *name.encode()])
     yaw = rng.normal(0, 30) if rng.random() < 0.75 else rng.uniform(-180, 180)

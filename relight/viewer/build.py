@@ -76,7 +76,7 @@ def build_gallery(
         lights: radiance coefficients (9,3) by name, in the order shown. The first one lights the first picture, unless
             the figure brings the light of its photo.
         background: the first one shown, of BACKGROUNDS; by default a photo's own, else the studio.
-        title: of the page.
+        title: title of the page.
         limit: bytes of the page; by default LIMIT, and FURTHER for each figure after the first. Figures are coded as
             finely as fits (figure.QUALITIES).
 

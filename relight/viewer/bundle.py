@@ -41,9 +41,9 @@ def bundle(entry: Path) -> str:
                 raise ValueError(
                     f"{name}.js imports {', '.join(sorted(missing))}, which {Path(other).name} does not export"
                 )
-        exports[name] = [found[1] for found in DECLARED.findall(text)]
+        exports[name] = [match[1] for match in DECLARED.findall(text)]
         exports[name] += [word for names in LISTED.findall(text) for word in names.split(", ")]
-        text = IMPORT.sub(lambda found: f"const {{ {found[1]} }} = ${Path(found[2]).stem};\n", text)
+        text = IMPORT.sub(lambda match: f"const {{ {match[1]} }} = ${Path(match[2]).stem};\n", text)
         text = LISTED.sub("", DECLARED.sub(r"\1", text))
         if left := re.search(r"^(?:import|export)\b.*", text, re.M):
             raise ValueError(f"{name}.js: this form is not supported: {left[0]}")

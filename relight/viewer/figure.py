@@ -81,7 +81,8 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
     Args:
         figure: the figure.
         transport_steps: per unit of transport; the error is half a step.
-        background_step: of the photo's codes outside the figure, where the error is half a step. Inside there is none.
+        background_step: step of the photo's codes outside the figure, where the error is half a step. Inside there is
+            none.
 
     Returns:
         The header, JSON values, and the bytes.

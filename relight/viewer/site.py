@@ -42,7 +42,7 @@ def build_site(
         size: S, of the network's images in pixels.
         figures: what the page offers before a photo is opened, in the order shown; at least one.
         lights: as in `relight.viewer.build.build_gallery`.
-        title: of the page.
+        title: title of the page.
 
     Raises:
         UserError: if the folder holds anything else, onnxruntime-web is not set up, or for `build_gallery`'s reasons.

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from relight.photos.api import Relighter
 
 BRIGHTNESS = 0.8  # the first light's irradiance toward the viewer, the middle of the paper's [.7, .9]
+MIN_FRONT = 0.2  # reference brightness over the sum of the constant coefficients, below which a light is from behind
 PORTRAIT = Path(__file__).parent / "web" / "astronaut.jpg"
 PORTRAIT_MASK = Path(__file__).parent / "web" / "astronaut_mask.png"
 LIGHTS = {
@@ -56,9 +57,10 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
         if not light[0].max() > 0:
             raise UserError(f"light '{name}' is black; one that shines would be right")
     first = next(iter(lights.values()))
-    front, mean = reference_brightness(first), first[0].sum()
-    target = BRIGHTNESS / front * mean if front > 0.2 * mean else BRIGHTNESS
-    return {name: light * (target / light[0].sum()) for name, light in lights.items()}
+    front, level = reference_brightness(first), first[0].sum()  # level: mean radiance, up to a factor
+    comes_from_behind = front <= MIN_FRONT * level
+    common_level = BRIGHTNESS if comes_from_behind else BRIGHTNESS / front * level
+    return {name: light * (common_level / light[0].sum()) for name, light in lights.items()}
 
 
 def baked_figure(path: Path) -> Figure:
@@ -82,7 +84,7 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
     Args:
         path: maps (.exr) or a photo.
         relighter: for photos; None where there are only maps.
-        mask: of the photo; by default it is found as for `relight photo` (docs/photos.md).
+        mask: mask of the photo; by default it is found as for `relight photo` (docs/photos.md).
         size: pixels that the photo's longer side is scaled down to.
 
     Raises:
@@ -112,7 +114,7 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
         relighter: the network.
         pixels: (H,W,3) uint8 sRGB.
         coverage: (H,W) uint8.
-        title: of the figure.
+        title: title of the figure.
 
     Raises:
         UserError: for a network of `train.color=paper`, whose shading acts on coded values.
@@ -128,11 +130,11 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
     albedo, transport = np.zeros((*shape, 3), np.float32), np.zeros((*shape, (relighter.order + 1) ** 2), np.float32)
     for person in people:
         place, window = person.crop, person.crop.window
-        mine = person.coverage[window] > 0
-        where = np.flatnonzero(mine)
-        detail = person.detail(LINEAR[pixels[window][mine]], place.rows, where)
-        albedo[window][mine] = person.fitted_albedo.place(place, detail, place.rows, where) ** 2
-        transport[window][mine] = person.fitted_transport.place(place, luma(detail), place.rows, where)
+        covered = person.coverage[window] > 0
+        where = np.flatnonzero(covered)
+        detail = person.detail(LINEAR[pixels[window][covered]], place.rows, where)
+        albedo[window][covered] = person.fitted_albedo.place(place, detail, place.rows, where) ** 2
+        transport[window][covered] = person.fitted_transport.place(place, luma(detail), place.rows, where)
     maps = Maps(
         mask=coverage > 0,
         coverage=coverage / np.float32(255),

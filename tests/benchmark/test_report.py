@@ -14,7 +14,7 @@ import pytest
 
 from relight.benchmark.methods import BASELINES, FIXED, answer
 from relight.benchmark.score import COLUMNS, KEYS, mean_scores, read_scores, score
-from relight.config import ROOT, Benchmark, Statistics
+from relight.config import ROOT, Benchmark
 from relight.errors import UserError
 from relight.photos.api import WEIGHTS
 from relight.plan import Plan
@@ -22,7 +22,6 @@ from relight.stages.benchmark_scores import main as benchmark_scores
 from relight.stages.report import main as report
 
 WORDS = "scale=smoke experiment=benchmark sweep.only=[ours_full] sweep.seeds=[0,1] track=none"
-SETTINGS = Statistics(bootstrap=200, seed=0)
 
 
 def plan(folder) -> Plan:
@@ -138,7 +137,7 @@ def test_benchmark_section_of_the_report(tmp_path, capsys):
     (tmp_path / "experiments.json").write_text(plan(tmp_path).experiments_json())
     (tmp_path / "report").mkdir()
     out = tmp_path / "report" / "report.html"
-    report(SETTINGS, "mine", tmp_path / "experiments.json", tmp_path, out)
+    report("mine", tmp_path / "experiments.json", tmp_path, out)
     heading, _, rest = out.read_text().partition('<h2 id="benchmark">')[2].partition("</h2>")
     section = rest.partition("</section>")[0]
     assert heading.startswith("Benchmark:") and "could not be made" not in section

@@ -10,6 +10,7 @@ import torch
 from omegaconf import OmegaConf
 
 from relight import config
+from relight.evaluation.scoring.evaluate import TEST, Condition
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
 from relight.maps import Maps, pack_maps, write_maps
@@ -22,7 +23,7 @@ class World:
     lights: Path
     split: Path
     maps: list[Path]
-    settings: config.Evaluate
+    condition: Condition = TEST
 
 
 def snowman(size: int, seed: int) -> Maps:
@@ -78,8 +79,7 @@ def make_world(folder: Path, size: int, figures: int, lights: int, test: int) ->
     np.savez(folder / "lights.npz", coefficients=some_lights(lights, 7), split=split)
     names = [path.stem for path in paths]
     (folder / "split.json").write_text(json.dumps({"train": names[:-test], "test": names[-test:]}))
-    settings = config.Evaluate(lights="test", device="cpu")
-    return World(folder / "packed.safetensors", folder / "lights.npz", folder / "split.json", paths, settings)
+    return World(folder / "packed.safetensors", folder / "lights.npz", folder / "split.json", paths)
 
 
 def save_small_network(path: Path, name: str, color: str, seed: int = 1) -> None:

@@ -33,7 +33,7 @@ def checkpoints(small_network, tmp_path_factory):
 def test_evaluate_agrees_with_predictions_one_at_a_time(name, checkpoints, world, tmp_path):
     """Each pair anew from the figure's maps: relit by hand, through `predict`, errors by numpy."""
     out = tmp_path / f"{name}.s0.csv"
-    evaluate(checkpoints[name], world.packed, world.lights, world.split, world.settings, out)
+    evaluate(checkpoints[name], world.packed, world.lights, world.split, world.condition, out)
     scores = read_scores(out)[f"{name}.s0"]
     assert scores.figures == ["snowman03", "snowman04", "snowman05"] and scores.lights == [4, 5]
     network, _ = load_network(checkpoints[name])
@@ -73,11 +73,11 @@ def test_evaluate_agrees_with_predictions_one_at_a_time(name, checkpoints, world
 
 def test_evaluate_writes_the_same_bytes_in_another_process(checkpoints, world, tmp_path):
     here, there = tmp_path / "here.csv", tmp_path / "there" / "here.csv"
-    evaluate(checkpoints["ours"], world.packed, world.lights, world.split, world.settings, here)
+    evaluate(checkpoints["ours"], world.packed, world.lights, world.split, world.condition, here)
     code = (
-        "import sys; from pathlib import Path; from relight.config import Evaluate; "
-        "from relight.evaluation.scoring.evaluate import evaluate; p = [Path(a) for a in sys.argv[1:]]; "
-        "evaluate(*p[:4], Evaluate('test', 'cpu'), p[4])"
+        "import sys; from pathlib import Path; "
+        "from relight.evaluation.scoring.evaluate import TEST, evaluate; p = [Path(a) for a in sys.argv[1:]]; "
+        "evaluate(*p[:4], TEST, p[4])"
     )
     paths = (checkpoints["ours"], world.packed, world.lights, world.split, there)
     subprocess.run([sys.executable, "-c", code, *map(str, paths)], check=True, env={"OMP_NUM_THREADS": "2", "PATH": ""})
@@ -90,10 +90,10 @@ def test_evaluate_and_plates_without_figures_or_lights(checkpoints, world, tmp_p
         (tmp_path / f"{name}.json").write_text(json.dumps({**parts, "sitting": sitting}))
 
     def scored(split, **on):
-        settings, out = replace(world.settings, **on), tmp_path / "ours.csv"
-        evaluate(checkpoints["ours"], world.packed, world.lights, tmp_path / split, settings, out)
-        evaluate_baselines(world.packed, world.lights, tmp_path / split, settings, tmp_path / "baselines.csv")
-        given = world.packed, world.lights, tmp_path / split, settings
+        condition, out = replace(world.condition, **on), tmp_path / "ours.csv"
+        evaluate(checkpoints["ours"], world.packed, world.lights, tmp_path / split, condition, out)
+        evaluate_baselines(world.packed, world.lights, tmp_path / split, condition, tmp_path / "baselines.csv")
+        given = world.packed, world.lights, tmp_path / split, condition
         plates({"ours": checkpoints["ours"]}, *given, lambda names: [0], tmp_path / "p.png")
         assert bool(read_scores(tmp_path / "baselines.csv")) == bool(read_scores(out)) and (tmp_path / "p.png").exists()
         return read_scores(out)
@@ -107,7 +107,7 @@ def test_unlearned_outputs_are_replaced_by_the_truth(checkpoints, world, tmp_pat
     network, _ = load_network(checkpoints["ours"])
     monkeypatch.setattr("relight.evaluation.scoring.evaluate.load_network", lambda path, device: (network, made_with))
     out = tmp_path / "ours.csv"
-    evaluate(checkpoints["ours"], world.packed, world.lights, world.split, world.settings, out)
+    evaluate(checkpoints["ours"], world.packed, world.lights, world.split, world.condition, out)
     columns = read_scores(out)["ours"].columns
     assert not [name for name in columns if name.startswith(("albedo_r", "albedo_ss", "light", "sphere"))]
     np.testing.assert_array_equal(columns["shading_rmse"], columns["shading_true_light_rmse"])
@@ -129,7 +129,7 @@ def test_infer_in_batches_equals_one_batch(checkpoints, world, monkeypatch):
 
 def test_make_predictors_of_each_baseline(world, tmp_path):
     out = tmp_path / "baselines.csv"
-    evaluate_baselines(world.packed, world.lights, world.split, world.settings, out, color="photo")
+    evaluate_baselines(world.packed, world.lights, world.split, world.condition, out, color="photo")
     scores = read_scores(out)
     assert list(scores) == ["mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is"]
     lights = np.load(world.lights)["coefficients"]
@@ -174,7 +174,7 @@ def test_write_scores_and_read_scores_round_trip(tmp_path):
 
 
 def test_evaluate_refuses_broken_inputs(checkpoints, world, tmp_path):
-    arguments = [checkpoints["ours"], world.packed, world.lights, world.split, world.settings, tmp_path / "out.csv"]
+    arguments = [checkpoints["ours"], world.packed, world.lights, world.split, world.condition, tmp_path / "out.csv"]
     (tmp_path / "empty.json").write_text(json.dumps({"train": ["snowman00"], "test": ["nobody"]}))
     with pytest.raises(UserError, match="0 test figures"):
         evaluate(*arguments[:3], tmp_path / "empty.json", *arguments[4:])
@@ -192,7 +192,7 @@ def test_evaluate_refuses_broken_inputs(checkpoints, world, tmp_path):
 @pytest.mark.parametrize(("name", "color"), [("sfsnet_ao", "paper"), ("ours", "photo")])
 def test_inferred_maps_inside_the_mask(world, small_network, tmp_path, name, color):
     small_network(tmp_path / "a.safetensors", name, color)
-    network, data = load(tmp_path / "a.safetensors", world.packed, world.lights, world.settings)
+    network, data = load(tmp_path / "a.safetensors", world.packed, world.lights)
     true = read_maps(world.maps[4])
     found = inferred_maps(network, data, 5, true)
     raw = infer(network, data, 4, np.array([5]))

@@ -8,15 +8,12 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from relight.config import Statistics
 from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, COLUMNS
 from relight.evaluation.experiments.timing import COLUMNS as TIMES
 from relight.evaluation.experiments.transfer import BASELINES, VARIANTS
 from relight.evaluation.report import own, page
 from relight.evaluation.scoring.comparisons import Verdict
 from relight.evaluation.scoring.scores import Scores, write_scores
-
-SETTINGS = Statistics(bootstrap=500, seed=0)
 
 
 @pytest.fixture
@@ -26,7 +23,7 @@ def results(tmp_path):
     for name in ("light_transfer/plate.png", "path_traced/plate.png"):
         (tmp_path / name).parent.mkdir()
         Image.new("RGB", (9, 9)).save(tmp_path / name)
-    return SimpleNamespace(folder=tmp_path, report=tmp_path, settings=SETTINGS, experiments=experiments, title=str)
+    return SimpleNamespace(folder=tmp_path, report=tmp_path, experiments=experiments, title=str)
 
 
 def test_light_transfer_section(results):

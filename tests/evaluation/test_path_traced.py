@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from relight.config import Evaluate, Panoramas, Statistics, Trace
+from relight.config import Panoramas, Trace
 from relight.errors import UserError
 from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, Chain, evaluate_traced, traced_plate
 from relight.evaluation.experiments.tracing import Scene, read_scenes, sky_of, trace
@@ -20,11 +20,12 @@ from relight.lights import LightSet, read_light_set, write_light_set
 from relight.lights.chain import generated_light
 from relight.maps import pack_maps, write_maps
 from relight.meshes import Material, Mesh
+from relight.panoramas import orient
 from relight.sh import basis, unoccluded
 from relight.transport import bake
 from relight.transport.tracer import sky_directions, sky_weights
 
-GENERATED = Panoramas("generated", None, 3, 0, 0, "auto", 20.0, True, 1)
+GENERATED = Panoramas("generated", None, 3, 0, "auto", True, 1)
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +85,7 @@ def test_evaluate_traced_traced_tables_and_traced_plate(world, data, small_netwo
     scenes[0].full = scenes[0].full * 1.1
     arrays = {f"{i}.{name}": value for i, scene in enumerate(scenes) for name, value in vars(scene).items()}
     np.savez(tmp_path / "traced.npz", **arrays)
-    given = world.packed, world.lights, tmp_path / "traced.npz", world.settings
+    given = world.packed, world.lights, tmp_path / "traced.npz"
     evaluate_traced(networks, *given, tmp_path / "scores.csv")
     with open(tmp_path / "scores.csv", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -94,7 +95,7 @@ def test_evaluate_traced_traced_tables_and_traced_plate(world, data, small_netwo
     assert float(found["answer", "truth", "snowman03"]["bias"]) == pytest.approx(-0.1 / 1.1, rel=1e-3)
     assert float(found["answer", "truth", "snowman04"]["rmse"]) < 1e-6
     for name, path in networks.items():
-        network, own = load(path, world.packed, world.lights, world.settings)
+        network, own = load(path, world.packed, world.lights)
         said = infer(network, own, 4, np.array([4]))
         transport = said.transport[0] * (said.ao[0][:, None] if said.occlude else 1)
         relit = said.albedo[0] * np.maximum(transport @ scenes[1].light, 0)
@@ -102,13 +103,13 @@ def test_evaluate_traced_traced_tables_and_traced_plate(world, data, small_netwo
         rmse = np.sqrt(((relit - chain.pictures["truth"]) ** 2).sum(-1).mean())
         for kind, label in (("answer", name), ("cause", f"network:{name}")):
             assert float(found[kind, label, "snowman04"]["rmse"]) == pytest.approx(rmse, rel=1e-4)
-    found = traced_tables(tmp_path / "scores.csv", Statistics(2000, 0))
+    found = traced_tables(tmp_path / "scores.csv")
     assert list(found["path_traced"].frame.index) == ["ours", "SfSNet-AO", *ANSWERS.values()]
     assert len(found["path_traced_causes"].frame) == len(CAUSES) - 1 + len(networks)
     assert found["path_traced"].frame["relative, %"].iloc[2].mean == pytest.approx(
         50 * 0.1 / 1.1, rel=1e-2
     )  # percent, of two figures
-    traced_plate({name.partition(".")[0]: path for name, path in networks.items()}, *given, 2, tmp_path / "plate.png")
+    traced_plate({name.partition(".")[0]: path for name, path in networks.items()}, *given, tmp_path / "plate.png")
     assert Image.open(tmp_path / "plate.png").height > 600
 
 
@@ -122,14 +123,14 @@ def test_chain_refuses_another_data_set(data, world, tmp_path):
         read_scenes(tmp_path / "notes.npz")
     (tmp_path / "notes.csv").write_text("a,b\n1,2\n")
     with pytest.raises(UserError, match="not a table"):
-        traced_tables(tmp_path / "notes.csv", Statistics(2000, 0))
+        traced_tables(tmp_path / "notes.csv")
 
 
 @pytest.fixture(scope="module")
 def rooms(tmp_path_factory):
     """A light set of three generated rooms, turned and scaled."""
     yaw, scale = np.array([0.0, 70, 190]), np.array([1.0, 2, 0.5])
-    turned = [generated_light(f"room:{i}", 2, yaw=20 + yaw[i], flip=True) * scale[i] for i in range(3)]
+    turned = [orient(generated_light(f"room:{i}", 2, flip=True), yaw[i], False) * scale[i] for i in range(3)]
     table = LightSet(
         coefficients=np.array(turned, np.float32),
         split=np.array(["train", "test", "test"]),
@@ -172,8 +173,7 @@ def test_trace_of_a_ball(rooms, tmp_path):
     pack_maps([tmp_path / f"ball{i}.exr" for i in range(2)], tmp_path / "packed.safetensors")
     (tmp_path / "split.json").write_text('{"train": ["ball0"], "test": ["ball1"], "sitting": []}')
     paths = tmp_path / "packed.safetensors", rooms, tmp_path / "split.json", tmp_path
-    settings = Evaluate(lights="test", device="cpu")
-    trace(*paths, GENERATED, settings, Trace(1, 64, 2), 2, 32, tmp_path / "traced.npz")
+    trace(*paths, GENERATED, Trace(1, 64, 2), 2, 32, tmp_path / "traced.npz")
     (scene,) = read_scenes(tmp_path / "traced.npz")
     assert (scene.seen, scene.new) == (1, 2)
     chain = Chain.of(RelitSet(*paths[:2], 2, "paper"), scene)

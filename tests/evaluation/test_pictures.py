@@ -5,7 +5,6 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from relight.config import Statistics
 from relight.errors import UserError
 from relight.evaluation.experiments.occlusion import COLUMNS as OCCLUSION
 from relight.evaluation.experiments.occlusion import (
@@ -121,12 +120,12 @@ def test_contact_sheet_shows_every_figure(world, tmp_path):
     write_left_out(tmp_path / "broken.exr", {"name": "broken"}, "it has no faces")
     light = np.zeros((9, 3), np.float32)
     light[0] = 0.9
-    contact_sheet([*world.maps, tmp_path / "broken.exr"], light, tmp_path / "sheet.png", height=100)
+    contact_sheet([*world.maps, tmp_path / "broken.exr"], light, tmp_path / "sheet.png")
     sheet = np.asarray(Image.open(tmp_path / "sheet.png"))
-    assert sheet.shape[:2] == (48 + 126, 7 * (5 * (60 + 3) + 18) + 9)  # seven figures side by side
+    assert sheet.shape[:2] == (48 + 3 * (240 + 26), 3 * (5 * (144 + 3) + 18) + 9)  # three rows of three figures
     assert (sheet == (243, 243, 240)).all(-1).mean() > 0.1
     again = tmp_path / "again.png"
-    contact_sheet([*world.maps, tmp_path / "broken.exr"], light, again, height=100)
+    contact_sheet([*world.maps, tmp_path / "broken.exr"], light, again)
     assert again.read_bytes() == (tmp_path / "sheet.png").read_bytes()
     with pytest.raises(UserError, match="no maps"):
         contact_sheet([], light, tmp_path / "none.png")
@@ -158,7 +157,7 @@ def test_plates_show_the_truth_and_each_network(world, small_network, tmp_path):
         checkpoints[name] = tmp_path / f"{name}.safetensors"
         small_network(checkpoints[name], name, "photo")
     out = tmp_path / "plates.png"
-    plates(checkpoints, world.packed, world.lights, world.split, world.settings, lambda names: [0, 2], out)
+    plates(checkpoints, world.packed, world.lights, world.split, world.condition, lambda names: [0, 2], out)
     sheet = np.asarray(Image.open(out)).astype(int)
     assert sheet.shape[0] == 60 + 2 * (3 * 306 + 24) + 4 * 24
     # Albedo of the truth: the sheet holds the first test figure's two stripe colors, sRGB-encoded.
@@ -194,7 +193,7 @@ def test_shadings_are_under_the_true_light_with_their_errors_below(world, small_
     networks = {name: tmp_path / f"{name}.safetensors" for name in ("ours", "sfsnet")}
     for name, checkpoint in networks.items():
         small_network(checkpoint, name, "photo")
-    shadings(networks, world.packed, world.lights, world.split, world.settings, tmp_path / "shadings.png")
+    shadings(networks, world.packed, world.lights, world.split, world.condition, tmp_path / "shadings.png")
     sheet = np.asarray(Image.open(tmp_path / "shadings.png")).astype(int)
     wide = (sheet.shape[1] - 150 - 6) // 4
     views, errors = (
@@ -208,7 +207,7 @@ def test_shadings_are_under_the_true_light_with_their_errors_below(world, small_
     white = max(1.0, np.percentile(true, 99.5))
     assert share_shown(views[1], encode((true / white).clip(0, 1))) > 0.9
     for view, error, checkpoint in zip(views[2:], errors[2:], networks.values()):
-        network, data = load(checkpoint, world.packed, world.lights, world.settings)
+        network, data = load(checkpoint, world.packed, world.lights)
         inferred = infer(network, data, 4, np.flatnonzero(split == "test")[:1])
         shading = shade(inferred.occluded_transport[0], light)
         assert share_shown(view, encode((shading / white).clip(0, 1))) > 0.9
@@ -219,7 +218,7 @@ def test_relit_by_several_lights(world, small_network, tmp_path):
     """The truth has the colors of each test light; a network, which sees the first alone, has others."""
     networks = {"ours": tmp_path / "ours.safetensors"}
     small_network(networks["ours"], "ours", "photo")
-    relit(networks, world.packed, world.lights, world.split, world.settings, tmp_path / "relit.png")
+    relit(networks, world.packed, world.lights, world.split, world.condition, tmp_path / "relit.png")
     sheet = np.asarray(Image.open(tmp_path / "relit.png")).astype(int)
     lights, split = (np.load(world.lights)[name] for name in ("coefficients", "split"))
     maps = read_maps(world.maps[4])
@@ -236,7 +235,7 @@ def test_plates_of_one_figure_and_of_extreme_places(world, small_network, tmp_pa
     """Of three test figures in the order 2, 0, 1 of their errors the sheet shows each once, from the best on."""
     networks = {"ours": tmp_path / "ours.safetensors"}
     small_network(networks["ours"], "ours", "photo")
-    given = world.packed, world.lights, world.split, world.settings
+    given = world.packed, world.lights, world.split, world.condition
     names = [path.stem for path in world.maps[3:]]
     errors = np.array([[0.2], [0.3], [0.1]])
     write_scores(tmp_path / "ours.s0.csv", {"ours.s0": Scores(names, [4], {"shading_rmse": errors})})
@@ -257,7 +256,7 @@ def test_plot_errors_and_plot_curves_are_reproducible(tmp_path):
     rng = np.random.default_rng(0)
     columns = {c: rng.random((5, 2)) for c in TABLE2_COLUMNS}
     given = {name: [Scores(list("abcde"), [0, 1], columns)] for name in ("sfsnet", "ours_full")}
-    table = experiment_table("table1", given, {"mean_light": given["sfsnet"]}, Statistics(100, 0))
+    table = experiment_table("table1", given, {"mean_light": given["sfsnet"]})
     for name in ("a.svg", "b.svg", "c.png"):
         plot_errors(table, ("shading_rmse", "transport_rmse", "ao_rmse"), tmp_path / name)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()

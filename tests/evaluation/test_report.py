@@ -13,7 +13,7 @@ import pytest
 import yaml
 from PIL import Image
 
-from relight.config import CONF, Experiment, Statistics
+from relight.config import CONF, Experiment
 from relight.evaluation.experiments.occlusion import HISTOGRAM
 from relight.evaluation.report import build, page, provenance, sections
 from relight.evaluation.report.data import costs_and_settings, redraws
@@ -22,7 +22,6 @@ from relight.evaluation.scoring.comparisons import Verdict
 from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.evaluation.scoring.truth import COLUMNS
 
-SETTINGS = Statistics(200, 0)
 FIGURES = [f"f{i}" for i in range(10)]
 BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is", "cut_2", "cut_3")
 LEVEL = {"shading": 0.3, "transport": 0.4, "light": 0.2, "albedo": 0.1}
@@ -72,7 +71,7 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
     record = {**experiment, **files, "trainings": {row: [f"{row}.s0"] for row in rows}}
     record["splits"] = dict.fromkeys(rows, "split.json")
     (folder / "experiments.json").write_text(json.dumps({preset: record}))
-    return Results(folder, SETTINGS, folder / "experiments.json")
+    return Results(folder, folder / "experiments.json")
 
 
 def numbers(folder, preset: str, errors: dict[str, dict[str, float]], **options) -> dict:
@@ -328,7 +327,7 @@ def save_lights(folder):
 def test_build_report_is_whole_and_stands_alone(tmp_path):
     folder = whole_run(tmp_path, "table1", "table2")
     out = folder / "report" / "report.html"
-    build.build_report("a <run>", SETTINGS, folder / "experiments.json", folder, out)
+    build.build_report("a <run>", folder / "experiments.json", folder, out)
     html = out.read_text()
     found = check(html)
     assert found.names == [
@@ -366,7 +365,7 @@ def test_build_report_with_failed_sections(tmp_path, capsys):
     asked["inference_time"] |= {"failed": ["inference_time/a.csv"]}
     (folder / "experiments.json").write_text(json.dumps(asked))
     out = folder / "report" / "report.html"
-    build.build_report("run", SETTINGS, folder / "experiments.json", folder, out)
+    build.build_report("run", folder / "experiments.json", folder, out)
     found = check(out.read_text())
     # The summary needs table2, and so does the chart of the first table.
     assert found.classes.count("failed") >= 3 and {"table1", "figures", "inference_time"} <= set(found.names)

@@ -26,7 +26,7 @@ def test_resample_weights_are_resamples():
 
 def test_estimate_interval_agrees_with_students():
     values = RNG.normal(2, 0.3, (1, 40, 1))
-    found = estimate(values, 20000, 0)
+    found = estimate(values, resamples=20000)
     low, high = stats.t.interval(0.95, 39, values.mean(), stats.sem(values[0, :, 0]))
     assert found.mean == pytest.approx(values.mean())
     assert (found.low, found.high) == pytest.approx((low, high), abs=0.006)
@@ -43,14 +43,14 @@ def test_estimate_interval_coverage(figures, lights, trainings):
         rows = rng.normal(0, 0.1, (3, trainings, 1, 1)) * (trainings > 1)
         rows = rows + rng.normal(0, 0.05, (3, trainings, figures, lights))
         rows += 1 + rng.normal(0, 0.2, (figures, 1)) + rng.normal(0, 0.2, lights) * (lights > 1)
-        found = estimate(rows[0], 400, trial, pooled_spread(list(rows)), noise=trial)
+        found = estimate(rows[0], pooled_spread(list(rows)), noise=trial, resamples=400, seed=trial)
         covered += found.low <= 1 <= found.high
     assert 0.925 <= covered / 400 <= 0.985
 
 
 def test_compare_agrees_with_the_paired_t_test():
     first, second = RNG.normal(0, 1, (2, 9))
-    found = compare(*(estimate(row[None, :, None], 100, 0) for row in (first, second)))
+    found = compare(*(estimate(row[None, :, None], resamples=100) for row in (first, second)))
     expected = stats.ttest_rel(first, second)
     interval = expected.confidence_interval()
     assert (found.p, found.low, found.high) == pytest.approx((expected.pvalue, interval.low, interval.high))
@@ -70,7 +70,7 @@ def test_compare_crossed_variance_of_the_mean_squares():
     figures, lights = 7, 5
     values = RNG.normal(0, 1, (figures, 1)) + RNG.normal(0, 1.5, lights) + RNG.normal(0, 0.3, (figures, lights))
     other = RNG.normal(0, 1, (figures, lights))
-    given = [estimate(one[None], 10, 0) for one in (values + other, other)]
+    given = [estimate(one[None], resamples=10) for one in (values + other, other)]
     grand = values.mean()
     squares = [
         lights * sum((row.mean() - grand) ** 2 for row in values) / (figures - 1),
@@ -96,7 +96,7 @@ def test_variance_components_are_not_negative():
     """Means of lights that are closer than the pairs' noise makes them: the variance is that over figures alone."""
     noise = RNG.normal(0, 1, (6, 4))
     values = noise - noise.mean(0) + RNG.normal(0, 2, (6, 1))
-    found = compare(estimate(values[None], 10, 0), estimate(np.zeros((1, 6, 4)), 10, 0))
+    found = compare(estimate(values[None], resamples=10), estimate(np.zeros((1, 6, 4)), resamples=10))
     expected = stats.ttest_1samp(values.mean(1), 0)
     assert (found.p, found.freedom) == (pytest.approx(expected.pvalue), 5)
 
@@ -111,7 +111,7 @@ def test_compare_p_values_of_equal_rows_are_uniform(lights, trainings):
         rows += rng.normal(0, 0.05, (2, trainings, 1, 1)) * (trainings > 1)
         rows += rng.normal(0, 0.1, (2, 1, 1, lights)) * (lights > 1)  # of each row under each light
         spread = pooled_spread(list(rows))
-        found.append(compare(*(estimate(row, 2, 0, spread) for row in rows)).p)
+        found.append(compare(*(estimate(row, spread, resamples=2) for row in rows)).p)
     assert 0.02 <= np.mean(np.array(found) < 0.05) <= 0.075
     assert np.mean(np.array(found) < 0.01) <= 0.025
 
@@ -132,8 +132,8 @@ def test_compare_rows_that_share_one_factor(seed):
 def test_compare_pairs_rows():
     """A shift far under the spread of the figures: the rows' intervals overlap, their paired difference is sure."""
     shared = RNG.normal(1, 0.3, 16)
-    first = estimate(shared[None, :, None], 2000, 0)
-    second = estimate((shared + 0.02 + RNG.normal(0, 0.002, 16))[None, :, None], 2000, 0)
+    first = estimate(shared[None, :, None], resamples=2000)
+    second = estimate((shared + 0.02 + RNG.normal(0, 0.002, 16))[None, :, None], resamples=2000)
     found = compare(first, second)
     assert first.high > second.low
     assert found.high < 0 and found.p < 0.005
@@ -145,9 +145,9 @@ def test_estimate_interval_with_the_spread_of_trainings():
     calm, wild = np.stack([figures, figures, figures]), np.stack([figures - 0.1, figures, figures + 0.1])
     spread = pooled_spread([wild, wild, calm[:1]])
     assert (spread.deviation, spread.freedom) == (pytest.approx(0.1), 4)
-    student, still = stats.t.ppf(0.975, 4) * 0.1, estimate(calm, 4000, 0).margin
+    student, still = stats.t.ppf(0.975, 4) * 0.1, estimate(calm, resamples=4000).margin
     for rows, expected in ((calm, student / np.sqrt(3)), (wild, student / np.sqrt(3)), (calm[:1], student)):
-        assert estimate(rows, 4000, 0, spread).margin == pytest.approx(np.hypot(still, expected), rel=0.05)
+        assert estimate(rows, spread, resamples=4000).margin == pytest.approx(np.hypot(still, expected), rel=0.05)
     assert pooled_spread([calm[:1]]).freedom == 0
 
 
@@ -160,14 +160,14 @@ def test_estimate_prefers_the_larger_spread(noisy):
         scale = np.where(np.arange(8) == 0, noisy, 1)[:, None, None, None]
         rows = 0.05 * scale * rng.normal(0, 1, (8, 3, 1, 1)) + rng.normal(0, 0.001, (8, 3, 12, 1))
         spread = pooled_spread(list(rows))
-        found.append(compare(*(estimate(row, 2, 0, spread) for row in rows[:2])).p)
+        found.append(compare(*(estimate(row, spread, resamples=2) for row in rows[:2])).p)
     assert np.mean(np.array(found) < 0.05) <= 0.075 and np.mean(np.array(found) < 0.001) <= 0.015
 
 
 def test_estimate_and_compare_of_few_figures():
-    first, second = (estimate(np.array([row])[..., None], 2000, 0) for row in ([0.5, 0.6], [0.7, 0.9]))
+    first, second = (estimate(np.array([row])[..., None], resamples=2000) for row in ([0.5, 0.6], [0.7, 0.9]))
     assert compare(first, second).p > 0.1
-    first, second = (estimate(np.full((1, 1, 3), value), 100, 0) for value in (0.5, 0.7))
+    first, second = (estimate(np.full((1, 1, 3), value), resamples=100) for value in (0.5, 0.7))
     assert (first.low, first.high, first.mean) == (-np.inf, np.inf, 0.5)
     assert compare(first, second).p == 1
     assert compare(first, first).p == 1

@@ -6,7 +6,6 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from relight.config import Statistics
 from relight.errors import UserError
 from relight.evaluation.report.formats import (
     MARKDOWN,
@@ -29,7 +28,6 @@ from relight.evaluation.scoring.statistics import Estimate
 from relight.evaluation.scoring.tables import TABLE1_COLUMNS, TABLE2_COLUMNS, experiment_table
 from relight.evaluation.scoring.truth import COLUMNS
 
-SETTINGS = Statistics(4000, 0)
 FIGURES = [f"f{i}" for i in range(12)]
 
 
@@ -51,7 +49,7 @@ def rows(shift=None, names=("sfsnet", "sfsnet_ao", "ours_min", "ours_full"), see
 
 def test_experiment_table_best_and_not_significant():
     given = rows({"ours_min": {"light_rmse": -0.0062}})  # .1988 against .199 of ours_full
-    table = experiment_table("table1", given, {}, SETTINGS)
+    table = experiment_table("table1", given, {})
     cells = table.rows
     assert list(cells) == ["sfsnet", "sfsnet_ao", "ours_min", "ours_full"]
     assert [name for name, row in cells.items() if row["shading_rmse"].best] == ["ours_full"]
@@ -66,7 +64,7 @@ def test_experiment_table_best_and_not_significant():
 
 def test_experiment_table_baselines_do_not_compete():
     baseline = {"mean_figure": [scores("ours_full", 0, {c: -0.1 for c in TABLE1_COLUMNS})]}
-    table = experiment_table("table1", rows(), baseline, SETTINGS)
+    table = experiment_table("table1", rows(), baseline)
     assert table.baselines == ["mean_figure"] and list(table.rows)[-1] == "mean_figure"
     assert "mean_figure" not in table.networks and table.kind("mean_figure") == "baseline"
     assert not any(cell.best or cell.p is not None for cell in table.rows["mean_figure"].values())
@@ -77,16 +75,16 @@ def test_experiment_table_baselines_do_not_compete():
 def test_experiment_table_columns_and_order_of_rows():
     names = ("ours_full", "no_tv", "no_shading")
     given = {name: [scores(name, 0, {})] for name in names}
-    table = experiment_table("table2", given, {}, SETTINGS, TABLE2_COLUMNS)
+    table = experiment_table("table2", given, {}, TABLE2_COLUMNS)
     assert list(table.rows) == list(names) and "normal_rmse" not in table.columns
-    mine = experiment_table("of my own", given, {}, SETTINGS)
+    mine = experiment_table("of my own", given, {})
     assert mine.columns == TABLE1_COLUMNS and table.printed and not mine.printed
     with pytest.raises(UserError, match="no training"):
-        experiment_table("table2", {}, {}, SETTINGS)
+        experiment_table("table2", {}, {})
 
 
 def test_write_tables_of_scores(tmp_path):
-    table = experiment_table("table1", rows(seeds=2), {"mean_figure": [scores("ours_min", 5, {})]}, SETTINGS)
+    table = experiment_table("table1", rows(seeds=2), {"mean_figure": [scores("ours_min", 5, {})]})
     write_score_table(table, "Table 1", tmp_path / "table1")
     with open(tmp_path / "table1.csv", newline="") as file:
         lines = {(line["row"], line["kind"]): line for line in csv.DictReader(file)}
@@ -135,7 +133,7 @@ def test_write_tables_of_any_cells(tmp_path):
 
 
 def test_orderings_of_the_printed_values_hold():
-    table = experiment_table("table1", rows(noise=0.0005), {}, SETTINGS)
+    table = experiment_table("table1", rows(noise=0.0005), {})
     found = {(one.better, one.worse, one.comparison.column): one for one in orderings([table])}
     assert found["ours_min", "sfsnet", "shading_rmse"].comparison.verdict is Verdict.BETTER
     against = found["sfsnet_ao", "ours_full", "albedo_ssim"]  # as printed, against the paper's general words
@@ -148,7 +146,7 @@ def test_orderings_of_the_printed_values_hold():
 
 
 def test_orderings_reversed():
-    table = experiment_table("table1", rows({"ours_full": {"transport_rmse": 0.1}}), {}, SETTINGS)
+    table = experiment_table("table1", rows({"ours_full": {"transport_rmse": 0.1}}), {})
     found = {(one.better, one.worse, one.comparison.column): one.comparison for one in orderings([table])}
     one = found["ours_full", "ours_min", "transport_rmse"]
     low, high = one.interval
@@ -157,7 +155,7 @@ def test_orderings_reversed():
 
 
 def test_orderings_and_comparisons_of_similarities():
-    table = experiment_table("table1", rows(noise=0.0005), {}, SETTINGS)
+    table = experiment_table("table1", rows(noise=0.0005), {})
     found = compare_rows(table, "ours_full", "ours_min", ("shading_ssim", "shading_rmse", "none"))
     assert (
         set(found) == {"shading_ssim", "shading_rmse"}
@@ -169,7 +167,7 @@ def test_orderings_and_comparisons_of_similarities():
 
 def test_orderings_of_noise_claim_nothing():
     """All rows drawn alike: a stray verdict in about one of twenty repetitions, as the correction promises."""
-    stray, quick = 0, Statistics(2, 0)
+    stray = 0
     for trial in range(40):
         rng = np.random.default_rng(trial)
         hard = rng.normal(0, 0.05, (12, 1))
@@ -177,7 +175,7 @@ def test_orderings_of_noise_claim_nothing():
             name: [Scores(FIGURES, [0, 1], {c: 0.3 + hard + rng.normal(0, 0.02, (12, 2)) for c in TABLE1_COLUMNS})]
             for name in ("sfsnet", "sfsnet_ao", "ours_min", "ours_full")
         }
-        made = orderings([experiment_table("table1", given, {}, quick)])
+        made = orderings([experiment_table("table1", given, {})])
         stray += any(one.comparison.verdict in (Verdict.BETTER, Verdict.WORSE) for one in made)
     assert stray <= 5
 
@@ -259,7 +257,7 @@ def test_gather_trainings_by_row(tmp_path):
 
 def test_experiment_table_of_one_figure():
     one = {n: [Scores(["f"], [1], {c: v[:1, :1] for c, v in s[0].columns.items()})] for n, s in rows().items()}
-    table = experiment_table("table1", one, {}, SETTINGS)
+    table = experiment_table("table1", one, {})
     grid = score_grid(table, table.columns)
     assert "± ∞" in to_markdown(grid) and "infty" in to_latex(grid)
     assert {one.comparison.verdict for one in orderings([table])} == {Verdict.OPEN}

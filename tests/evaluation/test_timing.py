@@ -15,7 +15,7 @@ def model(*words):
 def test_time_networks_of_small_networks(tmp_path):
     small = {"ours_full": model("scale=smoke"), "ours_plus": model("scale=smoke", "model=ours_plus")}
     before = torch.get_num_threads()
-    time_networks(small, Timing([64, 128], 0.0), tmp_path / "times.csv")
+    time_networks(small, Timing([64, 128]), tmp_path / "times.csv")
     assert torch.get_num_threads() == before
     times = read_times(tmp_path / "times.csv")
     times = times[times.device == "cpu"]

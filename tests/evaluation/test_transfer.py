@@ -1,7 +1,5 @@
 """Light transfer against a twin that swaps one pair at a time, by hand."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from PIL import Image
@@ -45,7 +43,7 @@ def drawn_answer(data, figure, lit, occlude=False):
 
 
 def test_score_swaps_of_the_truth(world, data):
-    scores = score_swaps(lambda f, lit: true_answer(data, f, lit), data, world.split, world.settings)
+    scores = score_swaps(lambda f, lit: true_answer(data, f, lit), data, world.split)
     assert set(scores) == {*VARIANTS, *BASELINES}
     for name in ("", "true_light", "true_maps", "true_color", "true_pattern"):
         assert scores[name].columns["reconstruction_rmse"].max() < 1e-6
@@ -57,7 +55,7 @@ def test_score_swaps_of_the_truth(world, data):
 
 @pytest.mark.parametrize("occlude", [False, True])
 def test_score_swaps_agrees_with_swaps_by_hand(world, data, occlude):
-    scores = score_swaps(lambda f, lit: drawn_answer(data, f, lit, occlude), data, world.split, world.settings)
+    scores = score_swaps(lambda f, lit: drawn_answer(data, f, lit, occlude), data, world.split)
     a, b = data.figures(["snowman03", "snowman04"])
     assert scores[""].figures == ["snowman03+snowman04"]  # the third test figure has no partner
     lit = np.array(scores[""].lights)
@@ -105,27 +103,26 @@ def test_evaluate_transfer_and_transfer_plate(world, small_network, tmp_path):
     for name in ("ours", "sfsnet_ao"):
         networks[f"{name}.s0"] = tmp_path / f"{name}.safetensors"
         small_network(networks[f"{name}.s0"], name, "photo")
-    given = world.packed, world.lights, world.split, world.settings
+    given = world.packed, world.lights, world.split
     evaluate_transfer(networks, *given, tmp_path / "scores.csv")
     scores = read_scores(tmp_path / "scores.csv")
     rows = [f"{row}{':' * bool(v)}{v}.s0" for row in ("ours", "sfsnet_ao") for v in VARIANTS]
     assert list(scores) == [*rows, *BASELINES]
     assert scores["ours:true_light.s0"].columns["light_rmse"].max() < 1e-6
     shown = {name.partition(".")[0]: path for name, path in networks.items()}
-    transfer_plate(shown, *given, 2, tmp_path / "plate.png")
+    transfer_plate(shown, *given, tmp_path / "plate.png")
     sheet = Image.open(tmp_path / "plate.png")
     assert sheet.height > 2 * 300  # one pair, both ways
     first = (tmp_path / "plate.png").read_bytes()
-    transfer_plate(shown, *given, 2, tmp_path / "plate.png")
+    transfer_plate(shown, *given, tmp_path / "plate.png")
     assert (tmp_path / "plate.png").read_bytes() == first
 
 
 def test_score_swaps_without_a_pair(world, data):
     with pytest.raises(UserError, match="two test figures"):
         pair_up(np.array([3]))
-    one = dataclasses.replace(world.settings, lights="test")
     data = RelitSet(world.packed, world.lights, 2, "paper")
     data.light_split = np.array(["train"] * 5 + ["test"])
     with pytest.raises(UserError, match="two test lights"):
-        score_swaps(lambda f, lit: true_answer(data, f, lit), data, world.split, one)
+        score_swaps(lambda f, lit: true_answer(data, f, lit), data, world.split)
     assert evenly_spaced(7, 3) == [0, 3, 6] and evenly_spaced(1, 4) == [0]

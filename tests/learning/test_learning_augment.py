@@ -8,8 +8,9 @@ import pytest
 import torch
 from PIL import Image
 
-from relight.learning.augment import RED_PER_BLUE, augment_batch, compress_jpeg, specular_reflection
-from relight.learning.camera import encode, photograph
+from relight.learning.augment import RED_PER_BLUE, augment_batch, specular_reflection
+from relight.learning.camera import compress_jpeg
+from relight.learning.color import encode, photograph
 from relight.learning.data import RelitSet, compact_index
 from relight.learning.losses import variation
 from relight.sh import basis

@@ -25,7 +25,7 @@ from relight.sh import basis, irradiance, rotate_y, sphere_quadrature
 SETTINGS = replace(read_preset("lights"), clusters=12, test=3)
 RULES = ALL_RULES["rooms"]
 GENERATED = Panoramas(
-    source="generated", count=40, skies=0, seed=0, layout="auto", yaw=0.0, flip=False
+    source="generated", count=40, skies=0, layout="auto", flip=False
 )  # fmt: skip
 
 

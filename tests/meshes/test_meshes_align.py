@@ -11,7 +11,7 @@ from relight.meshes import Material, Mesh, align
 from relight.meshes.alignment import axes_rotation, read_align_table
 from relight.meshes.axes import AXES, find_axes
 
-AUTO = Align(up="auto", front="auto", padding=0.05)
+AUTO = Align(up="auto", front="auto")
 PAIRS = [(up, front) for up, front in product(AXES, AXES) if up[1] != front[1]]
 POSES = {
     "standing": {},
@@ -122,21 +122,20 @@ def test_feet_wide_apart_point_where_each_of_them_points(person):
 def test_given_axes_are_used(person, up, front):
     """All 24 frames: the figure comes out as if the file were y-up facing +z."""
     mesh = person()
-    want = align(mesh, Align(up="+y", front="+z", padding=0.1)).vertices
+    want = align(mesh, Align(up="+y", front="+z"), 0.1).vertices
     mesh.vertices = (mesh.vertices @ axes_rotation(up, front)).astype(np.float32)
-    got = align(mesh, Align(up=up, front=front, padding=0.1))
+    got = align(mesh, Align(up=up, front=front), 0.1)
     np.testing.assert_allclose(got.vertices, want, atol=1e-6)
     assert np.linalg.det(axes_rotation(up, front)) == pytest.approx(1)
 
 
 @pytest.mark.parametrize("padding", [0, 0.05, 0.2])
 def test_aligned_figures_fill_the_image(person, padding):
-    settings = Align(up="auto", front="auto", padding=padding)
-    tall = align(person(), settings).vertices
+    tall = align(person(), Align(up="auto", front="auto"), padding).vertices
     np.testing.assert_allclose(tall.max(axis=0), -tall.min(axis=0), atol=1e-6)
     assert np.ptp(tall[:, 1]) == pytest.approx(2 * (1 - 2 * padding), rel=1e-6)
     wide = person(left_arm=((0.8, 1.3, 0), (0.6, 0.05, 0.05)), right_arm=((-0.8, 1.3, 0), (0.6, 0.05, 0.05)))
-    wide = align(wide, Align(up="+y", front="+z", padding=padding)).vertices
+    wide = align(wide, Align(up="+y", front="+z"), padding).vertices
     assert np.ptp(wide[:, 0]) == pytest.approx(2 * (1 - 2 * padding), rel=1e-6)
     assert np.ptp(wide[:, 1]) < np.ptp(wide[:, 0])
 
@@ -155,7 +154,7 @@ def test_the_record_inverts_the_alignment(person):
 def test_a_table_overrides_single_figures(tmp_path, person):
     table = tmp_path / "axes.csv"
     table.write_text("\ufeffname,up,front,turn\nperson,,-z,\nother,+x,+y,3\nturned,+y,+z,90\n", encoding="utf-8")
-    settings = Align(up="+y", front="+z", table=str(table), padding=0.05)
+    settings = Align(up="+y", front="+z", table=str(table))
     got = align(person(), settings)
     assert got.info["align"]["front"] == "-z"
     want = align(person(), AUTO).vertices
@@ -184,14 +183,14 @@ def test_malformed_tables_are_refused(tmp_path, text, says):
 
 def test_axes_that_contradict_are_refused(person):
     with pytest.raises(UserError, match="same axis"):
-        align(person(), Align(up="+y", front="-y", padding=0.05))
+        align(person(), Align(up="+y", front="-y"))
 
 
 @pytest.mark.parametrize("key", ["up", "front"])
 @pytest.mark.parametrize("other", ["auto", "+z"])
 @pytest.mark.parametrize("axis", ["+q", "y", "+Y"])
 def test_settings_that_name_no_axis_are_refused(person, key, other, axis):
-    settings = Align(**({"up": other, "front": other} | {key: axis}), padding=0.05)
+    settings = Align(**({"up": other, "front": other} | {key: axis}))
     with pytest.raises(UserError) as refused:
         align(person(), settings)
     assert str(refused.value) == f"align.{key} {axis!r} is not an axis; +x, -x, +y, -y, +z, -z and auto are"
@@ -225,8 +224,8 @@ def test_align_warns_of_a_piece_of_floor(person, size, up):
         )
     if up == "z":
         mesh.vertices = mesh.vertices[:, [2, 0, 1]]
-    found = align(mesh, Align(up="auto", front="auto", padding=0.05))
+    found = align(mesh, Align(up="auto", front="auto"))
     told = [line for line in found.info.get("warnings", []) if f"its -{up} side is flat, as a floor" in line]
     assert bool(told) == bool(size)
-    given = align(mesh, Align(up=f"+{up}", front="+z" if up == "y" else "+x", padding=0.05))
+    given = align(mesh, Align(up=f"+{up}", front="+z" if up == "y" else "+x"))
     assert not given.info.get("warnings")

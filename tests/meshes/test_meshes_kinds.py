@@ -716,6 +716,6 @@ def test_align_table_with_a_decimal_comma(tmp_path, person):
     meshes = []
     for text in ("name;turn\nperson;22,5\n", "name,turn\nperson,22.5\n"):
         (tmp_path / "axes.csv").write_text(text)
-        settings = Align(up="+y", front="+z", padding=0.05, table=str(tmp_path / "axes.csv"))
+        settings = Align(up="+y", front="+z", table=str(tmp_path / "axes.csv"))
         meshes.append(align(person(), settings).vertices)
     np.testing.assert_array_equal(*meshes)

@@ -68,8 +68,9 @@ def test_rooms_are_physically_possible_and_few_are_dark_or_lit_from_below(rooms)
     assert np.mean(rooms["elevation"] < 0) < 0.1
 
 
-def test_selection_keeps_tungsten_and_dark_sides_on_both_sides_of_the_split(coefficients):
-    settings = OmegaConf.to_object(composed(["lights.rotations=12", "lights.clusters=25", "lights.test=5"])).lights
+def test_selection_keeps_tungsten_and_dark_sides_on_both_sides_of_the_split(coefficients, monkeypatch):
+    monkeypatch.setattr("relight.lights.select.ROTATIONS", 12)
+    settings = OmegaConf.to_object(composed(["lights.clusters=25", "lights.test=5"])).lights
     chosen, record = select_lights(coefficients, [f"room:{seed}" for seed in range(COUNT)], settings)
     assert [record["lights"][split] for split in ("train", "validation", "test")] == [18, 2, 5]
     for split, spread in (("train", 0.25), ("test", 0.15)):

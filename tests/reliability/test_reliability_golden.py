@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from relight.config import Align, Model
 from relight.evaluation.scoring.statistics import compare, estimate
 from relight.figures.body.person import build_body, sample_person
-from relight.learning.camera import shade
+from relight.learning.color import shade
 from relight.learning.networks import build
 from relight.lights import load_light
 from relight.meshes import Material, Mesh, align
@@ -46,7 +46,7 @@ def body() -> list[float]:
 def maps() -> list[float]:
     """A person of capsules at 64 px: pixels, mean AO, mean transport."""
     solid = person(0)
-    aligned = align(mesh_of(solid.vertices, solid.faces), Align(up="+y", front="+z", padding=0.05))
+    aligned = align(mesh_of(solid.vertices, solid.faces), Align(up="+y", front="+z"))
     found = bake(aligned, 64, 64)
     return [int(found.mask.sum()), found.ao[found.mask].mean(), *found.transport[found.mask].mean(axis=0)]
 
@@ -73,7 +73,7 @@ def network() -> list[float]:
 def table() -> list[float]:
     """Two rows of a table: their means and intervals, and their difference with its p-value."""
     rng = np.random.default_rng(0)
-    first, second = (estimate(rng.normal(mean, 0.1, (1, 12, 1)), 500, 0) for mean in (0.5, 0.45))
+    first, second = (estimate(rng.normal(mean, 0.1, (1, 12, 1)), resamples=500) for mean in (0.5, 0.45))
     difference = compare(first, second)
     rows = [number for one in (first, second) for number in (one.mean, one.low, one.high)]
     return [*rows, difference.mean, difference.low, difference.high, difference.p]

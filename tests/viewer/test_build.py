@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relight.config import Evaluate
 from relight.errors import UserError
 from relight.maps import write_maps
 from relight.maps.octahedral import octahedral
@@ -96,11 +95,10 @@ def test_the_stage_shows_as_many_figures_as_a_page_holds(tmp_path, maps, monkeyp
     write_light_set(light, tmp_path)
 
     (tmp_path / "experiments.json").write_text("{}")  # no network: nothing but the truth
-    settings = Evaluate("test", "cpu", 1)
 
     def shown():
         given = tmp_path / "split.json", tmp_path, tmp_path / "lights.npz", tmp_path / "a.html"
-        page.main("a", settings, tmp_path / "experiments.json", tmp_path, tmp_path / "packed", *given)
+        page.main("a", tmp_path / "experiments.json", tmp_path, tmp_path / "packed", *given)
         return re.findall(r'data-title="(g\d+)"', (tmp_path / "a.html").read_text())
 
     few = shown()

@@ -57,10 +57,8 @@ AFTER_BAKING = {"pack": 1, "split": 1, "train": 3, "baselines": 1, "sheets": 1, 
         ("train.lr=0.5", {"train": 3, **AFTER_TRAINING}),
         ("bake.rays=8", {"bake": 3, **AFTER_BAKING}),
         ("bake.views=2", {"bake": 3, **AFTER_BAKING}),
-        ("align.padding=0.1", {"align": 3, "clean": 3, "bake": 3, **AFTER_BAKING}),
+        ("align.up=+y", {"align": 3, "clean": 3, "bake": 3, **AFTER_BAKING}),
         ("lights.clusters=5", {"lights": 1, "train": 3, "baselines": 1, "sheets": 1, **AFTER_TRAINING}),
-        ("statistics.bootstrap=99 track=none", {"tables": 1, "report": 1}),
-        ("pictures.plates=3 pictures.sheet=3", {"plates": 1, "sheets": 1, "report": 1}),
     ],
 )
 def test_a_change_runs_what_it_touches(done, override, jobs):

@@ -73,7 +73,7 @@ def test_domains(rules, words, right, wrong):
 
 
 def test_types_and_domains_in_words():
-    keys = ("train.lr", "bake.size", "model.refine", "train.size", "timing.sizes", "lights.brightness", "sweep.rows")
+    keys = ("train.lr", "bake.size", "model.refine", "train.size", "timing.sizes", "augment.exposure", "sweep.rows")
     assert [(type_in_words(FIELDS[key].type), domain_in_words(FIELDS[key])) for key in keys] == [
         ("a number", "greater than 0"),
         ("a whole number", "a multiple of 64 and at least 64"),
@@ -135,12 +135,11 @@ def test_what_stages_read_is_there(stage):
         ("panoramas.source=files", ["panoramas.source must be one of generated, folder, not files"]),
         ("model.norm=group", ["model.norm", "instance, batch", "group"]),
         ("lights.test=60", ["lights.test", "60", "lights.clusters"]),
-        ("lights.brightness=[1,0.9]", ["lights.brightness must be [least, most], each greater than 0"]),
-        ("lights.brightness=[0,1]", ["lights.brightness must be [least, most], each greater than 0"]),
+        ("train.span=[1,0.9]", ["train.span must be [least, most], each in [0, 1]"]),
+        ("train.span=[0,2]", ["train.span must be [least, most], each in [0, 1]"]),
         ("lights.order=literal", ["lights.order must be one of cut_first, paper, not literal"]),
         ("lights.split=subject", ["lights.split must be one of room, random, not subject"]),
         ("lights.clusters=1", ["lights.clusters must be at least 2, not 1"]),
-        ("lights.rotations=0", ["lights.rotations must be at least 1, not 0"]),
         ("train.lights=[dim]", ["train.lights", "train, rich, test", "dim"]),
         ("train.part=test", ["without ground truth", "loss.albedo", "loss=self_supervised"]),
         ("train.lights=[train,test]", ["without ground truth", "loss.albedo"]),

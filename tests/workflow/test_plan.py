@@ -125,7 +125,6 @@ def test_rows_may_have_splits_of_their_own():
 @pytest.mark.parametrize(
     ("hydra", "message"),
     [
-        ("evaluate.lights=unusual", "experiment=sitting"),
         ("sweep.only=[nobody]", "no row nobody"),
         ("+sweep.rows.wide=['bake.rays=9']", "changes bake"),
         ("+sweep.rows.wide=['train.start=wide']", "is the row itself"),

@@ -45,7 +45,7 @@ def test_the_page_of_settings_is_fresh():
     [
         ([], "sca", ["scale="]),
         ([], "train.lr", ["train.lr="]),
-        ([], "lights.r", ["lights.rotations=", "lights.rules="]),
+        ([], "lights.r", ["lights.rules="]),
         ([], "scale=sm", ["scale=smoke"]),
         (["scale", "="], "sm", ["smoke"]),  # bash
         (["scale"], "", ["demo", "laptop", "paper", "smoke", "study"]),

@@ -10,7 +10,7 @@ from people import person
 
 from relight.config import composed
 from relight.errors import UserError
-from relight.evaluation.scoring.evaluate import has_pairs, select_pairs
+from relight.evaluation.scoring.evaluate import Condition, has_pairs, select_pairs
 from relight.learning.data import RelitSet
 from relight.learning.train import select_training_data
 from relight.maps import PackedMaps, read_info, read_maps
@@ -127,11 +127,12 @@ def test_the_front_is_evaluated_unless_views_are_asked_for(made, settings):
     data = RelitSet(made / "packed", made / "lights.npz", 2, "photo")
     own = json.loads((made / "split").read_text())["test"][0]
     found = {
-        part: [data.names[i] for i in select_pairs(data, made / "split", figures=part)[0]] for part in ("test", "views")
+        part: [data.names[i] for i in select_pairs(data, made / "split", Condition(part))[0]]
+        for part in ("test", "views")
     }
     assert found == {"test": [own], "views": [f"{own}.v1", f"{own}.v2"]}
-    assert has_pairs(data, made / "split", replace(settings.evaluate, figures="views"))
-    assert not has_pairs(data, made / "split", replace(settings.evaluate, figures="sitting"))
+    assert has_pairs(data, made / "split", Condition("views"))
+    assert not has_pairs(data, made / "split", Condition("sitting"))
 
 
 def test_plan_names_the_maps():

@@ -105,10 +105,9 @@ def split_of(training):
     return f"{OUT}/split/{PLAN.settings(training)['split']['kind']}.json"
 
 
-def condition(on):
-    """Returns the overrides for the figures and lights of a folder of scores: "" or "sitting-test"."""
-    figures, lights = Path(on).name.split("-") if on else ("test", "test")
-    return f"evaluate.figures={figures} evaluate.lights={lights}"
+def condition(folder):
+    """Returns the argument for the figures and lights of a folder of scores: "" or "sitting-test/"."""
+    return f"io.condition={Path(folder).name or 'test'}"
 
 
 def networks_of(experiment):

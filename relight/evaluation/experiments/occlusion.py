@@ -26,7 +26,7 @@ def occlusion(maps: Maps) -> dict[str, object]:
     """Measures the self-occlusion of a figure.
 
     Args:
-        maps: of the figure.
+        maps: maps of the figure.
 
     Returns:
         A row of COLUMNS. pixels: number of pixels of the mask; ao: mean AO over them; dark: fraction with AO < DARK;
@@ -82,7 +82,7 @@ def group_occlusion(table: pd.DataFrame, by: str) -> pd.DataFrame:
     """Averages over groups of figures; each figure has the same weight.
 
     Args:
-        table: of `measure_occlusion`.
+        table: table of `measure_occlusion`.
         by: "pose"; "garment", where a figure belongs to the group of each of its garments; or "all", a single group.
 
     Returns:
@@ -90,7 +90,7 @@ def group_occlusion(table: pd.DataFrame, by: str) -> pd.DataFrame:
     """
     table = table.assign(all="all figures", garment=table.garments.str.split(SEPARATOR)).explode("garment")
     groups = table.drop_duplicates(["name", by]).groupby(by)
-    found = groups.agg(
+    means = groups.agg(
         figures=("name", "size"),
         ao=("ao", "mean"),
         least=("ao", "min"),
@@ -98,7 +98,7 @@ def group_occlusion(table: pd.DataFrame, by: str) -> pd.DataFrame:
         dark=("dark", "mean"),
         lost=("lost", "mean"),
     )
-    return found.sort_values("ao", kind="stable")
+    return means.sort_values("ao", kind="stable")
 
 
 def plot_occlusion(table: pd.DataFrame, out: Path) -> None:
@@ -107,7 +107,7 @@ def plot_occlusion(table: pd.DataFrame, out: Path) -> None:
     Bars are means over figures, lines their central 80 %. The values that the paper implies are marked.
 
     Args:
-        table: of `measure_occlusion`.
+        table: table of `measure_occlusion`.
         out: the chart.
 
     Raises:

@@ -21,10 +21,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from relight import config
 from relight.errors import UserError
 from relight.evaluation.experiments.tracing import Scene, read_scenes
-from relight.evaluation.pictures.panels import Cell, Line, Subject, draw, evenly_spaced
+from relight.evaluation.pictures.panels import PLATE_FIGURES, Cell, Line, Subject, draw, evenly_spaced
 from relight.evaluation.scoring.evaluate import infer, load, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
@@ -122,9 +121,7 @@ class Chain:
         return [rmse, rmse / norm, (before - after).mean() / self.full.mean()]
 
 
-def evaluate_traced(
-    networks: dict[str, Path], packed: Path, lights: Path, traced: Path, settings: config.Evaluate, out: Path
-) -> None:
+def evaluate_traced(networks: dict[str, Path], packed: Path, lights: Path, traced: Path, out: Path) -> None:
     """Measures relit pictures against path tracing.
 
     The chain of a scene leads from true maps, relit, to the path-traced picture; each step adds one effect.
@@ -133,7 +130,6 @@ def evaluate_traced(
         networks: `row.s<seed>` -> checkpoint.
         packed, lights: the data set.
         traced: file of `tracing.trace`.
-        settings: `device`.
         out: the table (.csv) of KEYS and COLUMNS. Rows of kind `answer` compare a picture of ANSWERS or of a network
             with the end of the chain. Rows of kind `cause` are steps of the chain; that of a network is named
             `network:row.s<seed>`.
@@ -141,7 +137,7 @@ def evaluate_traced(
     rows: list[list] = []
     scenes_done: set[int] = set()
     for name, checkpoint in progress(list(networks.items()), "networks against path tracing"):
-        network, data = load(checkpoint, packed, lights, settings)
+        network, data = load(checkpoint, packed, lights)
         for place, scene in enumerate(read_scenes(traced)):
             chain, key = Chain.of(data, scene), [data.names[scene.figure], scene.new]
             relit = chain.relight(infer(network, data, scene.figure, np.array([scene.seen])))
@@ -161,9 +157,8 @@ def traced_plate(
     packed: Path,
     lights: Path,
     traced: Path,
-    settings: config.Evaluate,
-    count: int,
     out: Path,
+    count: int = PLATE_FIGURES,
 ) -> None:
     """Draws traced figures: the input, relit by each network and by the true maps, path traced, and the errors.
 
@@ -173,15 +168,14 @@ def traced_plate(
         networks: row -> checkpoint.
         packed, lights: the data set.
         traced: file of `tracing.trace`.
-        settings: `device`.
-        count: largest number of figures.
         out: the picture (.png).
+        count: largest number of figures.
     """
     chains: list[Chain] = []
     subjects: list[Subject] = []
     relit: list[list[np.ndarray]] = []
     for checkpoint in networks.values():
-        network, data = load(checkpoint, packed, lights, settings)
+        network, data = load(checkpoint, packed, lights)
         if not chains:
             scenes = read_scenes(traced)
             chains = [Chain.of(data, scenes[i]) for i in evenly_spaced(len(scenes), count)]
@@ -189,7 +183,9 @@ def traced_plate(
             relit = [[] for _ in chains]
         for chain, pictures in zip(chains, relit):
             pictures.append(chain.relight(infer(network, data, chain.scene.figure, np.array([chain.scene.seen]))))
-    lines = [Line(one.name, one, views(chain, pictures)) for one, chain, pictures in zip(subjects, chains, relit)]
+    lines = [
+        Line(subject.name, subject, views(chain, pictures)) for subject, chain, pictures in zip(subjects, chains, relit)
+    ]
     heads = ["input", *(f"relit by {label(row)}" for row in networks), "true maps, relit", "path traced"]
     heads += [*(f"error of {label(row)}" for row in networks), "error of the true maps", "inter-reflection"]
     note = (

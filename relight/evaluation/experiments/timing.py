@@ -14,10 +14,11 @@ from relight.learning.networks import build
 from relight.processes import count_cores
 from relight.progress import progress
 
+SECONDS = 1.0  # for which the calls of a measurement are repeated
 COLUMNS = ["row", "width", "parameters", "size", "device", "threads", "wall", "cpu"]
 
 
-def fastest_call(call: Callable[[], object], device: str, seconds: float) -> tuple[float, float]:
+def fastest_call(call: Callable[[], object], device: str, seconds: float = SECONDS) -> tuple[float, float]:
     """Returns the least wall and CPU seconds of repeated calls, since other work of the machine only adds time.
 
     Args:
@@ -46,7 +47,7 @@ def time_networks(models: dict[str, Model], settings: Timing, out: Path) -> None
 
     Args:
         models: row -> settings of its network.
-        settings: sizes, and seconds for each measurement.
+        settings: sizes of the pictures.
         out: the table (.csv) of COLUMNS. wall, cpu: seconds per picture; cpu is the sum over threads, 0 on a GPU.
     """
     before, cores = torch.get_num_threads(), count_cores()
@@ -57,7 +58,7 @@ def time_networks(models: dict[str, Model], settings: Timing, out: Path) -> None
             torch.set_num_threads(threads)
             cases = [(row, size) for row in models for size in settings.sizes]
             for row, size in progress(cases, f"networks timed on {device}, threads {threads}"):
-                measured = time_network(models[row], size, device, settings.seconds)
+                measured = time_network(models[row], size, device)
                 rows.append({"row": row, "device": device, "threads": threads, **measured})
     finally:
         torch.set_num_threads(before)
@@ -66,12 +67,12 @@ def time_networks(models: dict[str, Model], settings: Timing, out: Path) -> None
 
 
 @torch.inference_mode()
-def time_network(model: Model, size: int, device: str, seconds: float) -> dict[str, float]:
+def time_network(model: Model, size: int, device: str) -> dict[str, float]:
     """Returns the measurements of one network at one size, by column."""
     network = build(model, size).to(device).eval()
     image = torch.rand(1, 3, size, size, device=device).contiguous(memory_format=torch.channels_last)
     mask = torch.ones(1, 1, size, size, device=device)
-    wall, cpu = fastest_call(lambda: network(image, mask), device, seconds)
+    wall, cpu = fastest_call(lambda: network(image, mask), device)
     return {
         "width": model.width,
         "parameters": sum(p.numel() for p in network.parameters()),

@@ -13,7 +13,7 @@ import numpy as np
 from relight import config
 from relight.errors import UserError
 from relight.evaluation.pictures.panels import evenly_spaced
-from relight.evaluation.scoring.evaluate import pixels, select_pairs, torch_device
+from relight.evaluation.scoring.evaluate import pixels, select_pairs
 from relight.files import atomic_write
 from relight.learning.data import RelitSet
 from relight.lights import LightSet, read_light_set
@@ -58,7 +58,6 @@ def trace(
     split: Path,
     meshes: Path,
     panoramas: config.Panoramas,
-    evaluate: config.Evaluate,
     settings: config.Trace,
     order: int,
     rays: int,
@@ -70,7 +69,6 @@ def trace(
         packed, lights, split: the data set.
         meshes: the folder of aligned meshes.
         panoramas: source of the lights' panoramas.
-        evaluate: which lights.
         settings: number of figures, paths per pixel, bounces.
         order, rays: of the transport.
         out: the scenes (.npz).
@@ -78,8 +76,8 @@ def trace(
     Raises:
         UserError: if Mitsuba is not installed, there is only one light, or a light has no panorama.
     """
-    data = RelitSet(packed, lights, order, "paper", torch_device("cpu"))
-    figures, light_indices = select_pairs(data, split, evaluate.lights)
+    data = RelitSet(packed, lights, order, "paper")
+    figures, light_indices = select_pairs(data, split)
     if len(light_indices) < 2:
         raise UserError("path tracing needs at least two test lights: raise lights.test")
     chosen = figures[evenly_spaced(len(figures), settings.figures)].tolist()
@@ -104,13 +102,10 @@ def read_scenes(path: Path) -> list[Scene]:
     count = len({name.partition(".")[0] for name in stored})
     names = [field.name for field in fields(Scene)]
     try:
-        found = [{name: stored[f"{i}.{name}"] for name in names} for i in range(count)]
+        scenes = [[stored[f"{i}.{name}"] for name in names] for i in range(count)]
     except KeyError as error:
         raise UserError(f"{path} is not a file of the stage trace ({error})") from None
-    return [
-        Scene(int(figure), int(seen), int(new), *arrays)
-        for figure, seen, new, *arrays in ([one[name] for name in names] for one in found)
-    ]
+    return [Scene(int(figure), int(seen), int(new), *arrays) for figure, seen, new, *arrays in scenes]
 
 
 def trace_figure(
@@ -156,7 +151,7 @@ def sky_of(table: LightSet, row: int, panoramas: config.Panoramas) -> np.ndarray
 
 
 def panorama_of(source: str, yaw: float, panoramas: config.Panoramas) -> Panorama:
-    """Returns the panorama of a light set's `source`, rotated by `yaw` degrees after the settings' rotation."""
+    """Returns the panorama of a light set's `source`, rotated by `yaw` degrees."""
     from relight.lights.chain import GENERATORS, read_from_folder
 
     if panoramas.source == "folder":
@@ -164,4 +159,4 @@ def panorama_of(source: str, yaw: float, panoramas: config.Panoramas) -> Panoram
     kind, _, seed = source.partition(":")
     if kind not in GENERATORS:
         raise UserError(f"{source}: path tracing needs the panorama of a light, and this light has none")
-    return Panorama(GENERATORS[kind](int(seed)), flip=panoramas.flip, yaw=panoramas.yaw + yaw, source=source)
+    return Panorama(GENERATORS[kind](int(seed)), flip=panoramas.flip, yaw=yaw, source=source)

@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from relight import config
 from relight.errors import UserError
-from relight.evaluation.pictures.panels import Cell, Line, Subject, draw, evenly_spaced
+from relight.evaluation.pictures.panels import PLATE_FIGURES, Cell, Line, Subject, draw, evenly_spaced
 from relight.evaluation.scoring.evaluate import Predictor, infer, load, select_pairs, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
@@ -59,9 +58,7 @@ class Partner:
         return rolled(albedo), rolled(transport)
 
 
-def evaluate_transfer(
-    networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
-) -> None:
+def evaluate_transfer(networks: dict[str, Path], packed: Path, lights: Path, split: Path, out: Path) -> None:
     """Scores networks on swaps of lights, with VARIANTS and BASELINES.
 
     A row of the scores is a swap: "figure" is the pair a+b, and "light" the index of the light l of a. The scores of
@@ -71,7 +68,6 @@ def evaluate_transfer(
     Args:
         networks: `row.s<seed>` -> checkpoint.
         packed, lights, split: the data set.
-        settings: lights and device.
         out: the scores (.csv); variants are named `row:variant.s<seed>`.
 
     Raises:
@@ -80,34 +76,37 @@ def evaluate_transfer(
     scores: dict[str, Scores] = {}
     baselines: dict[str, Scores] = {}
     for name, checkpoint in progress(list(networks.items()), "networks that swap lights"):
-        network, data = load(checkpoint, packed, lights, settings)
+        network, data = load(checkpoint, packed, lights)
         training = TrainingName.parse(name)
-        by_variant = score_swaps(partial(infer, network, data), data, split, settings)
+        by_variant = score_swaps(partial(infer, network, data), data, split)
         baselines = {name: by_variant.pop(name) for name in BASELINES}
         for variant, swaps in by_variant.items():
             scores[str(replace(training, row=f"{training.row}:{variant}")) if variant else name] = swaps
     write_scores(out, {**scores, **baselines})
 
 
-def score_swaps(predictor: Predictor, data: RelitSet, split: Path, settings: config.Evaluate) -> dict[str, Scores]:
+def score_swaps(predictor: Predictor, data: RelitSet, split: Path) -> dict[str, Scores]:
     """Returns the scores of a predictor's VARIANTS and of BASELINES: a row per pair of figures, a column per swap."""
-    figures, test_lights = select_pairs(data, split, settings.lights)
+    figures, test_lights = select_pairs(data, split)
     pairs = pair_up(figures)
     if len(test_lights) < 2:
         raise UserError("light transfer needs two test lights at least, and the set has one: raise lights.test")
     mean = mean_light(data)
-    parts: dict[str, list[dict[str, np.ndarray]]] = {}
+    by_variant: dict[str, list[dict[str, np.ndarray]]] = {}  # for each pair, its errors (L,) by column
     for pair in progress(pairs, "pairs of figures"):
-        a, b = (Partner(truth(data, f, test_lights), predictor(f, test_lights)) for f in pair)
+        a, b = (Partner(truth(data, figure, test_lights), predictor(figure, test_lights)) for figure in pair)
         relit_a, relit_b = relight_swapped(a, b, mean, 1), relight_swapped(b, a, mean, -1)
-        for name in relit_a:
+        for variant in relit_a:
+            errors_a, errors_b = compare(a.truth, *relit_a[variant]), compare(b.truth, *relit_b[variant])
             # a goes from light l to m = l + 1, b from m to l: both belong to the swap of l.
-            first, second = compare(a.truth, *relit_a[name]), compare(b.truth, *relit_b[name])
-            parts.setdefault(name, []).append({key: (np.roll(first[key], -1) + second[key]) / 2 for key in first})
-    names = ["+".join(data.names[f] for f in pair) for pair in pairs]
+            errors = {column: (np.roll(errors_a[column], -1) + errors_b[column]) / 2 for column in errors_a}
+            by_variant.setdefault(variant, []).append(errors)
+    names = ["+".join(data.names[figure] for figure in pair) for pair in pairs]
     return {
-        name: Scores(names, test_lights.tolist(), {key: np.stack([one[key] for one in rows]) for key in rows[0]})
-        for name, rows in parts.items()
+        variant: Scores(
+            names, test_lights.tolist(), {column: np.stack([errors[column] for errors in pairs]) for column in pairs[0]}
+        )
+        for variant, pairs in by_variant.items()
     }
 
 
@@ -170,39 +169,40 @@ def transfer_plate(
     packed: Path,
     lights: Path,
     split: Path,
-    settings: config.Evaluate,
-    count: int,
     out: Path,
+    count: int = PLATE_FIGURES,
 ) -> None:
     """Draws swaps in two rows each: input, relit by each network with its error, truth.
 
     Args:
         networks: row -> checkpoint.
         packed, lights, split: the data set.
-        settings: lights and device.
-        count: number of swaps, evenly spaced over the test set, each with its own two lights.
         out: the picture (.png).
+        count: number of swaps, evenly spaced over the test set, each with its own two lights.
     """
     lines: list[Line] = []
     for checkpoint in networks.values():
-        network, data = load(checkpoint, packed, lights, settings)
-        figures, test_lights = select_pairs(data, split, settings.lights)
+        network, data = load(checkpoint, packed, lights)
+        figures, test_lights = select_pairs(data, split)
         pairs = pair_up(figures)
         pairs = [pairs[i] for i in evenly_spaced(len(pairs), count)]
         swaps = [test_lights[[i % len(test_lights), (i + 1) % len(test_lights)]] for i in range(len(pairs))]
-        if not lines:
-            subjects = [Subject.of(data, f, two) for pair, two in zip(pairs, swaps) for f in pair]
-            lines = [Line(s.name, s, [s.picture(i % 2)], i % 2 == 0) for i, s in enumerate(subjects)]
-        for i, (pair, two) in enumerate(zip(pairs, swaps)):
-            sides = [Partner(truth(data, f, two), infer(network, data, f, two)) for f in pair]
-            for side, new in ((0, 1), (1, 0)):  # each is seen under its own light, and relit by the other's
-                pictures, inferred_lights = relight_swapped(sides[side], sides[new], mean_light(data), 1)[""]
-                error = pictures[new] - sides[side].truth.maps["reconstruction"][new]
-                relit = Cell(pictures[new], light=inferred_lights[new])
-                lines[2 * i + side].views += [relit, Cell(error=np.linalg.norm(error, axis=-1))]
+        if not lines:  # two for each pair: the first figure is seen under the first light, the second under the second
+            for pair, swap in zip(pairs, swaps):
+                for own_light, figure in enumerate(pair):
+                    subject = Subject.of(data, figure, swap)
+                    lines.append(Line(subject.name, subject, [subject.picture(own_light)], first=own_light == 0))
+        for i, (pair, swap) in enumerate(zip(pairs, swaps)):
+            partners = [Partner(truth(data, figure, swap), infer(network, data, figure, swap)) for figure in pair]
+            for own_light, new_light in ((0, 1), (1, 0)):
+                partner, other = partners[own_light], partners[new_light]
+                pictures, inferred_lights = relight_swapped(partner, other, mean_light(data), 1)[""]
+                error = pictures[new_light] - partner.truth.maps["reconstruction"][new_light]
+                relit = Cell(pictures[new_light], light=inferred_lights[new_light])
+                lines[2 * i + own_light].views += [relit, Cell(error=np.linalg.norm(error, axis=-1))]
     for i, line in enumerate(lines):
-        line.views.append(line.subject.picture(1 - i % 2))
-    heads = ["input", *(h for name in networks for h in (f"relit by {label(name)}", "its error")), "truth"]
+        line.views.append(line.subject.picture(1 - i % 2))  # under the other light
+    heads = ["input", *(head for name in networks for head in (f"relit by {label(name)}", "its error")), "truth"]
     words = (
         "Two figures in two lights, each relit by the light inferred from the other's picture. The spheres show the "
         "light of each picture: the true one in input and truth, the inferred one where it was relit."

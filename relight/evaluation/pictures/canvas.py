@@ -61,8 +61,8 @@ def bounding_box(masks: list[np.ndarray]) -> tuple[slice, slice]:
     pad = round(MARGIN * size)
     sides = []
     for axis in (1, 0):
-        found = np.flatnonzero(union.any(axis))
-        sides.append(slice(max(0, found[0] - pad), min(size, found[-1] + 1 + pad)))
+        occupied = np.flatnonzero(union.any(axis))
+        sides.append(slice(max(0, occupied[0] - pad), min(size, occupied[-1] + 1 + pad)))
     return sides[0], sides[1]
 
 

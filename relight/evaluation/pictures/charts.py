@@ -64,9 +64,9 @@ def chart(out: Path, width: float, height: float) -> Iterator[Figure]:
             figure.savefig(tmp, **options)
 
 
-def finite_interval(one: Estimate) -> tuple[float, float]:
+def finite_interval(estimate: Estimate) -> tuple[float, float]:
     """Returns the interval of an estimate, with infinite ends replaced by the mean."""
-    low, high = (end if np.isfinite(end) else one.mean for end in (one.low, one.high))
+    low, high = (end if np.isfinite(end) else estimate.mean for end in (estimate.low, estimate.high))
     return low, high
 
 
@@ -74,7 +74,7 @@ def plot_errors(table: Table, columns: tuple[str, ...], out: Path) -> None:
     """Draws means and 95 % intervals by row; baselines are grey.
 
     Args:
-        table: of an experiment.
+        table: table of an experiment.
         columns: one panel for each that the table has.
         out: the chart.
     """
@@ -92,8 +92,10 @@ def plot_errors(table: Table, columns: tuple[str, ...], out: Path) -> None:
             ]
             colors = [color_of(row) if row in table.networks else GREY for _, row, _ in cells]
             places = [place for place, _, _ in cells]
-            panel.hlines(places, *zip(*(finite_interval(one) for *_, one in cells)), colors=colors, linewidth=2.2)
-            panel.scatter([one.mean for *_, one in cells], places, 36, colors)
+            panel.hlines(
+                places, *zip(*(finite_interval(estimate) for *_, estimate in cells)), colors=colors, linewidth=2.2
+            )
+            panel.scatter([estimate.mean for *_, estimate in cells], places, 36, colors)
             panel.set(title=title(column), xlabel=f"{'lower' if sign(column) > 0 else 'higher'} is better")
             panel.grid(False, axis="y")
         panels[0].set_yticks(range(len(rows)), map(label, rows), fontsize=10)
@@ -161,7 +163,7 @@ def plot_axis(points: list[tuple[float, str]], table: Table, columns: tuple[str,
 
     Args:
         points: (value on the axis, row of the table).
-        table: of the experiment.
+        table: table of the experiment.
         columns: one panel for each that a row has.
         axis: label.
         out: the chart.
@@ -172,8 +174,10 @@ def plot_axis(points: list[tuple[float, str]], table: Table, columns: tuple[str,
         for panel, column in zip(figure.subplots(1, len(columns), squeeze=False)[0], columns):
             cells = [(place, table.rows[row][column]) for place, row in points if column in table.rows[row]]
             places = [place for place, _ in cells]
-            panel.plot(places, [one.mean for _, one in cells], "o-", color=COLORS[3], linewidth=1.6)
-            panel.vlines(places, *zip(*(finite_interval(one) for _, one in cells)), colors=COLORS[3], linewidth=2.2)
+            panel.plot(places, [estimate.mean for _, estimate in cells], "o-", color=COLORS[3], linewidth=1.6)
+            panel.vlines(
+                places, *zip(*(finite_interval(estimate) for _, estimate in cells)), colors=COLORS[3], linewidth=2.2
+            )
             for row, dashes in zip(table.baselines, DASHES):
                 if column in table.rows[row]:
                     mean = table.rows[row][column].mean

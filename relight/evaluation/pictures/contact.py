@@ -21,7 +21,7 @@ GAP, WORDS, TOP = 3, 26, 48  # pixels: between cells, for a name, above the cell
 WIDTH = 2400  # pixels, largest width of a sheet with several figures in a row
 
 
-def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: int = CELL_HEIGHT) -> None:
+def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path) -> None:
     """Draws figures side by side: lit, albedo, normals, AO and shading.
 
     Colors are sRGB-encoded; white is the 99.5th percentile of a figure's shading. Normals are displayed as (n+1)/2. A
@@ -31,7 +31,6 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: 
         maps_paths: maps of the figures (EXR).
         light: (K,3).
         out: the picture (.png).
-        height: of a cell, in pixels.
 
     Raises:
         UserError: if there are no maps.
@@ -41,7 +40,7 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: 
     figures = [read(path) for path in progress(maps_paths, "maps read")]
     masks = [maps.mask for _, maps in figures if isinstance(maps, Maps)]
     rows = bounding_box(masks)[0] if masks else slice(0, 1)
-    width = round(ASPECT * height)
+    height, width = CELL_HEIGHT, round(ASPECT * CELL_HEIGHT)
     tile = len(VIEWS) * (width + GAP) + 6 * GAP
     across = max(1, min(len(figures), WIDTH // tile))
     down = -(-len(figures) // across)
@@ -93,9 +92,9 @@ def scale_to_cell(
 
     Args:
         colors: (H,W,3), display-coded.
-        maps: of the figure.
-        rows: of the picture, which fill the cell's height unless the figure is too wide.
-        size: of the cell.
+        maps: maps of the figure.
+        rows: rows of the picture, which fill the cell's height unless the figure is too wide.
+        size: width and height of the cell, pixels.
     """
     box = rows, bounding_box([maps.mask])[1]
     box_height, box_width = (side.stop - side.start for side in box)

@@ -1,15 +1,14 @@
 """Draws the plates of experiments: a row per figure and network, a column per view (as the paper's figures 5 and 7)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from relight import config
 from relight.evaluation.pictures.canvas import FAINT, Canvas, ball, bounding_box, composite, heat, transport_bands
-from relight.evaluation.scoring.evaluate import dense, has_pairs, infer, load, pixels, select_pairs, truth
+from relight.evaluation.scoring.evaluate import Condition, dense, has_pairs, infer, load, pixels, select_pairs, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
 from relight.evaluation.scoring.scores import gather
@@ -36,6 +35,7 @@ GAP, GUTTER, TOP, LINE = 6, 150, 60, 24  # pixels: between cells, left of them, 
 MAX_ERROR = 0.5  # shading error (vector norm) at the dark end of the color scale
 EXTREME_FIGURES = 2  # figures with the least and with the largest error
 LIGHTS = 8  # number of lights by which a figure is relit
+PLATE_FIGURES = 6  # test figures on a plate
 NOTE = (
     "Picture: what the networks see (truth), and their albedo x shading. Normals (x, y, z as red, green, blue) and "
     "AO of the networks that infer them, empty where not. Relit: albedo and transport under the light "
@@ -58,7 +58,7 @@ class Subject:
     """A test figure.
 
     Attributes:
-        name: of the figure.
+        name: name of the figure.
         truth: under the input light and the new one.
         pixel: (P,) flat indices of the mask in an image of `size` x `size`.
         size: side of the image, pixels.
@@ -112,7 +112,7 @@ class Line:
     """A row of views.
 
     Attributes:
-        label: of the row.
+        label: label of the row.
         subject: whose views these are.
         views: one for each column.
         first: whether it is the first row of its subject, which has space above it.
@@ -128,7 +128,7 @@ def draw(heads: list[str], lines: list[Line], max_error: float | None, note: str
     """Draws rows of views, with heads above and a scale of errors below.
 
     Args:
-        heads: of the columns.
+        heads: titles of the columns.
         lines: the rows, with a view for each column.
         max_error: the error at the dark end of the color scale; None if no view is an error.
         note: explains the views.
@@ -192,36 +192,58 @@ def draw_view(
         sheet.put(corner, x + width - corner.width - 5, y + 5)
 
 
-def relit(
-    networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
-) -> None:
-    """Draws one figure relit by up to LIGHTS lights as a PNG: the truth, then each network.
+def inferred_by_network(
+    networks: dict[str, Path],
+    packed: Path,
+    lights: Path,
+    split: Path,
+    condition: Condition,
+    choose: Callable[[list[str], np.ndarray], list[tuple[int, np.ndarray]]],
+) -> Iterator[tuple[str, list[tuple[Subject, Inferred]]]]:
+    """Yields each network's row, and what it infers of chosen figures under their first light; nothing without pairs.
 
     Args:
         networks: row -> checkpoint.
         packed, lights, split: the data, as for `evaluate.evaluate`.
-        settings: which figures and lights.
-        out: the picture (.png).
+        condition: the figures and lights to choose from.
+        choose: from the names of the figures and the indices (L,) of the lights, returns the places of figures among
+            the names, each with the indices (N,) of its lights.
 
     Raises:
         UserError: as `evaluate.evaluate`.
     """
+    subjects: list[Subject] = []
+    for row, checkpoint in progress(list(networks.items()), "networks drawn"):
+        network, data = load(checkpoint, packed, lights)
+        if not has_pairs(data, split, condition):
+            return
+        figures, light_indices = select_pairs(data, split, condition)
+        chosen = [
+            (int(figures[place]), its_lights)
+            for place, its_lights in choose([data.names[figure] for figure in figures], light_indices)
+        ]
+        subjects = subjects or [Subject.of(data, *pair) for pair in chosen]
+        inferred = [infer(network, data, figure, its_lights[:1]) for figure, its_lights in chosen]
+        yield row, list(zip(subjects, inferred))
+
+
+def relit(networks: dict[str, Path], packed: Path, lights: Path, split: Path, condition: Condition, out: Path) -> None:
+    """Draws one figure relit by up to LIGHTS lights as a PNG: the truth, then each network.
+
+    Arguments and errors are those of `inferred_by_network`; `out` is the picture.
+    """
+
+    def choose(names: list[str], light_indices: np.ndarray) -> list[tuple[int, np.ndarray]]:
+        return [(len(names) // 2, light_indices[evenly_spaced(len(light_indices), LIGHTS)])]
+
     lines: list[Line] = []
-    for name, checkpoint in progress(list(networks.items()), "networks relit"):
-        network, data = load(checkpoint, packed, lights, settings)
-        if not has_pairs(data, split, settings):
-            break
-        figures, lit = select_pairs(data, split, settings.lights, settings.figures)
-        figure, chosen = int(figures[len(figures) // 2]), lit[evenly_spaced(len(lit), LIGHTS)]
+    for row, ((subject, inferred),) in inferred_by_network(networks, packed, lights, split, condition, choose):
         if not lines:
-            subject = Subject.of(data, figure, chosen)
-            pictures = [subject.picture(light) for light in range(len(chosen))]
-            lines = [Line(f"truth {subject.name}", subject, pictures, first=True)]
-        subject = lines[0].subject
-        inferred = infer(network, data, figure, chosen[:1])
-        albedo, transport, light = (values[0] for values in subject.truth.complete(inferred))
-        shadings = [shade(transport, each) for each in (light, *subject.truth.lights[1:])]
-        lines.append(Line(label(name), subject, [Cell(albedo * shading) for shading in shadings]))
+            pictures = [subject.picture(light) for light in range(len(subject.truth.lights))]
+            lines.append(Line(f"truth {subject.name}", subject, pictures, first=True))
+        albedo, transport, (light,) = subject.truth.complete(inferred)
+        shadings = [shade(transport[0], each_light) for each_light in (light, *subject.truth.lights[1:])]
+        lines.append(Line(label(row), subject, [Cell(albedo[0] * shading) for shading in shadings]))
     if not lines:
         return empty_sheet().save(out)
     heads = ["picture", *(f"relit {light}" for light in range(1, len(lines[0].views)))]
@@ -233,76 +255,57 @@ def plates(
     packed: Path,
     lights: Path,
     split: Path,
-    settings: config.Evaluate,
+    condition: Condition,
     choose: Callable[[list[str]], list[int]],
     out: Path,
 ) -> None:
     """Draws test figures as a PNG: the truth, then each network.
 
-    Each figure is seen under one light of `settings.lights` and relit by the next. Values are displayed sRGB-encoded if
-    the network's color model is `photo`, and unchanged if it is `paper`. Maps
-    without a loss are true.
+    Each figure is seen under one light and relit by the next. Values are displayed sRGB-encoded if the network's color
+    model is `photo`, and unchanged if it is `paper`. Maps without a loss are true.
 
-    Args:
-        networks: row -> checkpoint.
-        packed, lights, split: the data, as for `evaluate.evaluate`.
-        settings: which figures and lights.
-        choose: returns the places of the figures to draw from the names of the test figures.
-        out: the picture (.png).
-
-    Raises:
-        UserError: as `evaluate.evaluate`.
+    Arguments and errors are those of `inferred_by_network`, but `choose` returns the places of the figures alone; `out`
+    is the picture.
     """
+
+    def with_two_lights(names: list[str], light_indices: np.ndarray) -> list[tuple[int, np.ndarray]]:
+        count = len(light_indices)
+        return [(place, light_indices[[i % count, (i + 1) % count]]) for i, place in enumerate(choose(names))]
+
     blocks: list[list[Line]] = []
-    for name, checkpoint in progress(list(networks.items()), "networks drawn"):
-        network, data = load(checkpoint, packed, lights, settings)
-        if not has_pairs(data, split, settings):
-            break
-        figures, lit = select_pairs(data, split, settings.lights, settings.figures)
-        chosen = figures[choose([data.names[f] for f in figures])].tolist()
-        pairs = [(f, lit[[i % len(lit), (i + 1) % len(lit)]]) for i, f in enumerate(chosen)]
+    for row, answers in inferred_by_network(networks, packed, lights, split, condition, with_two_lights):
         if not blocks:
-            subjects = [Subject.of(data, *pair) for pair in pairs]
-            blocks = [[Line(f"truth {subject.name}", subject, true_views(subject), first=True)] for subject in subjects]
-        for block, (figure, two) in zip(blocks, pairs):
-            subject = block[0].subject
-            block.append(Line(label(name), subject, inferred_views(subject, infer(network, data, figure, two[:1]))))
+            blocks = [[Line(f"truth {subject.name}", subject, true_views(subject), True)] for subject, _ in answers]
+        for block, (subject, inferred) in zip(blocks, answers):
+            block.append(Line(label(row), subject, inferred_views(subject, inferred)))
     if not blocks:
         return empty_sheet().save(out)
     draw(list(COLUMNS), [line for block in blocks for line in block], MAX_ERROR, NOTE).save(out)
 
 
 def shadings(
-    networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
+    networks: dict[str, Path], packed: Path, lights: Path, split: Path, condition: Condition, out: Path
 ) -> None:
     """Draws the shading of one figure under the true light as a PNG: a column per network, and the errors below.
 
-    Args:
-        networks: row -> checkpoint.
-        packed, lights, split: the data, as for `evaluate.evaluate`.
-        settings: which figures and lights.
-        out: the picture (.png).
-
-    Raises:
-        UserError: as `evaluate.evaluate`.
+    Arguments and errors are those of `inferred_by_network`; `out` is the picture.
     """
-    subject, shown, errors = None, [Cell(), Cell()], [Cell(), Cell()]
-    for checkpoint in progress(list(networks.values()), "networks drawn"):
-        network, data = load(checkpoint, packed, lights, settings)
-        if not has_pairs(data, split, settings):
-            break
-        figures, lit = select_pairs(data, split, settings.lights, settings.figures)
-        figure, light = int(figures[len(figures) // 2]), lit[:1]
-        subject = subject or Subject.of(data, figure, light)
+
+    def choose(names: list[str], light_indices: np.ndarray) -> list[tuple[int, np.ndarray]]:
+        return [(len(names) // 2, light_indices[:1])]
+
+    lines: list[Line] = []
+    for _, ((subject, inferred),) in inferred_by_network(networks, packed, lights, split, condition, choose):
         true_shading = subject.truth.maps["shading"][0]
-        shown[:2] = [subject.picture(0), Cell(true_shading / subject.white)]
-        _, transport, _ = subject.truth.complete(infer(network, data, figure, light))
+        if not lines:
+            true_cells = [subject.picture(0), Cell(true_shading / subject.white)]
+            lines = [Line(subject.name, subject, true_cells, first=True), Line("error", subject, [Cell(), Cell()])]
+        _, transport, _ = subject.truth.complete(inferred)
         shading = shade(transport[0], subject.truth.lights[0])
-        shown.append(Cell(shading / subject.white))
-        errors.append(Cell(error=np.linalg.norm(shading - true_shading, axis=-1)))
-    if not subject:
+        lines[0].views.append(Cell(shading / subject.white))
+        lines[1].views.append(Cell(error=np.linalg.norm(shading - true_shading, axis=-1)))
+    if not lines:
         return empty_sheet().save(out)
-    lines = [Line(subject.name, subject, shown, first=True), Line("error", subject, errors)]
     draw(["picture", "true shading", *map(label, networks)], lines, MAX_ERROR, NOTE_SHADINGS).save(out)
 
 
@@ -311,10 +314,10 @@ def extreme_places(scores: list[Path], names: list[str]) -> list[int]:
 
     Args:
         scores: files of the networks' scores on these figures.
-        names: of the figures.
+        names: names of the figures.
     """
-    found = [training for trainings in gather(scores).values() for training in trainings]
-    mean_of = dict(zip(found[0].figures, np.mean([training.figure_means("shading_rmse") for training in found], 0)))
+    trained = [training for trainings in gather(scores).values() for training in trainings]
+    mean_of = dict(zip(trained[0].figures, np.mean([training.figure_means("shading_rmse") for training in trained], 0)))
     order = sorted(range(len(names)), key=lambda place: mean_of[names[place]])
     return list(dict.fromkeys([*order[:EXTREME_FIGURES], *order[-EXTREME_FIGURES:]]))
 

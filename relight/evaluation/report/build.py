@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 from markupsafe import Markup
 
-from relight import config
 from relight.errors import UserError
 from relight.evaluation.report import data, own, page, sections
 from relight.evaluation.report.formats import TextTable
@@ -36,7 +35,7 @@ class Section:
 
     Attributes:
         name: anchor.
-        heading: of the section.
+        heading: heading of the section.
         html: content.
         failed: whether it could not be made; the content then is the reason.
     """
@@ -47,17 +46,14 @@ class Section:
     failed: bool = False
 
 
-def build_report(
-    name: str, settings: config.Statistics, experiments: Path, folder: Path, out: Path, makers: Makers = own.OWN
-) -> None:
+def build_report(name: str, experiments: Path, folder: Path, out: Path, makers: Makers = own.OWN) -> None:
     """Writes the page of a run, its charts, and the tables of experiments with stages of their own.
 
     Tables and pictures of earlier runs with other experiments stay if the data set is still the same, and else are
     removed. A section that cannot be made gives the reason; the others are not affected.
 
     Args:
-        name: of the run.
-        settings: number of resamples, and their seed.
+        name: name of the run.
         experiments: the experiments of the run (experiments.json, `Plan.requested`).
         folder: results/<name>.
         out: the page (.html).
@@ -66,7 +62,7 @@ def build_report(
     Raises:
         UserError: if no section could be made.
     """
-    results = Results(folder, settings, experiments)
+    results = Results(folder, experiments)
     remove_outdated(results)
     # Whether a table of the run is one of the paper's, whose orderings are tested.
     compared = bool({"table1", "table2"} & set(results.tables))
@@ -77,14 +73,14 @@ def build_report(
             else []
         ),
         Section("how-to-read", "How to read this page", page.section("sections/reading.md")),
-        *(experiment(results, one, makers) for one in results.experiments),
+        *(experiment(results, name, makers) for name in results.experiments),
         *([make_section("training", "Training", "training.md", data.training, results)] if results.tables else []),
         make_section("figures", "Figures", "figures.md", data.figures, results),
         make_section("lights", "Lights", "lights.md", data.lights, results),
         Section("the-paper", "The paper, part by part", page.section("sections/paper.md", grid=contents(results))),
         make_section("cost-and-settings", "Cost and settings", "costs.md", data.costs_and_settings, results),
     ]
-    failed = sum(one.failed for one in parts)
+    failed = sum(part.failed for part in parts)
     if failed == len(parts) - 2:
         raise UserError(f"{folder}: no section of the report could be made; the reasons are above")
     html = page.page("page.html", title=f"relight: {name}", head=head(name, results, failed), sections=parts)
@@ -106,9 +102,8 @@ def remove_outdated(results: Results) -> None:
 
 def experiment(results: Results, name: str, makers: Makers = own.OWN) -> Section:
     """Makes the section of an experiment; `makers` as in `build_report`."""
-    one = results.experiments[name]
-    if one.get("failed"):
-        missing = ", ".join(one["failed"])
+    if failed := results.experiments[name].get("failed"):
+        missing = ", ".join(failed)
         return failed_section(
             name, results.title(name), f"Its jobs failed: {missing} was not made. {results.folder}/log says why."
         )
@@ -153,12 +148,12 @@ def head(name: str, results: Results, failed: int) -> Markup:
     answer = value_or_none(lambda: answer_context(results))
     lights = value_or_none(lambda: results.lights["lights"])
     figures = value_or_none(lambda: len(results.record["figures"]))
-    rows = {row for one in results.tables for row in results.experiments[one]["trainings"]}
+    rows = {row for table in results.tables for row in results.experiments[table]["trainings"]}
     steps = value_or_none(lambda: sorted({results.setting(row, "train.steps") for row in rows}))
-    found, wall = costs(results.folder)
-    shown = [one for one in results.tables if results.experiments[one]["plates"]]
-    hero = next((results.report / f"{one}_overview.png" for one in shown), results.report / "figures.png")
-    questions = [(one, results.title(one), about["question"]) for one, about in results.experiments.items()]
+    stage_costs, wall = costs(results.folder)
+    with_plates = [table for table in results.tables if results.experiments[table]["plates"]]
+    hero = next((results.report / f"{table}_overview.png" for table in with_plates), results.report / "figures.png")
+    questions = [(name, results.title(name), about["question"]) for name, about in results.experiments.items()]
     return page.section(
         "head.md",
         title=f"relight: {name}",
@@ -166,18 +161,18 @@ def head(name: str, results: Results, failed: int) -> Markup:
         questions=questions,
         outcome=outcome,
         answer=answer,
-        scans=any(found.get("figures.source") == "scans" for found in results.settings_files().values()),
+        scans=any(settings.get("figures.source") == "scans" for settings in results.settings_files().values()),
         left_out=value_or_none(lambda: len(results.record["left_out"])),
         failed=failed,
         hero=hero if hero.exists() else None,
-        overview=bool(shown),
+        overview=bool(with_plates),
         figures=figures,
         lights=lights,
         trainings=len(results.trainings),
         steps=steps,
         origin=provenance(results.folder),
         wall=wall,
-        seconds=float(found.seconds.sum()),
+        seconds=float(stage_costs.seconds.sum()),
     )
 
 

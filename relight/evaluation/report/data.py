@@ -22,7 +22,9 @@ def training(results: Results) -> Numbers:
     """Draws the errors of the first table and the training curves, and lists the networks."""
     files = {"errors": results.report / "errors.png", "curves": results.report / "curves.png"}
     tables = [results.table(name) for name in results.readable]
-    table = next((one for one in tables if one.rows), tables[0])  # that of sitting figures is empty if nobody sits
+    table = next(
+        (table for table in tables if table.rows), tables[0]
+    )  # that of sitting figures is empty if nobody sits
     charts.plot_errors(table, tuple(c for c in table.columns if c.endswith("rmse")), files["errors"])
     charts.plot_curves([results.folder / "train" / f"{name}.csv" for name in results.trainings], files["curves"])
     return files | {"networks": networks(results, results.readable[0])}
@@ -36,14 +38,14 @@ def networks(results: Results, name: str) -> TextTable:
     for row, training in first.items():
         model = {key: value for key, value in settings[f"train.{training}"].items() if key.startswith("model.")}
         rows_by_model.setdefault(str(model), []).append(row)
-    found: list[list] = []
+    lines: list[list] = []
     for rows in rows_by_model.values():
         file = results.folder / "train" / f"{first[rows[0]]}.safetensors"
         if file.exists():
             network, _ = load_network(file)
             weights = sum(weight.numel() for weight in network.parameters())
-            found.append([", ".join(map(label, rows)), weights / 1e6, network.size])
-    return TextTable.of(["network", "weights, millions", "side of its picture, px"], found)
+            lines.append([", ".join(map(label, rows)), weights / 1e6, network.size])
+    return TextTable.of(["network", "weights, millions", "side of its picture, px"], lines)
 
 
 def figures(results: Results) -> Numbers:
@@ -76,8 +78,15 @@ def group_grid(table: pd.DataFrame, by: str) -> TextTable:
     """Returns the occlusion of groups of figures, darkest first, followed by all figures and the paper's scans."""
     groups = pd.concat([group_occlusion(table, by), group_occlusion(table, "all")])
     rows = [
-        [one.Index, one.figures, one.ao, f"{number(one.least, 2)} to {number(one.most, 2)}", one.dark, one.lost]
-        for one in groups.itertuples()
+        [
+            group.Index,
+            group.figures,
+            group.ao,
+            f"{number(group.least, 2)} to {number(group.most, 2)}",
+            group.dark,
+            group.lost,
+        ]
+        for group in groups.itertuples()
     ]
     rows.append(["the paper, implied", None, IMPLIED_AO, None, None, IMPLIED_LOST])
     heads = [by, "figures", "mean AO", "range", "AO < .5", "rms lost"]
@@ -109,8 +118,8 @@ def lights(results: Results) -> Numbers:
 
     record, chosen = results.lights, read_light_set(results.folder / "lights")
     steps = [
-        [one["step"], one["in"], one["out"], ", ".join(f"{why} {n}" for why, n in one["why"].items() if n)]
-        for one in record["steps"]
+        [step["step"], step["in"], step["out"], ", ".join(f"{why} {n}" for why, n in step["why"].items() if n)]
+        for step in record["steps"]
     ]
     turned = [f"{yaw:.0f}" for yaw in chosen.yaw]
     by_light = [list(map(str, row)) for row in zip(chosen.source, turned, chosen.reason, chosen.split)]
@@ -132,20 +141,38 @@ def lights(results: Results) -> Numbers:
 
 def costs_and_settings(results: Results) -> Numbers:
     """Returns time and memory by stage, and all settings of this run."""
-    found, wall = costs(results.folder)
+    stage_costs, wall = costs(results.folder)
     settings = {
         stage: {key: "none" if value is None else str(value) for key, value in values.items()}
         for stage, values in results.settings_files().items()
     }
     shared, differing = setting_tables(settings, results.trainings)
-    seconds = float(found.seconds.sum())
-    return {"costs": cost_table(found), "wall": wall, "seconds": seconds, "shared": shared, "differing": differing}
+    seconds = float(stage_costs.seconds.sum())
+    return {
+        "costs": cost_table(stage_costs),
+        "wall": wall,
+        "seconds": seconds,
+        "shared": shared,
+        "differing": differing,
+    }
 
 
-def cost_table(found: pd.DataFrame) -> TextTable:
+def cost_table(stage_costs: pd.DataFrame) -> TextTable:
     """Returns the measurements of `provenance.costs` with their sums."""
-    rows = [[stage, int(one.jobs), one["mean"], one.seconds, one.cpu, one.memory] for stage, one in found.iterrows()]
-    rows.append(["all", int(found.jobs.sum()), None, found.seconds.sum(), found.cpu.sum(), found.memory.max()])
+    rows = [
+        [stage, int(cost.jobs), cost["mean"], cost.seconds, cost.cpu, cost.memory]
+        for stage, cost in stage_costs.iterrows()
+    ]
+    rows.append(
+        [
+            "all",
+            int(stage_costs.jobs.sum()),
+            None,
+            stage_costs.seconds.sum(),
+            stage_costs.cpu.sum(),
+            stage_costs.memory.max(),
+        ]
+    )
     heads = ["stage", "jobs", "s a job", "s in total", "CPU s", "largest memory, GB"]
     digits = {"s a job": 1, "s in total": 1, "CPU s": 1, "largest memory, GB": 2}
     return TextTable.of(heads, rows, digits=digits)
@@ -156,7 +183,7 @@ def setting_tables(settings: dict[str, dict[str, str]], names: list[str]) -> tup
 
     Args:
         settings: settings file (`bake`, `train.ours_full.s0`) -> key -> value.
-        names: of the trainings that the tables compare.
+        names: names of the trainings that the tables compare.
     """
     by_training = pd.DataFrame({name: settings[f"train.{name}"] for name in names if f"train.{name}" in settings})
     by_training = by_training.astype(object).fillna("")
@@ -172,6 +199,6 @@ def setting_tables(settings: dict[str, dict[str, str]], names: list[str]) -> tup
     return two_columns(["setting", "value"], shared), TextTable(differing.rename_axis("setting"), [""] * len(differing))
 
 
-def two_columns(heads: list[str], found: dict[str, str]) -> TextTable:
+def two_columns(heads: list[str], pairs: dict[str, str]) -> TextTable:
     """Returns a grid of two columns."""
-    return TextTable.of(heads, [list(item) for item in found.items()])
+    return TextTable.of(heads, [list(item) for item in pairs.items()])

@@ -33,7 +33,7 @@ class TextTable:
     Attributes:
         frame: indexed by the rows' labels; cells are Estimate, Verdict, str, int, float or None; columns are names, or
             pairs (block, name).
-        kinds: of the rows: "network", "baseline", "paper", or "" if the rows have no kind.
+        kinds: kind of each row: "network", "baseline", "paper", or "" if the rows have no kind.
         digits: decimals by column, 3 by default.
     """
 
@@ -54,7 +54,7 @@ class TextTable:
         Args:
             columns: the heads, the first of which is that of the labels.
             rows: each with as many cells as there are columns.
-            kinds: of the rows.
+            kinds: kind of each row.
             digits: decimals by column.
         """
         index = pd.Index([row[0] for row in rows], name=columns[0], dtype=object)
@@ -70,7 +70,7 @@ class TextTable:
             part = self.frame[block]
             kept = part.notna().any(axis=1).to_numpy()
             part = part[kept].rename_axis(index=block)
-            grids.append(TextTable(part, [kind for kind, one in zip(self.kinds, kept) if one], self.digits))
+            grids.append(TextTable(part, [kind for kind, is_kept in zip(self.kinds, kept) if is_kept], self.digits))
         return grids
 
     def texts(self, style: "TextFormat") -> pd.DataFrame:
@@ -107,8 +107,8 @@ class TextFormat:
     """The format strings of a file format, in which {} is the text.
 
     Attributes:
-        bold, italic: of the best value, and of baselines' labels.
-        margin: of the half-width of an interval.
+        bold, italic: formats of the best value, and of baselines' labels.
+        margin: format of the half-width of an interval.
         not_significant: the mark of values that do not differ significantly from the best.
         escape: escapes plain text.
     """
@@ -129,7 +129,7 @@ class TextFormat:
         if value is None:
             return ""
         if isinstance(value, Estimate):
-            mean, margin = (self.escape(number(one, digits)) for one in (value.mean, value.margin))
+            mean, margin = (self.escape(number(part, digits)) for part in (value.mean, value.margin))
             shown = (self.bold if value.best else "{}").format(mean) + self.margin.format(margin)
             return shown + self.not_significant * value.not_significant
         if isinstance(value, Verdict):
@@ -178,7 +178,7 @@ def write_tables(
 
     Args:
         stem: path without suffix.
-        title: of the table, plain text.
+        title: title of the table, plain text.
         note: explains the numbers, in Markdown.
         shown: the table; one tabular in LaTeX, a table per block in Markdown.
         statistics: content of the CSV; by default the statistics of `shown`.
@@ -237,14 +237,14 @@ def comparison_grid(comparisons: dict[str, dict[str, Comparison]]) -> TextTable:
     return TextTable.of(heads, rows)
 
 
-def effect(one: Comparison) -> tuple[str, str]:
+def effect(comparison: Comparison) -> tuple[str, str]:
     """Returns the gain of the first row relative to the second, and its interval, as text."""
-    return percent(one.gain), " to ".join(map(percent, one.interval)).replace(" % to", " to")
+    return percent(comparison.gain), " to ".join(map(percent, comparison.interval)).replace(" % to", " to")
 
 
-def bound(one: Comparison) -> str | None:
+def bound(comparison: Comparison) -> str | None:
     """Returns the relative bound on a difference whose verdict is equivalent or open; None for the others."""
-    return None if one.verdict.is_significant else f"±{100 * one.bound:.1f} %"
+    return None if comparison.verdict.is_significant else f"±{100 * comparison.bound:.1f} %"
 
 
 def number(value: float, digits: int = 3) -> str:

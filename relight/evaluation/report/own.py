@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from relight import config
 from relight.evaluation.experiments import timing, transfer
 from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, COLUMNS, KEYS
 from relight.evaluation.report.formats import TextTable, comparison_grid, count, write_tables
@@ -34,12 +33,11 @@ def light_transfer(results: Results, name: str) -> Numbers:
     rows = gather([results.folder / "light_transfer" / "scores.csv"])
     networks = {row: trainings for row, trainings in rows.items() if ":" not in row and row not in transfer.BASELINES}
     heads = {"reconstruction_rmse": "relit, RMSE", "reconstruction_ssim": "relit, SSIM", "light_rmse": "light, RMSE"}
-    by_column = {c: estimates(rows, c, results.settings, networks, transfer.BASELINES) for c in heads}
+    by_column = {c: estimates(rows, c, networks, transfer.BASELINES) for c in heads}
 
     def compare(first: str, second: str) -> Comparison:
-        return compare_estimates(
-            "reconstruction_rmse", *(by_column["reconstruction_rmse"][one] for one in (first, second))
-        )
+        errors = by_column["reconstruction_rmse"]
+        return compare_estimates("reconstruction_rmse", errors[first], errors[second])
 
     lines, kinds, comparisons, costly, worse = [], [], {}, {}, {}
     for row in networks:
@@ -56,7 +54,7 @@ def light_transfer(results: Results, name: str) -> Numbers:
     for trivial, words in transfer.BASELINES.items():
         lines.append([words, *(by_column[column][trivial] for column in heads)])
         kinds.append("baseline")
-    correct([one for group in comparisons.values() for one in group.values()])
+    correct([comparison for group in comparisons.values() for comparison in group.values()])
     grid = TextTable.of(["", *heads.values()], lines, kinds)
     any_scores = next(iter(rows.values()))[0]
     made = {
@@ -74,7 +72,7 @@ def light_transfer(results: Results, name: str) -> Numbers:
 def traced(results: Results, name: str) -> Numbers:
     """Computes the errors of relit pictures against path tracing, and their causes."""
     path = results.folder / "path_traced" / "scores.csv"
-    tables = traced_tables(path, results.settings)
+    tables = traced_tables(path)
     answers = {row: float(estimate.mean) for row, estimate in tables["path_traced"].frame["relative, %"].items()}
     rmse = {row: estimate.mean for row, estimate in tables["path_traced_causes"].frame["RMSE"].items()}
     causes = [cause for cause in rmse if cause in CAUSES.values()]
@@ -90,12 +88,11 @@ def traced(results: Results, name: str) -> Numbers:
     return write_grids(results, name, tables, numbers)
 
 
-def traced_tables(path: Path, settings: config.Statistics) -> dict[str, TextTable]:
+def traced_tables(path: Path) -> dict[str, TextTable]:
     """Returns tables of the answers and the causes of `path_traced.evaluate_traced`; trainings of a row are averaged.
 
     Args:
         path: the file (.csv).
-        settings: number of resamples, and their seed.
 
     Returns:
         The tables `path_traced_causes` and `path_traced`.
@@ -117,7 +114,12 @@ def traced_tables(path: Path, settings: config.Statistics) -> dict[str, TextTabl
             if (kind, name) in values:
                 numbers = values[kind, name][list(COLUMNS)].to_numpy().reshape(-1, figures, len(COLUMNS))
                 by_column = np.moveaxis(numbers * [1, 100, 100], -1, 0)[..., None]
-                rows.append([labels[name], *(estimate(one, settings.bootstrap, settings.seed) for one in by_column)])
+                rows.append(
+                    [
+                        labels[name],
+                        *(estimate(values_of_column) for values_of_column in by_column),
+                    ]
+                )
                 kinds.append("baseline" if name in ANSWERS else "network")
         heads, digits = ["", "RMSE", "relative, %", "mean, %"], {"RMSE": 4, "relative, %": 1, "mean, %": 1}
         return TextTable.of(heads, rows, kinds, digits)
@@ -132,18 +134,18 @@ def inference_time(results: Results, name: str) -> Numbers:
     """Computes the inference time of each network at each size."""
     first = [trainings[0] for trainings in results.experiments[name]["trainings"].values()]
     times = pd.concat([timing.read_times(results.folder / "inference_time" / f"{training}.csv") for training in first])
-    times["on"] = ["a GPU" if one.device == "cuda" else count(one.threads, "thread") for one in times.itertuples()]
+    times["on"] = ["a GPU" if time.device == "cuda" else count(time.threads, "thread") for time in times.itertuples()]
     rows = [
         [
-            label(one.row),
-            f"{one.width:g}",
-            f"{one.parameters / 1e6:.1f} M",
-            one.size,
-            one.on,
-            one.wall,
-            None if one.device == "cuda" else one.cpu,
+            label(time.row),
+            f"{time.width:g}",
+            f"{time.parameters / 1e6:.1f} M",
+            time.size,
+            time.on,
+            time.wall,
+            None if time.device == "cuda" else time.cpu,
         ]
-        for one in times.itertuples()
+        for time in times.itertuples()
     ]
     heads = ["network", "width", "parameters", "px", "on", "seconds", "CPU seconds"]
     digits = {"seconds": 4, "CPU seconds": 4}
@@ -158,10 +160,10 @@ def inference_time(results: Results, name: str) -> Numbers:
 
 def write_grids(results: Results, name: str, grids: dict[str, TextTable], made: Numbers) -> Numbers:
     """Writes the tables of an experiment, and returns the context of its section."""
-    one = results.experiments[name]
+    experiment = results.experiments[name]
     for stem, grid in grids.items():
         write_tables(results.report / stem, results.title(name), text(f"notes/{name}.md", **made), grid)
-    return {"name": name, "experiment": one, **made}
+    return {"name": name, "experiment": experiment, **made}
 
 
 OWN: dict[str, Callable[[Results, str], Numbers]] = {

@@ -81,7 +81,7 @@ def table(grid: formats.TextTable, caption: str = "") -> Markup:
     return Markup(re.sub(r"\n\s*\n", "\n", "".join(parts)))
 
 
-def picture(path: Path, caption: str, alt: str = "") -> Markup:
+def picture(path: Path, caption: str) -> Markup:
     """Embeds a picture (PNG, JPEG, SVG) as HTML, scaled to the page; a click shows it at full size."""
     kind = TYPES.get(existing_file(path, "picture").suffix.lower())
     if kind is None:
@@ -93,4 +93,4 @@ def picture(path: Path, caption: str, alt: str = "") -> Markup:
             image.convert("RGB").save(buffer, "JPEG", quality=90, subsampling=0)
         data, kind = buffer.getvalue(), "image/jpeg"
     source = f"data:{kind};base64,{base64.b64encode(data).decode()}"
-    return Markup(page("picture.html", source=source, caption=caption, alt=alt or caption).strip())
+    return Markup(page("picture.html", source=source, caption=caption).strip())

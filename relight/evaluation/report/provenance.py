@@ -23,8 +23,8 @@ def provenance(folder: Path) -> dict[str, Any]:
 
     Returns:
         date: UTC, to the minute.
-        version: of relight.
-        commit: of the working tree, "" without git.
+        version: version of relight.
+        commit: commit of the working tree, "" without git.
         changed: whether files differ from the commit.
         machine: see `machine`.
         command: repeats the run from a clone.
@@ -83,21 +83,21 @@ def costs(folder: Path) -> tuple[pd.DataFrame, float]:
     top = folder / "benchmark"
     for path in sorted(top.rglob("*.tsv")):
         jobs = pd.read_csv(path, sep="\t", na_values=["-", "NA"])
-        seconds = float(jobs["s"].sum())
-        times.append((path.stat().st_mtime - seconds, path.stat().st_mtime))
+        seconds, end = float(jobs["s"].sum()), path.stat().st_mtime  # Snakemake writes the file when a job ends
+        times.append((end - seconds, end))
         cpu = float(jobs["cpu_time"].sum()) if "cpu_time" in jobs else float("nan")
-        stage, memory = path.relative_to(top).parts[0].removesuffix("_decade"), jobs["max_rss"].max() / 1024
+        stage, memory = path.relative_to(top).parts[0].removesuffix("_decade"), jobs["max_rss"].max() / 1024  # GB of MB
         lines.append([stage, seconds, cpu, memory])
     frame = pd.DataFrame(lines, columns=["stage", "seconds", "cpu", "memory"])
-    found = frame.groupby("stage").agg(
+    by_stage = frame.groupby("stage").agg(
         jobs=("seconds", "size"),
         mean=("seconds", "mean"),
         seconds=("seconds", "sum"),
         cpu=("cpu", "sum"),
         memory=("memory", "max"),
     )
-    wall, end = 0.0, float("-inf")
-    for first, last in sorted(times):
-        wall += max(0.0, last - max(first, end))
-        end = max(end, last)
-    return found, wall
+    wall, end_so_far = 0.0, float("-inf")
+    for begin, end in sorted(times):
+        wall += max(0.0, end - max(begin, end_so_far))  # only what no earlier job covers
+        end_so_far = max(end_so_far, end)
+    return by_stage, wall

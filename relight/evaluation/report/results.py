@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from relight import config
+from relight.config import flat
 from relight.errors import UserError
 from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.statistics import Estimate
@@ -26,12 +26,11 @@ class Results:
 
     Args:
         folder: results/<name>.
-        settings: number of resamples, and their seed.
         experiments: experiments.json (`Plan.requested`).
     """
 
-    def __init__(self, folder: Path, settings: config.Statistics, experiments: Path):
-        self.folder, self.settings = folder, settings
+    def __init__(self, folder: Path, experiments: Path):
+        self.folder = folder
         self.experiments: dict[str, dict[str, Any]] = json.loads(experiments.read_text())
         self._tables: dict[tuple[str, bool], Table] = {}
         self._scores: dict[tuple[str, ...], Rows] = {}
@@ -44,7 +43,11 @@ class Results:
     @property
     def tables(self) -> list[str]:
         """The experiments that are tables of trainings."""
-        return [name for name, one in self.experiments.items() if one["table"] and not one.get("failed")]
+        return [
+            name
+            for name, experiment in self.experiments.items()
+            if experiment["table"] and not experiment.get("failed")
+        ]
 
     @cached_property
     def readable(self) -> list[str]:
@@ -83,8 +86,8 @@ class Results:
 
     def usual(self, name: str) -> bool:
         """Returns whether an experiment has the usual test figures and lights."""
-        one = self.experiments[name]
-        return one["figures"] == one["lights"] == "test"
+        experiment = self.experiments[name]
+        return experiment["figures"] == experiment["lights"] == "test"
 
     def scores(self, name: str, usual: bool = False) -> Rows:
         """Returns the scores of each row, one per training; empty if the data set has no such figures or lights."""
@@ -111,15 +114,15 @@ class Results:
             for condition in (False, True):
                 if self._files(other, condition)[""] == self._files(name, usual)[""]:
                     pool |= self.scores(other, condition)
-        return experiment_table(name, rows, self.baselines(name, usual), self.settings, self.columns(name), pool)
+        return experiment_table(name, rows, self.baselines(name, usual), self.columns(name), pool)
 
     def part(self, name: str, figures: np.ndarray) -> Table:
         """Returns the table of an experiment over some of its figures, by index."""
         rows, baselines = (
-            {row: [one.part(figures) for one in trainings] for row, trainings in given.items()}
+            {row: [scores.part(figures) for scores in trainings] for row, trainings in given.items()}
             for given in (self.scores(name), self.baselines(name))
         )
-        return experiment_table(name, rows, baselines, self.settings, self.columns(name))
+        return experiment_table(name, rows, baselines, self.columns(name))
 
     def columns(self, name: str) -> tuple[str, ...]:
         """Returns the columns of an experiment's table."""
@@ -128,7 +131,7 @@ class Results:
     def estimates(self, name: str, column: str) -> dict[str, Estimate]:
         """Returns the estimates of a column of the scores, by row or baseline."""
         rows, baselines = self.scores(name), self.baselines(name)
-        return estimates({**rows, **baselines}, column, self.settings, rows, baselines)
+        return estimates({**rows, **baselines}, column, rows, baselines)
 
     def split(self, name: str, row: str) -> dict[str, list[str]]:
         """Returns the figures of a row's split, by part."""
@@ -136,7 +139,11 @@ class Results:
 
     def setting(self, row: str, key: str) -> Any:
         """Returns the value of a setting, such as `model.width`, with which a row was trained."""
-        training = next(one["trainings"][row][0] for one in self.experiments.values() if row in one["trainings"])
+        training = next(
+            experiment["trainings"][row][0]
+            for experiment in self.experiments.values()
+            if row in experiment["trainings"]
+        )
         value = yaml.safe_load((self.folder / "config" / f"train.{training}.yaml").read_text())
         for part in key.split("."):
             value = value[part]
@@ -147,9 +154,7 @@ class Results:
         by_stage = {}
         for path in sorted((self.folder / "config").glob("*.yaml")):
             settings = yaml.safe_load(path.read_text())
-            by_stage[path.stem] = config.flat(
-                {key: v for key, v in settings.items() if key not in ("defaults", "hydra")}
-            )
+            by_stage[path.stem] = flat({key: v for key, v in settings.items() if key not in ("defaults", "hydra")})
         return by_stage
 
     def _gather(self, paths: Iterable[str]) -> Rows:

@@ -60,28 +60,28 @@ def experiment(results: Results, name: str) -> Numbers:
     """Computes the numbers of the section of a table of trainings, and draws its chart.
 
     Args:
-        results: of the run.
-        name: of the experiment.
+        results: results of the run.
+        name: name of the experiment.
 
     Returns:
         The context of templates/sections/experiment.md, or of the experiment's own template, which extends it.
         `compared` are the comparisons of its pairs, by `first against second`.
     """
-    table, one = results.table(name), results.experiments[name]
-    numbers: Numbers = {"name": name, "experiment": one, "scored": table, "grid": None, "plot": None, "plates": []}
+    table, settings = results.table(name), results.experiments[name]
+    numbers: Numbers = {"name": name, "experiment": settings, "scored": table, "grid": None, "plot": None, "plates": []}
     if not table.rows:
         return numbers
     numbers |= {"grid": score_grid(table, table.columns), "others": score_grid(table, other_columns(table))}
     numbers |= {"quarters": None, **quarters(results, name)}
-    if one["axis"]:
+    if settings["axis"]:
         numbers["plot"] = results.report / f"{name}.png"
         errors = tuple(column for column in table.columns if column.endswith("rmse"))
-        axis = AXES.get(one["axis"], one["axis"])
+        axis = AXES.get(settings["axis"], settings["axis"])
         charts.plot_axis(points(results, name), table, errors, axis, numbers["plot"])
-    if one["plates"]:
+    if settings["plates"]:
         numbers["plates"] = [results.report / f"{name}_{kind}.png" for kind in ("plates", "relit", "extremes")]
-    compared = compare_pairs(table, one["compare"], one["compare_in"])
-    numbers |= {"compared": compared, "comparisons": pair_grid(compared, one["compare"]) if compared else None}
+    compared = compare_pairs(table, settings["compare"], settings["compare_in"])
+    numbers |= {"compared": compared, "comparisons": pair_grid(compared, settings["compare"]) if compared else None}
     return numbers | EXPERIMENTS.get(name, lambda *_: {})(results, name, table)
 
 
@@ -168,21 +168,26 @@ def unusual_lights(results: Results, name: str, table: Table) -> Numbers:
         f"{label(first)} against the nearest training light": nearest,
     }
     if rich in table.rows:
-        for one, lights in ((table, "unusual"), (usual, "usual")):
-            compared[f"{label(rich)} against {label(first)}, {lights} lights"] = compare_rows(one, rich, first, ERRORS)
+        for scored, lights in ((table, "unusual"), (usual, "usual")):
+            pair = f"{label(rich)} against {label(first)}, {lights} lights"
+            compared[pair] = compare_rows(scored, rich, first, ERRORS)
+
+    def light_error(scored: Table, row: str) -> float:
+        return scored.rows[row]["light_rmse"].mean
+
     shares = {
-        row: [one.rows[row]["light_rmse"].mean / one.rows["mean_light"]["light_rmse"].mean for one in (table, usual)]
+        row: [light_error(scored, row) / light_error(scored, "mean_light") for scored in (table, usual)]
         for row in table.networks
     }
     return {
         "first": first,
         "usual": usual.lights,
-        "fails": {column: one.verdict is Verdict.WORSE for column, one in against.items()},
+        "fails": {column: comparison.verdict is Verdict.WORSE for column, comparison in against.items()},
         "nearest": nearest["light_rmse"].verdict,
         "share": shares[first],
         "shares": TextTable.of(
             ["light error over that of the mean training light", "unusual lights", "usual lights"],
-            [[label(row), *two] for row, two in shares.items()],
+            [[label(row), unusual_share, usual_share] for row, (unusual_share, usual_share) in shares.items()],
             digits={"unusual lights": 2, "usual lights": 2},
         ),
         "comparisons": comparison_grid(compared),
@@ -216,7 +221,8 @@ def self_supervised(results: Results, name: str, table: Table) -> Numbers:
     true = share["nearest_light"].mean  # of a baseline with the true albedo
     collapsed, compared = {}, {}
     for row in tuned:
-        by_contrast, by_share = correct([compare_estimates("", one[row], one[base]) for one in (contrast, share)])
+        signs_of_row = [compare_estimates("", values[row], values[base]) for values in (contrast, share)]
+        by_contrast, by_share = correct(signs_of_row)
         is_flat = by_contrast.verdict.is_significant and by_contrast.difference.mean < 0 and by_contrast.first < 1
         is_picture = by_share.verdict.is_significant and by_share.difference.mean > 0 and by_share.first > true
         collapsed[row] = is_flat + is_picture
@@ -253,7 +259,8 @@ def order(results: Results, name: str, table: Table) -> Numbers:
             error, floor = table.rows[row]["shading_rmse"].mean, cut["shading_rmse"].mean
             rows.append([label(row), error, floor, f"{100 * (floor / error) ** 2:.0f} %"])
     steps = {
-        f"order {b:g} against {a:g}": compare_rows(table, two, one, ERRORS) for (a, one), (b, two) in pairwise(networks)
+        f"order {higher:g} against {lower:g}": compare_rows(table, higher_row, lower_row, ERRORS)
+        for (lower, lower_row), (higher, higher_row) in pairwise(networks)
     }
     heads = ["", "shading RMSE", "of the cut alone", "share of the squared error"]
     return {"floors": TextTable.of(heads, rows), "comparisons": comparison_grid(steps)}
@@ -271,16 +278,16 @@ def steps(results: Results, name: str, table: Table) -> Numbers:
     for first, second in (("full", "min"), ("weighted", "full"), ("weighted", "min")):
         for length in lengths:
             if (first, length) in rows and (second, length) in rows:
-                two = rows[first, length], rows[second, length]
-                by_column = compare_rows(table, *two, ERRORS)
+                by_column = compare_rows(table, rows[first, length], rows[second, length], ERRORS)
                 compared[f"{length:,} steps: {LOSS_SETS[first]} against {LOSS_SETS[second]}"] = by_column
                 for column, comparison in by_column.items():
                     verdicts[column, first, second].add(comparison.verdict)
     for losses, words in LOSS_SETS.items():
-        for a, b in pairwise(length for length in lengths if (losses, length) in rows):
-            two = rows[losses, b], rows[losses, a]
-            compared[f"{words}: {b:,} against {a:,} steps"] = compare_rows(table, *two, ERRORS)
-    changed = {column for (column, *_), seen in verdicts.items() if {Verdict.BETTER, Verdict.WORSE} <= seen}
+        for shorter, longer in pairwise(length for length in lengths if (losses, length) in rows):
+            by_column = compare_rows(table, rows[losses, longer], rows[losses, shorter], ERRORS)
+            compared[f"{words}: {longer:,} against {shorter:,} steps"] = by_column
+    both = {Verdict.BETTER, Verdict.WORSE}
+    changed = {column for (column, *_), at_lengths in verdicts.items() if both <= at_lengths}
     return {"comparisons": comparison_grid(compared), "changed": [column for column in ERRORS if column in changed]}
 
 
@@ -305,22 +312,22 @@ def points(results: Results, name: str) -> list[tuple[float, str]]:
         (value, row), sorted by value. The number of training figures is at most that of the available ones.
     """
     axis = results.experiments[name]["axis"]
-    found = []
+    networks = []
     for row in results.table(name).networks:
         place = results.setting(row, axis)
         if axis == "train.figures":
             available = len(results.split(name, row)[results.setting(row, "train.part")])
             place = min(place or available, available)
-        found.append((float(place), row))
-    return sorted(found, key=lambda point: point[0])
+        networks.append((float(place), row))
+    return sorted(networks, key=lambda point: point[0])
 
 
 def quarters(results: Results, name: str) -> Numbers:
     """Compares the rows over quarters of the test figures, from the least to the most occluded, and writes the errors.
 
     Args:
-        results: of the run.
-        name: of the experiment.
+        results: results of the run.
+        name: name of the experiment.
 
     Returns:
         The errors of each row, the comparisons of methods in each quarter, and the stem of the files; empty if there
@@ -363,50 +370,50 @@ def summary(results: Results) -> Numbers:
     """Tests which of the paper's orderings hold in this run."""
     tables = [results.table(name) for name in results.readable if results.usual(name)]
     tables = [table for table in tables if table.rows]
-    found, counts = orderings(tables), [count for table in tables for count in table.trainings.values()]
-    verdicts = Counter(one.comparison.verdict for one in found)
+    tested, counts = orderings(tables), [count for table in tables for count in table.trainings.values()]
+    verdicts = Counter(ordering.comparison.verdict for ordering in tested)
     lines = [
         [
-            f"{label(one.better)} before {label(one.worse)}",
-            column_label(one.comparison.column),
-            f"{100 * one.printed_difference:.1f} %{DAGGER * one.below_margin}{' *' * (not one.argued)}",
-            *effect(one.comparison),
-            *(number(value) for value in (one.comparison.first, one.comparison.second)),
-            p_value(one.comparison.p),
-            f"{SIGNS[one.comparison.verdict]} {OUTCOMES[one.comparison.verdict]}",
-            bound(one.comparison),
+            f"{label(ordering.better)} before {label(ordering.worse)}",
+            column_label(ordering.comparison.column),
+            f"{100 * ordering.printed_difference:.1f} %{DAGGER * ordering.below_margin}{' *' * (not ordering.argued)}",
+            *effect(ordering.comparison),
+            *(number(value) for value in (ordering.comparison.first, ordering.comparison.second)),
+            p_value(ordering.comparison.p),
+            f"{SIGNS[ordering.comparison.verdict]} {OUTCOMES[ordering.comparison.verdict]}",
+            bound(ordering.comparison),
         ]
-        for one in found
+        for ordering in tested
     ]
     heads = ["the paper prints", "in", "by", "here by", "interval", "first", "second", "p", "here", "within"]
     return {
         "tables": tables,
-        "orderings": found,
+        "orderings": tested,
         "verdicts": verdicts,
-        "small": sum(one.below_margin for one in found),
+        "small": sum(ordering.below_margin for ordering in tested),
         "trainings": (min(counts, default=0), max(counts, default=0)),
-        "matrix": matrix(found),
+        "matrix": matrix(tested),
         "listed": TextTable.of(heads, lines),
     }
 
 
-def matrix(found: list[Ordering]) -> TextTable:
+def matrix(tested: list[Ordering]) -> TextTable:
     """Returns a grid of verdicts and relative gains: a row per pair of ARGUMENTS, a column per quantity."""
-    columns = list(dict.fromkeys(one.comparison.column for one in found))
+    columns = list(dict.fromkeys(ordering.comparison.column for ordering in tested))
     lines = []
     for first, second, _ in ARGUMENTS:
-        of_pair = {one.comparison.column: one for one in found if {one.better, one.worse} == {first, second}}
+        of_pair = [ordering for ordering in tested if {ordering.better, ordering.worse} == {first, second}]
         if of_pair:
-            cells = [of_pair.get(column) for column in columns]
-            lines.append([f"{label(first)} against {label(second)}", *(one and format_cell(one) for one in cells)])
+            cells = {ordering.comparison.column: format_cell(ordering) for ordering in of_pair}
+            lines.append([f"{label(first)} against {label(second)}", *(cells.get(column) for column in columns)])
     return TextTable.of(["", *map(column_label, columns)], lines)
 
 
-def format_cell(one: Ordering) -> str:
+def format_cell(ordering: Ordering) -> str:
     """Returns a cell of the matrix: how much better the pair's first row is in this run, in percent.
 
     It is in brackets if the paper's numbers contradict its argument, and has DAGGER if they differ by less than MARGIN.
     """
-    gain = percent(one.comparison.gain if one.argued else -one.comparison.gain).removesuffix(" %")
-    words = f"{SIGNS[one.comparison.verdict]} {gain}{DAGGER * one.below_margin}"
-    return words if one.argued else f"({words})"
+    gain = percent(ordering.comparison.gain if ordering.argued else -ordering.comparison.gain).removesuffix(" %")
+    words = f"{SIGNS[ordering.comparison.verdict]} {gain}{DAGGER * ordering.below_margin}"
+    return words if ordering.argued else f"({words})"

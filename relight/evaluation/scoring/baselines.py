@@ -14,10 +14,10 @@
 from pathlib import Path
 
 import numpy as np
+import torch
 
-from relight import config
 from relight.errors import UserError
-from relight.evaluation.scoring.evaluate import Predictor, has_pairs, pixel_rows, pixels, score, torch_device, truth
+from relight.evaluation.scoring.evaluate import Condition, Predictor, has_pairs, pixel_rows, pixels, score, truth
 from relight.evaluation.scoring.scores import write_scores
 from relight.evaluation.scoring.truth import Inferred
 from relight.learning.data import RelitSet, read_split
@@ -28,7 +28,7 @@ def evaluate_baselines(
     packed: Path,
     lights: Path,
     split: Path,
-    settings: config.Evaluate,
+    condition: Condition,
     out: Path,
     color: str = "paper",
     order: int = 2,
@@ -37,16 +37,17 @@ def evaluate_baselines(
 
     Args:
         packed, lights, split: the data set.
-        settings: which figures and lights.
+        condition: the figures and lights.
         out: the scores (.csv).
         color: color model of the networks to be compared with (`train.color`).
-        order: of the data (`bake.order`).
+        order: order of the data (`bake.order`).
     """
-    data = RelitSet(packed, lights, order, color, torch_device("cpu"))
-    if not has_pairs(data, split, settings):
+    torch.set_num_threads(1)
+    data = RelitSet(packed, lights, order, color)
+    if not has_pairs(data, split, condition):
         return write_scores(out, {})
     predictors = make_predictors(data, split)
-    write_scores(out, {name: score(predictor, data, split, settings) for name, predictor in predictors.items()})
+    write_scores(out, {name: score(predictor, data, split, condition) for name, predictor in predictors.items()})
 
 
 def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
@@ -65,30 +66,30 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
     def true(name: str, figure: int) -> np.ndarray:
         return getattr(data, name)[pixel_rows(data, figure)].float().numpy()[None]
 
-    def mean_figure(figure: int, lit: np.ndarray) -> Inferred:
+    def mean_figure(figure: int, lights: np.ndarray) -> Inferred:
         maps = mean.at(pixels(data, figure))
-        light = np.repeat(mean_light, len(lit), 0)
+        light = np.repeat(mean_light, len(lights), 0)
         return Inferred(maps["albedo"], maps["transport"], maps["normal"], maps["ao"], light)
 
-    def nearest_light(figure: int, lit: np.ndarray) -> Inferred:
-        distances = ((data.lights.numpy()[lit][:, None] - train_lights[None]) ** 2).sum((2, 3))
+    def nearest_light(figure: int, lights: np.ndarray) -> Inferred:
+        distances = ((data.lights.numpy()[lights][:, None] - train_lights[None]) ** 2).sum((2, 3))
         return Inferred(light=train_lights[distances.argmin(1)])
 
-    def no_occlusion(figure: int, lit: np.ndarray) -> Inferred:
+    def no_occlusion(figure: int, lights: np.ndarray) -> Inferred:
         return Inferred(transport=unoccluded(true("normal", figure), order).astype(np.float32))
 
-    def ao_occlusion(figure: int, lit: np.ndarray) -> Inferred:
-        return Inferred(transport=no_occlusion(figure, lit).transport * true("ao", figure)[..., None])
+    def ao_occlusion(figure: int, lights: np.ndarray) -> Inferred:
+        return Inferred(transport=no_occlusion(figure, lights).transport * true("ao", figure)[..., None])
 
-    def as_it_is(figure: int, lit: np.ndarray) -> Inferred:
-        return Inferred(relit=truth(data, figure, lit).maps["reconstruction"])
+    def as_it_is(figure: int, lights: np.ndarray) -> Inferred:
+        return Inferred(relit=truth(data, figure, lights).maps["reconstruction"])
 
     def truncated(bands: int) -> Predictor:
-        return lambda figure, lit: Inferred(transport=true("transport", figure)[..., : (bands + 1) ** 2])
+        return lambda figure, lights: Inferred(transport=true("transport", figure)[..., : (bands + 1) ** 2])
 
     return {
         "mean_figure": mean_figure,
-        "mean_light": lambda figure, lit: Inferred(light=np.repeat(mean_light, len(lit), 0)),
+        "mean_light": lambda figure, lights: Inferred(light=np.repeat(mean_light, len(lights), 0)),
         "nearest_light": nearest_light,
         "no_occlusion": no_occlusion,
         "ao_occlusion": ao_occlusion,
@@ -101,16 +102,16 @@ class MeanFigure:
     """The mean of the training figures at each pixel; at pixels outside all figures, the mean over all pixels."""
 
     def __init__(self, data: RelitSet, figures: np.ndarray):
-        rows = np.r_[tuple(pixel_rows(data, figure) for figure in figures)]
-        pixel = data.pixel.numpy()[rows]
-        count = np.bincount(pixel, minlength=data.size**2)
+        rows = np.r_[tuple(pixel_rows(data, figure) for figure in figures)]  # of all pixels of these figures
+        pixel = data.pixel.numpy()[rows]  # where each lies in its image
+        count = np.bincount(pixel, minlength=data.size**2)[:, None]
         self.maps = {}
         for name in ("albedo", "transport", "normal", "ao"):
             values = getattr(data, name).numpy()[rows].astype(np.float64).reshape(len(rows), -1)
             if name == "albedo" and data.color == "paper":
                 values = values / 255
-            total = np.stack([np.bincount(pixel, column, data.size**2) for column in values.T], 1)
-            self.maps[name] = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], values.mean(0))
+            total = np.stack([np.bincount(pixel, channel, data.size**2) for channel in values.T], 1)
+            self.maps[name] = np.where(count > 0, total / np.maximum(count, 1), values.mean(0))
 
     def at(self, pixel: np.ndarray) -> dict[str, np.ndarray]:
         """Returns the maps (1,P,C) and `ao` (1,P) at flat pixel indices (P,), float32; normals have unit length."""

@@ -32,7 +32,7 @@ class Comparison:
     """The comparison of two rows in one column.
 
     Attributes:
-        column: of the scores.
+        column: column of the scores.
         first, second: the means of the rows.
         difference: first minus second.
         p: p-value of the hypothesis that they are equal; `correct` corrects it.
@@ -86,7 +86,9 @@ def compare_estimates(column: str, first: Estimate, second: Estimate) -> Compari
 
 def correct(comparisons: list[Comparison]) -> list[Comparison]:
     """Corrects p-values and levels for the number of comparisons (Holm), in place, and returns the comparisons."""
-    p, p_equivalent = (holm([getattr(one, name) for one in comparisons]) for name in ("p", "p_equivalent"))
+    p, p_equivalent = (
+        holm([getattr(comparison, name) for comparison in comparisons]) for name in ("p", "p_equivalent")
+    )
     for comparison, corrected, equivalent in zip(comparisons, p.tolist(), p_equivalent.tolist()):
         comparison.level = ALPHA * comparison.p / corrected if corrected else ALPHA / len(comparisons)
         comparison.p, comparison.p_equivalent = corrected, equivalent
@@ -157,9 +159,9 @@ def printed_ordering(table: Table, leader: str, follower: str, column: str) -> O
     """Compares two rows of a table in the order of their printed values.
 
     Args:
-        table: of the run.
+        table: table of the run.
         leader, follower: the better and the worse row by the paper's argument.
-        column: of the scores.
+        column: column of the scores.
 
     Returns:
         The comparison without correction; None if the table or the paper lacks a value, or the paper's are equal.

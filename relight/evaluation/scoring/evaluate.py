@@ -1,21 +1,21 @@
 """Scores a trained network, or a baseline, on every test figure under every test light."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
-from relight import config
-from relight.config.schema import Loss, fields_by_key
+from relight.config.schema import PARTS, SCORED_LIGHTS, Loss, fields_by_key
 from relight.config.setting import setting_of
 from relight.errors import UserError
 from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.evaluation.scoring.truth import Inferred, Truth
 from relight.learning.checkpoint import load_network
-from relight.learning.data import Batch, RelitSet, read_split
+from relight.learning.data import Batch, RelitSet, choose_device, read_split
 from relight.learning.harmonics import unoccluded
 from relight.learning.networks import Network
 from relight.maps import Maps
@@ -28,35 +28,67 @@ BATCH_PIXELS = 2**20  # largest number of pixels of the images in a batch
 Predictor = Callable[[int, np.ndarray], Inferred]  # (figure, lights (N,)), indices in a RelitSet -> prediction
 
 
-def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path) -> None:
-    """Scores a network on every test figure under every test light.
+@dataclass(frozen=True)
+class Condition:
+    """What predictors are scored on.
+
+    Attributes:
+        figures: part of the split, one of PARTS; `views` are the further views of the test figures.
+        lights: split of the light set, one of SCORED_LIGHTS.
+    """
+
+    figures: str = "test"
+    lights: str = "test"
+
+    @classmethod
+    def parse(cls, text: str) -> "Condition":
+        """Parses the name of a condition: test, or FIGURES-LIGHTS. Raises UserError if it is none.
+
+        >>> Condition.parse("sitting-test")
+        Condition(figures='sitting', lights='test')
+        """
+        figures, _, lights = text.partition("-")
+        condition = cls(figures, lights or "test")
+        if condition.figures not in PARTS or condition.lights not in SCORED_LIGHTS:
+            raise UserError(
+                f"condition {text}: must be FIGURES-LIGHTS, with figures {', '.join(PARTS)} and lights "
+                f"{', '.join(SCORED_LIGHTS)}"
+            )
+        return condition
+
+
+TEST = Condition()
+
+
+def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, condition: Condition, out: Path) -> None:
+    """Scores a network on every figure under every light of a condition.
 
     The same inputs give the same bytes on the same machine, since one thread is used on a CPU.
 
     Args:
         checkpoint: the network, which also determines the color model.
         packed, lights, split: the data set (.safetensors, .npz, .json).
-        settings: which part of the split, and which lights.
+        condition: the figures and lights.
         out: the scores (.csv), whose predictor has the name of the file. If there are no sitting figures, further views
             or unusual lights to score, the file has no rows.
 
     Raises:
         UserError: if a file has other contents, or there is no figure or light to test on.
     """
-    network, data = load(checkpoint, packed, lights, settings)
-    if not has_pairs(data, split, settings):
+    network, data = load(checkpoint, packed, lights)
+    if not has_pairs(data, split, condition):
         return write_scores(out, {})
-    scores = score(lambda figure, lit: infer(network, data, figure, lit), data, split, settings)
-    write_scores(out, {out.stem: scores})
+    write_scores(out, {out.stem: score(partial(infer, network, data), data, split, condition)})
 
 
-def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate) -> tuple[Network, RelitSet]:
-    """Loads a network, and the data at its order and in its color model.
+def load(checkpoint: Path, packed: Path, lights: Path) -> tuple[Network, RelitSet]:
+    """Loads a network, and the data at its order and in its color model, on a GPU if there is one.
+
+    On a CPU, torch is limited to one thread, so that scores are reproducible.
 
     Args:
         checkpoint: the network (.safetensors).
         packed, lights: the data set.
-        settings: `device`.
 
     Returns:
         The network, with the outputs that no loss constrained in `Network.unlearned`, and the data.
@@ -65,7 +97,9 @@ def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate
         UserError: if a file has other contents, the network has no color model, or the maps have another size than
             the network.
     """
-    device = torch_device(settings.device)
+    device = choose_device("auto")
+    if device.type == "cpu":
+        torch.set_num_threads(1)
     network, made_with = load_network(checkpoint, device)
     network.unlearned = unlearned(made_with.get("loss"))
     color = (made_with.get("train") or {}).get("color")
@@ -87,26 +121,13 @@ def unlearned(loss: dict[str, Any] | None) -> frozenset[str]:
     return frozenset({"albedo", "light"}.difference(*used))
 
 
-def torch_device(name: str) -> torch.device:
-    """Returns the device of a name, where `auto` prefers a GPU; on a CPU, limits torch to one reproducible thread."""
-    kind = "cuda" if name != "cpu" and torch.cuda.is_available() else "cpu"
-    if kind == "cpu":
-        torch.set_num_threads(1)
-    if name == "cuda" and kind == "cpu":
-        raise UserError("evaluate.device is cuda and torch sees no GPU here: give evaluate.device=cpu or auto")
-    return torch.device(kind)
-
-
-def select_pairs(
-    data: RelitSet, split: Path, lights: str = "test", figures: str = "test"
-) -> tuple[np.ndarray, np.ndarray]:
+def select_pairs(data: RelitSet, split: Path, condition: Condition = TEST) -> tuple[np.ndarray, np.ndarray]:
     """Selects the figures and lights to test on.
 
     Args:
         data: figures and lights.
         split: the split (.json).
-        lights: their split in the light set.
-        figures: the part of the split; `views` are the further views of the test figures.
+        condition: the figures and lights.
 
     Returns:
         Indices of figures (F,) and of lights (L,).
@@ -114,14 +135,14 @@ def select_pairs(
     Raises:
         UserError: if either is empty.
     """
-    chosen = select_figures(data, split, figures)
-    lit = np.flatnonzero(data.light_split == lights)
-    if not len(chosen) or not len(lit):
+    figure_indices = select_figures(data, split, condition.figures)
+    light_indices = np.flatnonzero(data.light_split == condition.lights)
+    if not len(figure_indices) or not len(light_indices):
         raise UserError(
-            f"nothing to evaluate: {len(chosen)} {figures} figures of {split} are in the packed set and "
-            f"{len(lit)} lights are marked {lights}; at least one of each is needed"
+            f"nothing to evaluate: {len(figure_indices)} {condition.figures} figures of {split} are in the packed set "
+            f"and {len(light_indices)} lights are marked {condition.lights}; at least one of each is needed"
         )
-    return chosen, lit
+    return figure_indices, light_indices
 
 
 def select_figures(data: RelitSet, split: Path, figures: str) -> np.ndarray:
@@ -133,10 +154,10 @@ def select_figures(data: RelitSet, split: Path, figures: str) -> np.ndarray:
     return others[data.has_view[others]]
 
 
-def has_pairs(data: RelitSet, split: Path, settings: config.Evaluate) -> bool:
+def has_pairs(data: RelitSet, split: Path, condition: Condition) -> bool:
     """Returns whether there are figures and lights to score; test figures and test lights are taken for granted."""
-    figures = settings.figures == "test" or len(select_figures(data, split, settings.figures)) > 0
-    return figures and (settings.lights != "unusual" or bool((data.light_split == "unusual").any()))
+    has_figures = condition.figures == "test" or len(select_figures(data, split, condition.figures)) > 0
+    return has_figures and (condition.lights != "unusual" or bool((data.light_split == "unusual").any()))
 
 
 def pixel_rows(data: RelitSet, figure: int) -> slice:
@@ -157,9 +178,9 @@ def dense(values: np.ndarray, pixel: np.ndarray, size: int) -> np.ndarray:
     return image.reshape(size, size, -1)
 
 
-def score(predictor: Predictor, data: RelitSet, split: Path, settings: config.Evaluate) -> Scores:
-    """Scores a predictor on all test pairs, figure by figure."""
-    figures, lights = select_pairs(data, split, settings.lights, settings.figures)
+def score(predictor: Predictor, data: RelitSet, split: Path, condition: Condition) -> Scores:
+    """Scores a predictor on all pairs of a condition, figure by figure."""
+    figures, lights = select_pairs(data, split, condition)
     scores = [truth(data, f, lights).score(predictor(f, lights)) for f in progress(figures.tolist(), "figures scored")]
     columns = {name: np.stack([part[name] for part in scores]) for name in scores[0]}
     return Scores([data.names[f] for f in figures], lights.tolist(), columns)
@@ -196,14 +217,14 @@ def infer(network: Network, data: RelitSet, figure: int, lights: np.ndarray) -> 
         is that of the normals without occlusion (the paper, Table 1).
     """
     count, batch_size = int(data.counts[figure]), max(1, BATCH_PIXELS // data.size**2)
-    found: dict[str, list[np.ndarray]] = {}
+    by_name: dict[str, list[np.ndarray]] = {}
     for start in range(0, len(lights), batch_size):
-        lit = lights[start : start + batch_size]
-        batch = data.batch(np.full(len(lit), figure), lit)
+        batch_lights = lights[start : start + batch_size]
+        batch = data.batch(np.full(len(batch_lights), figure), batch_lights)
         for name, values in compact(network, batch).items():
             values = values if name == "light" else values[:, :count]
-            found.setdefault(name, []).append(values.cpu().numpy())
-    maps = {name: np.concatenate(batches) for name, batches in found.items() if name not in network.unlearned}
+            by_name.setdefault(name, []).append(values.cpu().numpy())
+    maps = {name: np.concatenate(batches) for name, batches in by_name.items() if name not in network.unlearned}
     ao = maps["ao"][..., 0] if "ao" in maps else None
     return Inferred(
         maps.get("albedo"),
@@ -229,7 +250,7 @@ def inferred_maps(network: Network, data: RelitSet, light: int, true: Maps) -> M
     """Infers the maps of a figure from its picture under one light.
 
     Args:
-        network: of any kind; outputs that no loss constrained are replaced by the truth.
+        network: network of any kind; outputs that no loss constrained are replaced by the truth.
         data: its test set.
         light: index of the light in the set.
         true: the figure's baked maps, whose info names it in the set.

@@ -65,7 +65,7 @@ def label(row: str) -> str:
 
 def split_column(column: str) -> tuple[str, str]:
     """Splits the name of a column of scores: shading_true_light_rmse -> (shading_true_light, rmse)."""
-    reading = max((one for one in READINGS if column.endswith(f"_{one}")), key=len)
+    reading = max((reading for reading in READINGS if column.endswith(f"_{reading}")), key=len)
     return column.removesuffix(f"_{reading}"), reading
 
 

@@ -52,7 +52,7 @@ def ssim(inferred: np.ndarray, truth: np.ndarray, span: float, window: int = WIN
     """
     truth = np.broadcast_to(truth, (len(inferred), *truth.shape[1:]))
     pairs = zip(inferred.astype(np.float64), truth.astype(np.float64))
-    return np.array([structural_similarity(*two, win_size=window, channel_axis=-1, data_range=span) for two in pairs])
+    return np.array([structural_similarity(*pair, win_size=window, channel_axis=-1, data_range=span) for pair in pairs])
 
 
 class MaskBox:

@@ -46,7 +46,7 @@ class Scores:
 
 def write_scores(path: Path, scores: dict[str, Scores]) -> None:
     """Writes the scores of predictors as CSV, atomically: six significant digits, and blanks for NaN."""
-    frames = [one.frame(predictor) for predictor, one in scores.items()]
+    frames = [predictor_scores.frame(predictor) for predictor, predictor_scores in scores.items()]
     table = pd.concat(frames) if frames else pd.DataFrame(columns=[*KEYS, *COLUMNS, *COLLAPSE])
     with atomic_write(path) as tmp:
         table.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
@@ -75,7 +75,7 @@ def read_table(
         what: its content, for errors.
         columns: required columns.
         writer: the command that writes such files.
-        types: of columns.
+        types: type of each column.
 
     Raises:
         UserError: if the file is missing, is not CSV, or lacks a column.
@@ -109,6 +109,7 @@ def gather(paths: list[Path]) -> dict[str, list[Scores]]:
 
 
 def _grid(rows: pd.DataFrame) -> Scores:
+    """Returns the scores of one predictor from their rows; raises ValueError unless they are a full grid of pairs."""
     figures, lights = list(rows["figure"].unique()), [int(light) for light in rows["light"].unique()]
     if list(zip(rows["figure"], rows["light"])) != [(f, l) for f in figures for l in lights]:
         raise ValueError("its rows are not every figure under every light")

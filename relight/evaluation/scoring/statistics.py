@@ -23,6 +23,7 @@ from scipy.stats import norm, t
 
 CONFIDENCE = 0.95
 ALPHA = 0.05  # significance level
+RESAMPLES = 10_000  # of each interval
 
 
 @dataclass
@@ -124,29 +125,29 @@ def pooled_spread(rows: list[np.ndarray]) -> Spread:
         rows: values (S,...) of the S trainings of each row; rows with one training have no effect.
     """
     means = [values.reshape(len(values), -1).mean(1) for values in rows]
-    freedom = sum(len(one) - 1 for one in means)
-    squares = sum(((one - one.mean()) ** 2).sum() for one in means)
+    freedom = sum(len(means_of_row) - 1 for means_of_row in means)
+    squares = sum(((means_of_row - means_of_row.mean()) ** 2).sum() for means_of_row in means)
     return Spread(float(np.sqrt(squares / freedom)), freedom) if freedom else Spread()
 
 
 def estimate(
     values: np.ndarray,
-    resamples: int,
-    seed: int,
     spread: Spread | None = None,
     pairs: tuple[list, list] = ([], []),
     noise: int = 0,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
 ) -> Estimate:
     """Estimates the mean of a row and its interval.
 
     Args:
         values: (S,F,L), by training, figure and light.
-        resamples: number of resamples.
-        seed: of the resamples; rows with the same seed are resampled alike.
         spread: pooled over the table's trainings; a larger one of the row itself, with its own degrees of freedom, is
             preferred. Without it, the interval does not include the variation between trainings.
         pairs: names of the figures, and indices of the lights.
         noise: seed of the noise of the trainings; it must differ between the rows of a table.
+        resamples: their number.
+        seed: random seed of the resamples; rows with the same seed are resampled alike.
 
     Returns:
         The estimate. With one figure its interval is infinite; with one light it holds for that light only.
@@ -155,12 +156,11 @@ def estimate(
     mean, pair_means = float(values.mean()), values.mean(0)
     error, freedom = 0.0, 0
     if spread and spread.freedom:
-        own = pooled_spread([values])
-        chosen = own if own.deviation > spread.deviation else spread
-        error, freedom = chosen.deviation / np.sqrt(trainings), chosen.freedom
-    found = Estimate(mean, -np.inf, np.inf, pair_means, list(pairs[0]), list(pairs[1]), error, freedom)
+        larger = max(spread, pooled_spread([values]), key=lambda candidate: candidate.deviation)
+        error, freedom = larger.deviation / np.sqrt(trainings), larger.freedom
+    estimated = Estimate(mean, -np.inf, np.inf, pair_means, list(pairs[0]), list(pairs[1]), error, freedom)
     if figures == 1:
-        return found
+        return estimated
     resampled = np.full(resamples, mean)
     for axis, levels in enumerate((figures, lights)):
         if levels > 1:
@@ -168,8 +168,8 @@ def estimate(
             resampled += expansion_factor(levels) * (weights @ (pair_means.mean(1 - axis) - mean))
     if freedom:
         resampled += error * np.random.default_rng([noise, trainings]).standard_t(freedom, resamples)
-    found.low, found.high = interval(resampled)
-    return found
+    estimated.low, estimated.high = interval(resampled)
+    return estimated
 
 
 def interval(resampled: np.ndarray) -> tuple[float, float]:
@@ -228,10 +228,10 @@ def variance_components(first: Estimate, second: Estimate) -> list[tuple[float, 
     for axis, shared in enumerate(shared_levels):
         means = [values.mean(1 - axis) for values in rows]
         samples = [means[0] - means[1]] if shared else means
-        factors.append([(one.var(ddof=1) / len(one), len(one) - 1) for one in samples if len(one) > 1])
+        factors.append([(sample.var(ddof=1) / len(sample), len(sample) - 1) for sample in samples if len(sample) > 1])
     pairs = [rows[0] - rows[1]] if all(shared_levels) else rows
     interaction: list[tuple[float, float]] = [
-        (-_interaction(one) / one.size, (one.shape[0] - 1) * (one.shape[1] - 1)) for one in pairs
+        (-_interaction(sample) / sample.size, (sample.shape[0] - 1) * (sample.shape[1] - 1)) for sample in pairs
     ]
     interaction = [component for component in interaction if component[1]]
     shared_variance = sum(variance for variance, _ in interaction)

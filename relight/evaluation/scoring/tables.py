@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from relight import config
 from relight.errors import UserError
 from relight.evaluation.scoring.labels import split_column
 from relight.evaluation.scoring.paper import printed
@@ -90,17 +89,15 @@ def experiment_table(
     name: str,
     networks: Rows,
     baselines: Rows,
-    settings: config.Statistics,
     columns: tuple[str, ...] = TABLE1_COLUMNS,
     pool: Rows | None = None,
 ) -> Table:
     """Estimates every column of the scores of an experiment.
 
     Args:
-        name: of the experiment, which selects the paper's printed values.
+        name: name of the experiment, which selects the paper's printed values.
         networks: in the order of the table.
         baselines: follow the networks; they are never marked as best.
-        settings: number of resamples, and their seed.
         columns: to show.
         pool: rows over which the spread of trainings is pooled; by default `networks`.
 
@@ -115,23 +112,20 @@ def experiment_table(
     given = {**networks, **baselines}
     rows: dict[str, dict[str, Estimate]] = {row: {} for row in given}
     for column in COLUMNS:
-        for row, one in estimates(given, column, settings, networks if pool is None else pool, baselines).items():
-            rows[row][column] = one
+        for row, cell in estimates(given, column, networks if pool is None else pool, baselines).items():
+            rows[row][column] = cell
     rank([rows[row] for row in networks], columns)
     trainings, any_scores = {row: len(scores) for row, scores in networks.items()}, next(iter(networks.values()))[0]
     printed_rows = {row: printed(row) for row in rows if name in PRINTED and printed(row)}
     return Table(columns, rows, trainings, len(any_scores.figures), len(any_scores.lights), printed_rows)
 
 
-def estimates(
-    rows: Rows, column: str, settings: config.Statistics, pool: Rows, fixed: Iterable[str] = ()
-) -> dict[str, Estimate]:
+def estimates(rows: Rows, column: str, pool: Rows, fixed: Iterable[str] = ()) -> dict[str, Estimate]:
     """Estimates one column of the scores.
 
     Args:
         rows: to estimate.
-        column: of the scores.
-        settings: number of resamples, and their seed.
+        column: column of the scores.
         pool: rows over which the spread of trainings is pooled.
         fixed: rows without trainings.
 
@@ -149,8 +143,7 @@ def estimates(
     for number, (row, trainings) in enumerate(rows.items()):
         if (given := values(trainings)) is not None:
             row_spread, pairs = None if row in fixed else spread, (trainings[0].figures, trainings[0].lights)
-            noise = settings.seed + number
-            estimated[row] = estimate(given, settings.bootstrap, settings.seed, row_spread, pairs, noise)
+            estimated[row] = estimate(given, row_spread, pairs, noise=number)
     return estimated
 
 

@@ -114,8 +114,8 @@ class Truth:
         """
         if len(self.lights) == 1:
             return {}
-        found = self.compare("reconstruction", np.roll(pictures, 1, 0), "relit")
-        return {name: np.roll(values, -1) for name, values in found.items()}
+        readings = self.compare("reconstruction", np.roll(pictures, 1, 0), "relit")
+        return {name: np.roll(values, -1) for name, values in readings.items()}
 
     def complete(self, inferred: Inferred) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns albedo (N or 1,P,3), transport (N or 1,P,K) and light (N,K,3), true where they are not inferred."""

@@ -9,7 +9,8 @@ import numpy as np
 from relight.figures.body import makehuman
 from relight.figures.catalogue.schema import entries
 
-AGES = ("child", "young", "old")  # 12, 25 and 90 years: the anchors of MakeHuman's age slider
+AGES = ("child", "young", "old")  # the ends and the middle of MakeHuman's age slider
+AGE_ANCHORS = (12, 25, 90)  # years of these
 ANCESTRIES = ("african", "asian", "caucasian")
 WHOLE_FACE = ("browInnerUp", "mouthRollLower", "mouthShrugLower")  # units without sides
 HEADS = ("oval", "round", "square", "rectangular", "diamond", "triangular", "invertedtriangular")
@@ -126,9 +127,13 @@ def between(value: float, names: tuple[str, str, str]) -> dict[str, float]:
 
 
 def macro_weights(person: Person) -> dict[str, float]:
-    """Returns the weights of MakeHuman's macro targets: products of the traits' linear weights."""
+    """Returns the weights of MakeHuman's macro targets, by name: products of the traits' linear weights.
+
+    A target of the face depends on ancestry, sex and age; one of the body on sex, age, muscle and weight, and those of
+    height, proportions and breasts on these and one or two traits more. Weights under 1e-4 are left out.
+    """
     sex = {"female": person.female, "male": 1 - person.female}
-    years = np.interp(person.age, [12, 25, 90], [0, 0.5, 1])
+    years = np.interp(person.age, AGE_ANCHORS, [0, 0.5, 1])
     age = between(float(years), AGES)
     muscle = between(person.muscle, ("minmuscle", "averagemuscle", "maxmuscle"))
     weight = between(person.weight, ("minweight", "averageweight", "maxweight"))
@@ -155,14 +160,22 @@ def expressions() -> dict[str, dict[str, float]]:
 
 
 def units(name: str, strength: float = 1.0, swap: bool = False) -> dict[str, float]:
-    """Returns the weights of the face units of an expression, by target name; `swap` exchanges the sides."""
-    out = {}
+    """Returns the weights of the face units of an expression, by target name.
+
+    Args:
+        name: name of the expression. A unit of it, such as `mouthSmile`, moves both sides, `mouthSmile.L` the left one
+            only.
+        strength: factor of the weights.
+        swap: exchanges the sides.
+    """
+    weights = {}
     for unit, weight in expressions()[name].items():
         unit, _, only = unit.partition(".")
-        for side, long in (("L", "Right"), ("R", "Left")) if swap else (("L", "Left"), ("R", "Right")):
+        for side, word in (("L", "Right"), ("R", "Left")) if swap else (("L", "Left"), ("R", "Right")):
             if only in ("", side):
-                out["faceunits/" + unit + (long if unit not in WHOLE_FACE else "")] = strength * weight
-    return out
+                target = unit if unit in WHOLE_FACE else unit + word
+                weights[f"faceunits/{target}"] = strength * weight
+    return weights
 
 
 def sample_expression(rng: np.random.Generator) -> Expression:
@@ -171,8 +184,8 @@ def sample_expression(rng: np.random.Generator) -> Expression:
     shares = np.array([30, 21] + [7] * (len(names) - 2))  # calm, a smile, each of the others
     name = str(rng.choice(names, p=shares / shares.sum()))
     face = units(name, float(rng.uniform(0.45, 1.0)), rng.random() < 0.5)
-    aside, down = np.clip(rng.normal([0, 0.05], [0.22, 0.12]), -0.5, 0.5)  # shares of the eyes' range, to the left
-    for eye, outward in (("Left", aside), ("Right", -aside)):
+    left, down = np.clip(rng.normal([0, 0.05], [0.22, 0.12]), -0.5, 0.5)  # the gaze, in shares of the eyes' range
+    for eye, outward in (("Left", left), ("Right", -left)):
         face[f"faceunits/eyeLook{'Out' if outward > 0 else 'In'}{eye}"] = float(abs(outward))
         face[f"faceunits/eyeLook{'Down' if down > 0 else 'Up'}{eye}"] = float(abs(down))
     return Expression(name, face)

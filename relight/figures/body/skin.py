@@ -13,6 +13,13 @@ from relight.figures.texture import Color, coded, lattice, noise
 
 SEAM_MARGIN = 0.25  # part of a triangle painted beyond its edges, so that lookups at seams of the UV find skin
 UPPER_LIP, LOWER_LIP = 474, 494  # vertices of the base mesh where the lips meet, in the middle
+MOUTH_RADII = (0.027, 0.009, 0.03)  # of the ellipsoid of lips and mouth: sideways, up, forward, metres
+FACE_DEPTH = 0.035  # metres behind the eyes up to which skin belongs to the face
+# Azimuth about the head, radians: 0 is the face, pi the nape, 1.2 a sideburn; and the sine of the elevation there.
+HAIRLINE = (
+    (0, 0.5, 0.8, 0.98, 1.10, 1.22, 1.34, 1.62, 1.75, 1.95, 2.35, np.pi),
+    (0.34, 0.33, 0.24, 0.04, -0.22, -0.38, -0.20, -0.20, -0.40, -0.62, -0.74, -0.80),
+)
 
 
 @dataclass(frozen=True)
@@ -33,29 +40,32 @@ def sample_iris(rng: np.random.Generator, person: Person) -> Color:
 
 @cache
 def texels(side: int) -> np.ndarray:
-    """Returns the point of the base body (side,side,3) at each texel of its UV map, metres; NaN outside the islands."""
+    """Returns the point of the base body (side,side,3) at each texel of its UV map, metres; NaN outside the islands.
+
+    The triangles of the map are rasterised: a texel gets the point with its barycentric coordinates.
+    """
     base = makehuman.base()
-    at = base.uv[base.uv_faces["body"]] * side - 0.5
+    at = base.uv[base.uv_faces["body"]] * side - 0.5  # (F,3,2) corners, texels
     corner = base.vertices[base.faces["body"]]
-    out = np.full((side, side, 3), np.nan)
+    points = np.full((side, side, 3), np.nan)
     low, high = np.floor(at.min(1)).astype(int) - 1, np.ceil(at.max(1)).astype(int) + 1
     a, b, c = at[:, 0], at[:, 1], at[:, 2]
-    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    width = (high - low + 1).max(1)
-    for size in np.unique(width):  # all triangles with boxes of one size at once
-        group = np.flatnonzero((width == size) & (np.abs(area) > 1e-9))
-        j, i = np.meshgrid(np.arange(size), np.arange(size))
-        x, y = low[group, 0, None, None] + j, low[group, 1, None, None] + i
+    twice_area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    box_side = (high - low + 1).max(1)
+    for size in np.unique(box_side):  # all triangles with boxes of one size at once
+        group = np.flatnonzero((box_side == size) & (np.abs(twice_area) > 1e-9))
+        column, row = np.meshgrid(np.arange(size), np.arange(size))
+        x, y = low[group, 0, None, None] + column, low[group, 1, None, None] + row
         shares = []
-        for p, q in ((b, c), (c, a), (a, b)):
+        for p, q in ((b, c), (c, a), (a, b)):  # the share of a corner is the area opposite it over the whole
             p, q = p[group][:, :, None, None], q[group][:, :, None, None]
-            shares.append(
-                ((q[:, 0] - p[:, 0]) * (y - p[:, 1]) - (q[:, 1] - p[:, 1]) * (x - p[:, 0])) / area[group, None, None]
-            )
-        w = np.stack(shares, -1)
-        inside = (w > -SEAM_MARGIN).all(-1) & (x >= 0) & (y >= 0) & (x < side) & (y < side)
-        out[side - 1 - y[inside], x[inside]] = np.einsum("gijk,gkd->gijd", w, corner[group])[inside]
-    return out
+            twice_part = (q[:, 0] - p[:, 0]) * (y - p[:, 1]) - (q[:, 1] - p[:, 1]) * (x - p[:, 0])
+            shares.append(twice_part / twice_area[group, None, None])
+        barycentric = np.stack(shares, -1)
+        inside = (barycentric > -SEAM_MARGIN).all(-1) & (x >= 0) & (y >= 0) & (x < side) & (y < side)
+        place = side - 1 - y[inside], x[inside]  # rows run from the top, v from the bottom
+        points[place] = np.einsum("gijk,gkd->gijd", barycentric, corner[group])[inside]
+    return points
 
 
 @cache
@@ -74,7 +84,7 @@ def tone(person: Person) -> np.ndarray:
 def paint_skin(
     person: Person, hair: np.ndarray, scalp: float, beard: float, makeup: float, side: int, seed: int
 ) -> np.ndarray:
-    """Paints the texture of a body.
+    """Paints the texture of a body: tone, freckles and moles, blush, lips, nails, then hair. All shares are set by eye.
 
     Args:
         person: skin tone, sex.
@@ -83,7 +93,7 @@ def paint_skin(
         beard: the same of the beard.
         makeup: amount in [0,1].
         side: pixels of the texture.
-        seed: of the random details.
+        seed: random seed of the random details.
 
     Returns:
         (side,side,3) uint8 sRGB.
@@ -101,13 +111,15 @@ def paint_skin(
         + 0.10 * (noise(x * 30 + z * 17, y * 30, seed) - 0.5)
         + 0.06 * (noise(x * 400, y * 400 + z * 300, seed + 1) - 0.5)
     )[:, None]
-    across, front = np.abs(x), z > eye[2] - 0.035
+    across, front = np.abs(x), z > eye[2] - FACE_DEPTH
 
     def mix(share: np.ndarray, target: np.ndarray) -> None:
+        """Mixes a share (n,) of a color (3,) or (n,3) into the texels inside the islands."""
         nonlocal color
         share = np.clip(share, 0, 1)[:, None]
         color = color * (1 - share) + target * share
 
+    # Lengths are in metres relative to the left eye; a Gaussian around a place fades a color out.
     fleck = noise(x * 330, y * 330 + z * 250, seed + 5)
     sunny = np.exp(-(((y - eye[1] + 0.04) / 0.035) ** 2)) * front + 0.25  # freckles are densest across nose and cheeks
     mix(0.5 * freckles(person, seed) * sunny * np.clip((fleck - 0.66) / 0.12, 0, 1), skin * [0.66, 0.52, 0.44])
@@ -144,15 +156,19 @@ def brow_color(hair: np.ndarray) -> np.ndarray:
 
 
 def brow_share(points: np.ndarray, person: Person) -> np.ndarray:
-    """Returns the density (n,) of brows at points (n,3) of the base body, in [0,1]."""
+    """Returns the density (n,) of brows at points (n,3) of the base body, in [0,1].
+
+    A brow is an arched line above the eye, with a Gaussian across it that is narrower toward its ends.
+    """
     eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
     across, y = np.abs(points[:, 0]), points[:, 1]
-    ridge = eye[1] + 0.0225 - 0.30 * np.clip(across - eye[0] - 0.004, 0, 1) - 0.12 * np.clip(eye[0] - across, 0, 1)
-    outward = (across - eye[0]) / 0.023
-    thick = (0.0040 - 0.0006 * person.female) * (1 - 0.35 * np.clip(outward, -0.2, 1))
-    ends = np.clip(1.9 * (1 - np.abs(outward - 0.04)), 0, 1)
-    share = np.exp(-(((y - ridge) / (thick * (0.35 + 0.65 * ends))) ** 2)) * ends
-    return np.clip(1.5 * share, 0, 1) * (points[:, 2] > eye[2] - 0.035)
+    beyond_eye, before_eye = np.clip(across - eye[0] - 0.004, 0, 1), np.clip(eye[0] - across, 0, 1)  # metres
+    line = eye[1] + 0.0225 - 0.30 * beyond_eye - 0.12 * before_eye  # its height falls to both sides
+    outward = (across - eye[0]) / 0.023  # -1 at the inner end of the brow, 1 at the outer one
+    thickness = (0.0040 - 0.0006 * person.female) * (1 - 0.35 * np.clip(outward, -0.2, 1))
+    ends = np.clip(1.9 * (1 - np.abs(outward - 0.04)), 0, 1)  # 0 at both ends, 1 between
+    share = np.exp(-(((y - line) / (thickness * (0.35 + 0.65 * ends))) ** 2)) * ends
+    return np.clip(1.5 * share, 0, 1) * (points[:, 2] > eye[2] - FACE_DEPTH)
 
 
 def beard_share(points: np.ndarray) -> np.ndarray:
@@ -160,9 +176,11 @@ def beard_share(points: np.ndarray) -> np.ndarray:
     eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
 
     def ramp(value: np.ndarray, width: float) -> np.ndarray:
+        """Returns 0 where a value is negative and 1 where it is positive, with a rise of a width around 0."""
         return np.clip(value / width + 0.5, 0, 1)
 
-    across, down, back = np.abs(points[:, 0]), eye[1] - points[:, 1], eye[2] - points[:, 2]  # of the eye, metres
+    # Metres from the middle, below the eye and behind it. Each ramp is 0 on one side of a border and 1 on the other.
+    across, down, back = np.abs(points[:, 0]), eye[1] - points[:, 1], eye[2] - points[:, 2]
     cheek_line = 0.062 - 0.55 * np.clip(across - 0.030, 0, 0.05)  # the beard climbs toward the ear
     jaw = ramp(down - cheek_line, 0.014) * ramp(0.122 - down, 0.022) * ramp(0.082 - back, 0.018)
     lip = ramp(0.026 - across, 0.008) * ramp(down - 0.052, 0.006) * ramp(0.07 - down, 0.006) * (back < 0.03)
@@ -172,7 +190,7 @@ def beard_share(points: np.ndarray) -> np.ndarray:
 def mouth_share(points: np.ndarray) -> np.ndarray:
     """Returns 1 (n,) at points (n,3) of the base body on the lips and in the mouth, else 0."""
     lips = makehuman.base().vertices[[UPPER_LIP, LOWER_LIP]].mean(0)
-    off = (points - lips) / [0.027, 0.009, 0.03]
+    off = (points - lips) / MOUTH_RADII
     return ((off**2).sum(1) < 1).astype(float)
 
 
@@ -183,11 +201,8 @@ def freckles(person: Person, seed: int) -> float:
 
 
 def hairline(azimuth: np.ndarray) -> np.ndarray:
-    """Returns the elevation (sine) above which hair grows; azimuth 0 is the face, +-pi the nape, 1.2 a sideburn."""
-    at = [0, 0.5, 0.8, 0.98, 1.10, 1.22, 1.34, 1.62, 1.75, 1.95, 2.35, np.pi]
-    return np.interp(
-        np.abs(azimuth), at, [0.34, 0.33, 0.24, 0.04, -0.22, -0.38, -0.20, -0.20, -0.40, -0.62, -0.74, -0.80]
-    )
+    """Returns the sine (...) of the elevation above which hair grows, at azimuths (...) as in HAIRLINE, either way."""
+    return np.interp(np.abs(azimuth), *HAIRLINE)
 
 
 def above_hairline(points: np.ndarray) -> np.ndarray:
@@ -205,16 +220,25 @@ def scalp_share(points: np.ndarray, soft: float) -> np.ndarray:
 
 
 def paint_eye(iris: np.ndarray, side: int, seed: int) -> np.ndarray:
-    """Paints an eye seen from the front, as large as the picture: (side,side,3) uint8 sRGB."""
-    a = (np.arange(side) + 0.5) / side * 2 - 1
-    x, y = np.meshgrid(a, -a)
-    r, angle = np.hypot(x, y), np.arctan2(y, x)
-    white = np.array([0.66, 0.63, 0.60]) * (1 - 0.15 * np.clip(r - 0.5, 0, 1)[..., None] * np.array([0.2, 1, 1]))
-    rays = 0.7 + 0.6 * lattice(np.floor(angle * 20), np.zeros_like(r), seed)[..., None]
+    """Paints an eye seen from the front, as large as the picture: (side,side,3) uint8 sRGB.
 
-    def edge(radius: float) -> np.ndarray:
-        return np.clip((radius - r) / 0.03 + 0.5, 0, 1)[..., None]
+    Args:
+        iris: (3,) linear albedo.
+        side: side of the picture in pixels.
+        seed: random seed of the rays of the iris.
+    """
+    axis = (np.arange(side) + 0.5) / side * 2 - 1
+    x, y = np.meshgrid(axis, -axis)
+    from_centre, angle = np.hypot(x, y), np.arctan2(y, x)  # in radii of the eye, as the radii below
+    redness = 0.15 * np.clip(from_centre - 0.5, 0, 1)[..., None]
+    white = np.array([0.66, 0.63, 0.60]) * (1 - redness * np.array([0.2, 1, 1]))
+    rays = 0.7 + 0.6 * lattice(np.floor(angle * 20), np.zeros_like(from_centre), seed)[..., None]
 
-    color = white * (1 - edge(0.48)) + np.array(iris) * rays * edge(0.48)
-    color = color * (1 - 0.6 * (edge(0.50) - edge(0.44)))
-    return coded(color * (1 - edge(0.20)) + 0.008 * edge(0.20))
+    def disc(radius: float) -> np.ndarray:
+        """Returns 1 inside a disc and 0 outside (side,side,1), with a soft edge."""
+        return np.clip((radius - from_centre) / 0.03 + 0.5, 0, 1)[..., None]
+
+    iris_disc, dark_ring, pupil = disc(0.48), disc(0.50) - disc(0.44), disc(0.20)
+    color = white * (1 - iris_disc) + np.array(iris) * rays * iris_disc
+    color = color * (1 - 0.6 * dark_ring)
+    return coded(color * (1 - pupil) + 0.008 * pupil)

@@ -43,10 +43,10 @@ def entries(name: str, section: str, kind: type[T], folder: Path = FOLDER) -> di
     """Returns the entries of a section of a catalogue, by name, in the order of the file.
 
     Args:
-        name: of the file, without its suffix.
-        section: of the file.
+        name: name of the file, without its suffix.
+        section: section of the file.
         kind: type of the entries. If it is a dataclass with a field `name`, that is the name of the entry.
-        folder: of the file.
+        folder: folder of the file.
 
     Raises:
         UserError: for a missing section, and for an entry that does not fit `kind`.

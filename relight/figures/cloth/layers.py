@@ -75,7 +75,7 @@ class Cover:
         inner = (border_distance(self.fitted, self.faces, rings + 1) > rings) & self.close
         fitted, draped = (Collider(points, points, self.faces) for points in (self.fitted, self.draped))
         face, distance, _ = signed_distance(rest, fitted, REST_RANGE)
-        hidden = (face >= 0) & (np.abs(distance) < 0.03) & (distance < 0.015) & inner[self.faces[face]].all(1)
+        hidden = (face >= 0) & (distance > -0.03) & (distance < 0.015) & inner[self.faces[face]].all(1)
         face, distance, _ = signed_distance(posed, draped, POSED_RANGE)
         hidden &= (face >= 0) & (distance < 0.012) & inner[self.faces[face]].all(1)
         deep = np.flatnonzero(hidden & (distance < -DEEP))
@@ -94,13 +94,14 @@ def sees_outside(points: np.ndarray, normal: np.ndarray, figure: Collider) -> np
     Returns:
         (n,) whether the ray in one of DIRECTIONS directions hits no surface.
     """
-    i = np.arange(DIRECTIONS) + 0.5  # a Fibonacci sphere
-    up, turn = 1 - 2 * i / DIRECTIONS, np.pi * (1 + np.sqrt(5)) * i
+    index = np.arange(DIRECTIONS) + 0.5  # a Fibonacci spiral about the vertical
+    up, turn = 1 - 2 * index / DIRECTIONS, np.pi * (1 + np.sqrt(5)) * index
     directions = np.stack([np.sqrt(1 - up**2) * np.cos(turn), up, np.sqrt(1 - up**2) * np.sin(turn)], axis=1)
     outside, start = np.zeros(len(points), bool), points + 0.5 * DEEP * normal
     for direction in directions:
-        open_ = np.flatnonzero(~outside & (normal @ direction > 0.1))
-        outside[open_] = figure.raycast(start[open_], np.broadcast_to(direction, (len(open_), 3)))[0] < 0
+        pending = np.flatnonzero(~outside & (normal @ direction > 0.1))  # above their surface, and no ray left yet
+        face, _ = figure.raycast(start[pending], np.broadcast_to(direction, (len(pending), 3)))
+        outside[pending] = face < 0
     return outside
 
 

@@ -162,7 +162,7 @@ class ClothSolver:
 
         Args:
             collider: the surface below the cloth, which moves during the frame.
-            settings: of this level of detail.
+            settings: settings of this level of detail.
             ground: height below which no vertex may be, metres.
             damping: factor of the velocities, per substep.
         """

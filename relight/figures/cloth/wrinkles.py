@@ -37,21 +37,20 @@ def stretch(pattern: np.ndarray, x: np.ndarray, faces: np.ndarray) -> np.ndarray
     They lie in the tangent planes of the pattern, and are averages over the faces of each vertex, weighted by area.
     """
     a, b, c = faces.T
-    flat = np.stack([pattern[b] - pattern[a], pattern[c] - pattern[a]], axis=1)
-    bent = np.stack([x[b] - x[a], x[c] - x[a]], axis=1)
-    metric = np.einsum("fix,fjx->fij", flat, flat)
-    area = np.sqrt(np.maximum(metric[:, 0, 0] * metric[:, 1, 1] - metric[:, 0, 1] ** 2, 1e-16))
-    inverse = np.stack([metric[:, 1, 1], -metric[:, 0, 1], -metric[:, 0, 1], metric[:, 0, 0]], 1).reshape(-1, 2, 2)
-    dual = np.einsum("fij,fjx->fix", inverse / area[:, None, None] ** 2, flat)
-    tensor = np.einsum("fix,fij,fjy->fxy", dual, np.einsum("fix,fjx->fij", bent, bent), dual)
-    weight = np.repeat(area, 3)
+    flat_sides = np.stack([pattern[b] - pattern[a], pattern[c] - pattern[a]], axis=1)  # (F,2,3)
+    bent_sides = np.stack([x[b] - x[a], x[c] - x[a]], axis=1)
+    metric = np.einsum("fix,fjx->fij", flat_sides, flat_sides)
+    area = np.sqrt(np.maximum(metric[:, 0, 0] * metric[:, 1, 1] - metric[:, 0, 1] ** 2, 1e-16))  # times two
+    adjugate = np.stack([metric[:, 1, 1], -metric[:, 0, 1], -metric[:, 0, 1], metric[:, 0, 0]], 1).reshape(-1, 2, 2)
+    dual = np.einsum("fij,fjx->fix", adjugate / area[:, None, None] ** 2, flat_sides)  # dual_i . flat_j = delta_ij
+    tensor = np.einsum("fix,fij,fjy->fxy", dual, np.einsum("fix,fjx->fij", bent_sides, bent_sides), dual)
+    weight = np.repeat(area, 3)  # of a face's corners
     total = np.bincount(faces.ravel(), weight, len(pattern))
-    upper = [(i, j) for i in range(3) for j in range(i, 3)]
-    out = np.empty((len(pattern), 3, 3))
-    for i, j in upper:
-        mean = np.bincount(faces.ravel(), weight * np.repeat(tensor[:, i, j], 3), len(pattern))
-        out[:, i, j] = out[:, j, i] = mean / np.maximum(total, 1e-16)
-    return out
+    means = np.empty((len(pattern), 3, 3))
+    for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):  # the others are equal to these
+        weighted_sum = np.bincount(faces.ravel(), weight * np.repeat(tensor[:, i, j], 3), len(pattern))
+        means[:, i, j] = means[:, j, i] = weighted_sum / np.maximum(total, 1e-16)
+    return means
 
 
 def areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -62,8 +61,11 @@ def areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def principal(tensor: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the least stretch (n,), and its direction (n,3), of tensors (n,3,3) in planes with unit normals."""
-    helper = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0, 0]], [[0.0, 1, 0]])
+    """Returns the least stretch (n,), and its direction (n,3), of tensors (n,3,3) in planes with unit normals (n,3).
+
+    It is the root of the smaller eigenvalue of a tensor's 2 x 2 matrix [[p, r], [r, q]] in two axes of its plane.
+    """
+    helper = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0, 0]], [[0.0, 1, 0]])  # not parallel to the normal
     across = np.cross(normal, helper)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     along = np.cross(normal, across)
@@ -88,7 +90,7 @@ def trace_crests(
     """Traces lines through a direction field on a surface, both ways from some of its vertices.
 
     Args:
-        tree: of the vertices (n,3), metres.
+        tree: k-d tree of the vertices (n,3), metres.
         normal: (n,3) unit normals.
         along: (n,3) the direction field.
         start: (m,) vertices where lines start.
@@ -153,13 +155,13 @@ def compression(region: Region, normal: np.ndarray, seed: int) -> tuple[np.ndarr
     for _ in range(3):
         rows = 0.4 * rows + 0.6 * (region.average @ rows)
     tensor = rows.reshape(-1, 3, 3)
-    for k in range(3):  # where nothing compresses the cloth, old creases give the direction
+    for k in range(3):  # where nothing compresses the cloth, old creases give the direction: a symmetric random tensor
         other = (k + 1) % 3
         skew = 0.015 * smooth_noise(region.rest_shape, 0.08, seed + 3 + k)
         tensor[:, k, k] += 0.02 * smooth_noise(region.rest_shape, 0.08, seed + k)
         tensor[:, k, other] += skew
         tensor[:, other, k] += skew
-    # cloth that hangs free falls into upright folds
+    # Cloth that hangs free falls into upright folds, as if it were compressed in the level direction of its plane.
     level = np.stack([normal[:, 2], 0 * region.hang, -normal[:, 0]], axis=1)
     tensor -= (0.10 * region.hang)[:, None, None] * level[:, :, None] * level[:, None, :]
     return principal(tensor, normal)
@@ -171,21 +173,22 @@ def ridges(region: Region, crimp: Crimp, share: float, max_height: float, seed: 
     Args:
         region: the cloth.
         crimp: width, length and density of the folds.
-        share: of the excess length, which these folds take up.
+        share: share of the excess length that these folds take up.
         max_height: metres.
-        seed: of their places and sizes.
+        seed: random seed of their places and sizes.
 
     Returns:
         Heights (n,) along the normals, metres.
     """
     rest, hang, count = region.rest_shape, region.hang, len(region.x)
     normal = normals(rest, region.faces)
-    least, across = compression(region, normal, seed)
-    old = np.clip(1 + 0.6 * smooth_noise(rest, 0.10, seed + 7), 0.1, 2.2)
-    room = np.sqrt(share * region.free * np.clip(crimp.slack * old + 1 - least, 0, MAX_EXCESS))
+    least_stretch, across = compression(region, normal, seed)
+    creased = np.clip(1 + 0.6 * smooth_noise(rest, 0.10, seed + 7), 0.1, 2.2)  # cloth is creased more in some places
+    excess = np.clip(crimp.slack * creased + 1 - least_stretch, 0, MAX_EXCESS)  # relative length to be taken up
+    room = np.sqrt(share * region.free * excess)  # proportional to the height of folds that take it up
     along = np.cross(normal, across)
     rng = np.random.default_rng([seed, 5])
-    length_factor = 1 + 1.2 * hang
+    length_factor = 1 + 1.2 * hang  # hanging cloth has longer folds
     crowd = MAX_CROWD * np.clip(5 * crimp.density * room, 0, 1)
     area = areas(rest, region.faces)
     usual = float(np.median(area))  # sparser vertices start no more crests
@@ -206,9 +209,9 @@ def ridges(region: Region, crimp: Crimp, share: float, max_height: float, seed: 
     for chosen, nearest in ((np.flatnonzero(~dense), NEAREST), (np.flatnonzero(dense), DENSE_FACTOR * NEAREST)):
         _, near = tree.query(place[chosen], min(nearest, count))
         offset, middle = rest[near] - place[chosen, None], vertex[chosen]
-        s = np.einsum("kjx,kx->kj", offset, along[middle]) / step
-        t = np.einsum("kjx,kx->kj", offset, across[middle]) * (PROFILE / width[line[chosen]])[:, None]
-        facing = np.clip(np.einsum("kjx,kx->kj", normal[near], normal[middle]) / 0.6, 0, 1)
+        s = np.einsum("kjx,kx->kj", offset, along[middle]) / step  # along the crest, in steps: a Gaussian joins them
+        t = np.einsum("kjx,kx->kj", offset, across[middle]) * (PROFILE / width[line[chosen]])[:, None]  # across it
+        facing = np.clip(np.einsum("kjx,kx->kj", normal[near], normal[middle]) / 0.6, 0, 1)  # not the other side
         lift = rise[chosen, None] * facing * (1 - t**2) * np.exp(-0.5 * t**2 - 0.5 * s**2) / np.sqrt(2 * np.pi)
         height += np.bincount(near.ravel(), lift.ravel(), count)
     return region.free * max_height * np.tanh(height / max_height)
@@ -233,12 +236,12 @@ def folds(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: 
     """Computes the heights of a garment's folds: wider ones on coarser levels, none where the cloth is pinned.
 
     Args:
-        levels: of the pattern, from coarse to fine.
+        levels: levels of the pattern, from coarse to fine.
         refine: matrices between them.
         x: (n,3) vertices of the finest level as draped, metres.
-        crimp: of the finest folds.
+        crimp: crimp of the finest folds.
         hang: (n,) in [0,1], how freely the cloth hangs down.
-        seed: of the folds' places and sizes.
+        seed: random seed of the folds' places and sizes.
 
     Returns:
         Heights (n,) along the normals, metres.

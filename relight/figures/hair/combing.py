@@ -11,9 +11,11 @@ from relight.figures.body.person import Body
 from relight.figures.body.skin import above_hairline
 from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import normals
-from relight.figures.texture import lattice
+from relight.figures.texture import lattice, smoothstep
 
-WHORL = np.array([0.12, 0.80, -0.59])  # from the head's centre: where short hair parts in all directions
+WHORL = np.array([0.12, 0.80, -0.59])  # direction from the head's centre to where short hair parts in all directions
+TAIL = np.array([0.0, 0.30, -0.95])  # direction in which tied hair leaves the head: back and up
+TIE_DISTANCE = 0.004  # metres from the skin to the tie
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class Comb:
         length: metres on the top.
         strands: per guide.
         sides: length at the sides over that on the top.
-        width: of a strand, metres.
+        width: width of a strand, metres.
         direction: in which the top is combed.
         fringe: share of the front that falls on the forehead.
         part: azimuth of the parting.
@@ -105,19 +107,21 @@ def plant_roots(
     """Samples up to `count` roots, evenly over the skin where hair grows.
 
     Args:
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         count: number of samples, of which those are dropped where hair is thin.
-        seed: of the samples.
+        seed: random seed of the samples.
         share: the density of hair in [0,1] at points (n,3) of the base body.
     """
     faces, base, posed = makehuman.base().faces["body"], makehuman.base().vertices, motion.posed_skin
     faces = faces[share(base[faces].reshape(-1, 3)).reshape(-1, 3).max(1) > 0]
     corner = posed[faces]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    total = np.cumsum(area) / area.sum()
+    area_up_to = np.cumsum(area) / area.sum()
     number = np.arange(count)
     random = np.stack([lattice(number, np.full(count, k), seed) for k in range(8)], -1)
-    chosen = faces[np.minimum(np.searchsorted(total, (number + random[:, 0]) / count), len(faces) - 1)]
+    # Stratified: one sample in each of `count` equal parts of the area, uniform on its face.
+    face = np.minimum(np.searchsorted(area_up_to, (number + random[:, 0]) / count), len(faces) - 1)
+    chosen = faces[face]
     a, b = np.sqrt(random[:, 1]), random[:, 2]
     weights = np.stack([1 - a, a * (1 - b), a * b], -1)
 
@@ -139,49 +143,55 @@ def plant_roots(
 
 def ramp(value: np.ndarray, low: float, high: float) -> np.ndarray:
     """Returns the smoothstep of values: 0 below `low`, 1 above `high`, and a cubic between."""
-    t = np.clip((value - low) / (high - low), 0, 1)
-    return t * t * (3 - 2 * t)
+    return smoothstep(np.clip((value - low) / (high - low), 0, 1))
 
 
 def comb_directions(comb: Comb, roots: Roots) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the direction (n,3) of each guide, in the head's rest frame, and its length (n,) in metres."""
+    """Returns the direction (n,3), of any length, of each guide in the head's rest frame, and its length (n,), metres.
+
+    Directions are sums of left or right (away from the parting), down and ahead, weighted by where the root is. All
+    weights are set by eye.
+    """
     x, y, z = roots.sides.T
     azimuth = np.arctan2(x, z)
-    top = ramp(y, 0.25, 0.75)[:, None]
-    front = (ramp(z, 0.05, 0.55) * ramp(y, 0.15, 0.45))[:, None]
-    behind = ramp(-z, -0.1, 0.5)  # a parting ends at the crown
-    aside = np.where(azimuth > comb.part, 1.0, -1.0) * (1 - behind) + np.clip(3 * x, -1, 1) * behind
-    left, down, ahead = np.eye(3)[0] * aside[:, None], np.array([0.0, -1, 0]), np.array([0.0, 0, 1])
-    fall = down + 0.25 * left - 0.25 * ahead * (1 - front)
-    away = roots.sides - WHORL
-    away = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 0.15) + 0.5 * (1 - top) * down
+    top = ramp(y, 0.25, 0.75)[:, None]  # 1 on top of the head, 0 at its sides
+    front = (ramp(z, 0.05, 0.55) * ramp(y, 0.15, 0.45))[:, None]  # 1 above the forehead
+    behind = ramp(-z, -0.1, 0.5)  # 1 at the back, where there is no parting
+    sideways = np.where(azimuth > comb.part, 1.0, -1.0) * (1 - behind) + np.clip(3 * x, -1, 1) * behind
+    aside, down, ahead = np.eye(3)[0] * sideways[:, None], np.array([0.0, -1, 0]), np.array([0.0, 0, 1])
+    from_whorl = roots.sides - WHORL
+    from_whorl /= np.maximum(np.linalg.norm(from_whorl, axis=1, keepdims=True), 0.15)
+    from_whorl = from_whorl + 0.5 * (1 - top) * down
     if comb.direction == "forward":
-        direction = away + 0.4 * top * left * front
+        direction = from_whorl + 0.4 * top * aside * front
     elif comb.direction == "aside":
-        direction = away * (1 - front) + top * (left + 0.25 * ahead)
+        direction = from_whorl * (1 - front) + top * (aside + 0.25 * ahead)
     elif comb.direction == "back":
-        direction = top * (0.2 * left - ahead) + (1 - top) * (down - 0.7 * ahead) + front * np.array([0.0, 1.6, 0])
+        direction = top * (0.2 * aside - ahead) + (1 - top) * (down - 0.7 * ahead) + front * np.array([0.0, 1.6, 0])
     elif comb.direction == "out":
         direction = 2 * roots.random[:, :3] - 1
     else:
-        crown = 1.4 * left + 0.3 * down - 0.8 * ahead * behind[:, None]
-        direction = top * crown + (1 - top) * fall + front * (1.6 * left - 0.7 * ahead - 0.3 * down)
+        on_top = 1.4 * aside + 0.3 * down - 0.8 * ahead * behind[:, None]
+        at_sides = down + 0.25 * aside - 0.25 * ahead * (1 - front)
+        at_front = 1.6 * aside - 0.7 * ahead - 0.3 * down
+        direction = top * on_top + (1 - top) * at_sides + front * at_front
     length = comb.length * (comb.sides + (1 - comb.sides) * top[:, 0]) * (0.82 + 0.3 * roots.random[:, 0])
     if comb.fringe:
-        falls = front[:, 0] * (np.abs(azimuth) < 0.75 * comb.fringe + 0.12) > 0.3
-        direction = np.where(falls[:, None], 1.1 * ahead + 0.35 * left + 0.4 * down, direction)
-        length = np.where(falls, 0.050 + 0.055 * ramp(y, 0.4, 0.95), length)
+        in_fringe = front[:, 0] * (np.abs(azimuth) < 0.75 * comb.fringe + 0.12) > 0.3
+        direction = np.where(in_fringe[:, None], 1.1 * ahead + 0.35 * aside + 0.4 * down, direction)
+        length = np.where(in_fringe, 0.050 + 0.055 * ramp(y, 0.4, 0.95), length)
     elif comb.direction == "down":
         length = length + 0.11 * ramp(y, -0.5, 0.9)  # tips end at one height
-    if comb.length < 0.06:
+    if comb.length < 0.06:  # short hair is shorter still at the hairline
         length = length * (0.4 + 0.6 * roots.rim)
     return direction + 0.14 * (2 * roots.random[:, 1:] - 1), length
 
 
 def tie_point(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """Returns the point (3,) where hair is tied at the back of the posed head, and the direction (3,) of the tail."""
-    centre, backward = head_centre(motion.body), np.array([0.0, 0.30, -0.95])
-    behind = motion.body.skin[motion.body.skin[:, 1] > centre[1] - 0.1] - centre
-    reach = (behind @ backward).max()
-    turn = motion.bone("head")
-    return turn[:, :3] @ (centre + backward * (reach + 0.004)) + turn[:, 3], turn[:, :3] @ backward
+    centre = head_centre(motion.body)
+    head = motion.body.skin[motion.body.skin[:, 1] > centre[1] - 0.1] - centre
+    reach = (head @ TAIL).max()  # metres from the centre to the skin
+    transform = motion.bone("head")
+    rotation, shift = transform[:, :3], transform[:, 3]
+    return rotation @ (centre + TAIL * (reach + TIE_DISTANCE)) + shift, rotation @ TAIL

@@ -1,10 +1,12 @@
 """Hair of the face: brows, lashes and beards, as strands that follow the skin."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from relight.figures.body import makehuman, skin
 from relight.figures.cloth.colliders import Collider
-from relight.figures.hair.combing import Comb, Roots, plant_roots, ramp
+from relight.figures.hair.combing import Comb, plant_roots, ramp
 from relight.figures.hair.locks import grow_guides
 from relight.figures.hair.strands import Strip, random_numbers, ribbons
 from relight.figures.pose.motion import Motion
@@ -24,39 +26,48 @@ MIRROR_OFFSET = 125  # from a vertex index of the left lashes to that of the rig
 
 
 def brows(motion: Motion, seed: int, fine: bool) -> Strip:
-    """Returns the hairs of both brows, upward at their inner ends and outward at the outer ones."""
+    """Returns the hairs of both brows, upward at their inner ends and outward at the outer ones.
+
+    Args:
+        motion: how the body moves from its rest pose into the pose.
+        seed: random seed of the hairs.
+        fine: all hairs, else fewer, wider ones.
+    """
     person = motion.body.person
     roots = plant_roots(motion, 600 if fine else 160, seed + 71, lambda at: skin.brow_share(at, person) - 0.2)
-    x = roots.sides[:, 0] * np.linalg.norm([1, 1])
-    outward, side = ramp(np.abs(x), 0.25, 0.85), np.sign(x)
-    direction = np.stack([side * (0.5 + 0.6 * outward), 0.6 - 0.95 * outward, np.zeros_like(x)], 1)
+    across = roots.sides[:, 0] * np.sqrt(2)
+    outward, side = ramp(np.abs(across), 0.25, 0.85), np.sign(across)  # outward: 0 at the inner end, 1 at the outer
+    direction = np.stack([side * (0.5 + 0.6 * outward), 0.6 - 0.95 * outward, np.zeros_like(across)], 1)
     direction += 0.25 * (2 * roots.random[:, 1:] - 1)
     direction = direction @ motion.bone("head")[:, :3].T
-    direction -= (direction * roots.normals).sum(1, keepdims=True) * roots.normals
+    direction -= (direction * roots.normals).sum(1, keepdims=True) * roots.normals  # into the skin's tangent plane
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    length = (0.005 + 0.003 * roots.random[:, :1]) * (1 - 0.15 * person.female)
-    s = np.linspace(0, 1, 4)[None, :, None]
-    rise = 0.0003 + 0.0014 * s * (1 - 0.75 * s)
+    length = (0.005 + 0.003 * roots.random[:, :1]) * (1 - 0.15 * person.female)  # metres
+    s = np.linspace(0, 1, 4)[None, :, None]  # along a hair, from root to tip
+    rise = 0.0003 + 0.0014 * s * (1 - 0.75 * s)  # metres off the skin
     points = roots.points[:, None] + s * (length * direction)[:, None] + rise * roots.normals[:, None]
     normals = np.broadcast_to(roots.normals[:, None], points.shape)
     return ribbons(0.0006 if fine else 0.0014, points, normals, roots.random, 0.3)
 
 
 def lashes(motion: Motion, seed: int, fine: bool) -> Strip:
-    """Returns lashes from the lids' edges to the tips of MakeHuman's helpers, bent upward (the lower ones downward)."""
-    weights = makehuman.rig().weights
+    """Returns lashes from the lids' edges to the tips of MakeHuman's helpers, bent upward (the lower ones downward).
+
+    Each is a quadratic Bezier curve. Arguments as of `brows`.
+    """
+    weights, vertices = makehuman.rig().weights, motion.body.vertices
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    share = 0.75 + 0.25 * motion.body.person.female
-    for number, (line, count) in enumerate(((UPPER, 46), (LOWER, 26)) * 2):
+    fullness = 0.75 + 0.25 * motion.body.person.female  # factor of the length
+    for number, (line, count) in enumerate(((UPPER, 46), (LOWER, 26)) * 2):  # of the left eye, then of the right one
         lid, tip = np.array(line) + MIRROR_OFFSET * (number // 2)
         random = random_numbers(count if fine else count // 2, seed + 80 + number)
-        x = np.linspace(0, len(lid) - 1.001, len(random))
-        i, t = x.astype(int), (x - x.astype(int))[:, None]
-        first = motion.body.vertices[lid[i]] * (1 - t) + motion.body.vertices[lid[i + 1]] * t
-        last = motion.body.vertices[tip[i]] * (1 - t) + motion.body.vertices[tip[i + 1]] * t
-        last = first + (last - first) * share * (0.75 + 0.35 * random[:, :1])
+        place = np.linspace(0, len(lid) - 1.001, len(random))  # along the lid, in vertices
+        i, t = place.astype(int), (place - place.astype(int))[:, None]
+        first = vertices[lid[i]] * (1 - t) + vertices[lid[i + 1]] * t
+        last = vertices[tip[i]] * (1 - t) + vertices[tip[i + 1]] * t
+        last = first + (last - first) * fullness * (0.75 + 0.35 * random[:, :1])
         last[:, 0] += 0.0015 * (2 * random[:, 1] - 1)
-        bend = first + (last - first) * [0.6, -0.1, 0.75]
+        bend = first + (last - first) * [0.6, -0.1, 0.75]  # forward before upward
         s = np.linspace(0, 1, 5)[None, :, None]
         rest = (1 - s) ** 2 * first[:, None] + 2 * s * (1 - s) * bend[:, None] + s**2 * last[:, None]
         points = motion.skin(np.repeat(weights[lid[i]], 5, axis=0), rest.reshape(-1, 3)).reshape(rest.shape)
@@ -70,25 +81,26 @@ def beard(motion: Motion, amount: float, below: Surface, seed: int, fine: bool) 
     """Returns a beard on cheeks, lip and chin, from trimmed to full, or None if it is painted stubble.
 
     Args:
-        motion: of the body into the pose.
-        amount: of beard, in [0,1].
+        motion: how the body moves from its rest pose into the pose.
+        amount: how much beard there is, in [0,1].
         below: vertices and faces of posed skin and clothes.
-        seed: of the strands.
+        seed: random seed of the strands.
         fine: all strands, else fewer, wider ones.
     """
     if amount <= STUBBLE:
         return None
-    full = (amount - STUBBLE) / (1 - STUBBLE)
+    fullness = (amount - STUBBLE) / (1 - STUBBLE)  # 0 trimmed, 1 full
     roots = plant_roots(motion, 6000 if fine else 1200, seed + 61, skin.beard_share)
     x, y, z = roots.sides.T
-    lip = ramp(y, -0.72, -0.62) * ramp(z, 0.55, 0.7)  # the moustache is short and parted
+    lip = ramp(y, -0.72, -0.62) * ramp(z, 0.55, 0.7)  # 1 on the upper lip: the moustache is short and parted
     direction = np.stack([0.2 * x + 0.9 * np.sign(x) * lip, -np.ones_like(x), 0.35 * (1 - lip)], 1)
     direction = (direction + 0.2 * (2 * roots.random[:, 1:] - 1)) @ motion.bone("head")[:, :3].T
-    chin = ramp(-y, 0.55, 0.9) * ramp(z, 0.1, 0.5)
-    length = (0.008 + 0.007 * full + 0.022 * full * chin) * (1 - 0.35 * lip) * (0.6 + 0.5 * roots.random[:, 0])
-    comb = Comb(len(x), 0.03, body=0.001 + 0.005 * full, lift=0.1, weight=0.15, cling=0.3)
-    level = Roots(roots.points, roots.normals, roots.sides, np.ones(len(x)), roots.random)
-    points, normals = grow_guides(
-        comb, level, direction, length, Collider(below[0], *below), 4 if fine else 3, seed + 62
-    )
-    return ribbons((0.0011 + 0.0008 * full) * (1 if fine else 1.8), points, normals, roots.random, 0.3)
+    chin = ramp(-y, 0.55, 0.9) * ramp(z, 0.1, 0.5)  # 1 on the chin, where hair is longest
+    length = 0.008 + 0.007 * fullness + 0.022 * fullness * chin  # metres
+    length = length * (1 - 0.35 * lip) * (0.6 + 0.5 * roots.random[:, 0])
+    comb = Comb(len(x), 0.03, body=0.001 + 0.005 * fullness, lift=0.1, weight=0.15, cling=0.3)
+    inner_roots = replace(roots, rim=np.ones(len(x)))  # a beard has no hairline
+    surface, steps = Collider(below[0], *below), 4 if fine else 3
+    points, normals = grow_guides(comb, inner_roots, direction, length, surface, steps, seed + 62)
+    width = (0.0011 + 0.0008 * fullness) * (1 if fine else 1.8)
+    return ribbons(width, points, normals, roots.random, 0.3)

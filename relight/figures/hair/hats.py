@@ -1,5 +1,7 @@
 """Hats: round shells over the scalp, and the peaks of caps."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from relight.figures.body import makehuman
@@ -8,9 +10,16 @@ from relight.figures.hair.combing import head_centre
 from relight.figures.hair.strands import Strip
 from relight.figures.hair.styles import HairStyle
 from relight.figures.pose.motion import Motion
-from relight.figures.surfaces import thickened
+from relight.figures.surfaces import closed_rings, thickened
 
-COLUMNS, CROWN_ROWS = 180, 34
+COLUMNS, CROWN_ROWS, BRIM_ROWS = 180, 34, 8  # vertices around the head, from crown to rim, and along a peak
+TOP_GAP = 0.02  # radians between the zenith and the first row
+RIM_AZIMUTH = (0.0, 1.0, 1.5, 1.9, np.pi)  # radians from the front, where the height of the rim is given
+RIM_SIDES_AND_BACK = (-0.14, -0.30, -0.46)  # sine of its elevation about the head's centre, at the last three
+HAT_THICKNESS = 0.003  # metres
+FIRST_RADIUS, MAX_RADIUS = 0.10, 0.125  # metres from the head's centre to the scalp: first guess, and limit
+BRIM_HALF_ANGLE = 0.95  # radians of azimuth to either side of the front where a peak is joined to the crown
+BRIM_LENGTH = 0.072  # metres, in front
 
 
 def hat(motion: Motion, style: HairStyle) -> list[Strip]:
@@ -19,59 +28,68 @@ def hat(motion: Motion, style: HairStyle) -> list[Strip]:
     head = Collider(motion.body.skin, motion.body.skin, makehuman.base().faces["body"])
     azimuth = np.linspace(-np.pi, np.pi, COLUMNS, endpoint=False)
     front = 0.10 if style.hat == "beanie" else 0.20
-    lowest = np.arcsin(np.interp(np.abs(azimuth), [0, 1.0, 1.5, 1.9, np.pi], [front, front, -0.14, -0.30, -0.46]))
-    s = np.tile(np.linspace(0, 1, CROWN_ROWS)[:, None], (1, COLUMNS))
-    elevation = np.pi / 2 - 0.02 - (np.pi / 2 - 0.02 - lowest) * s
-    around = np.broadcast_to(azimuth, s.shape)
+    rim = np.arcsin(np.interp(np.abs(azimuth), RIM_AZIMUTH, (front, front, *RIM_SIDES_AND_BACK)))
+    down = np.tile(np.linspace(0, 1, CROWN_ROWS)[:, None], (1, COLUMNS))  # 0 at the top, 1 at the rim
+    elevation = np.pi / 2 - TOP_GAP - (np.pi / 2 - TOP_GAP - rim) * down
+    around = np.broadcast_to(azimuth, down.shape)
     direction = np.stack(
         [np.sin(around) * np.cos(elevation), np.sin(elevation), np.cos(around) * np.cos(elevation)], -1
     )
-    thick = hat_thickness(style, direction, s)
-    points = centre + direction * (scalp_radius(head, centre, direction) + thick)[..., None]
-    uv = np.stack([around / (2 * np.pi) + 0.5, 1 - 0.5 * s], -1)
-    parts = [(points.reshape(-1, 3), grid(CROWN_ROWS), uv.reshape(-1, 2))]
+    above_scalp = hat_height(style, direction, down)
+    points = centre + direction * (scalp_radius(head, centre, direction) + above_scalp)[..., None]
+    uv = np.stack([around / (2 * np.pi) + 0.5, 1 - 0.5 * down], -1)
+    parts = [(points.reshape(-1, 3), row_faces(closed_rings(CROWN_ROWS, COLUMNS)), uv.reshape(-1, 2))]
     if style.hat == "cap":
         parts.append(brim(points, azimuth))
     weights = np.zeros(len(motion.bones))
     weights[motion.bones["head"]] = 1
-    out = []
-    for vertices, faces, at in parts:
+    strips = []
+    for vertices, faces, vertex_uv in parts:
         posed = motion.skin(np.tile(weights, (len(vertices), 1)), vertices)
-        posed, faces, source = thickened(posed, faces, 0.003, 6)
-        out.append((posed, faces, at[source]))
-    return out
+        posed, faces, source = thickened(posed, faces, HAT_THICKNESS, 6)
+        strips.append((posed, faces, vertex_uv[source]))
+    return strips
 
 
 def scalp_radius(head: Collider, centre: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Returns the distance from `centre` to the skin along directions (h,w,3), by steps of nearest-point search."""
+    """Returns the metres (h,w) from `centre` (3,) to the skin along unit directions (h,w,3).
+
+    Each step searches the skin's nearest point to the current one, and goes half the way to that point's distance along
+    the direction.
+    """
     flat = direction.reshape(-1, 3)
-    radius = np.full(len(flat), 0.10)
+    radius = np.full(len(flat), FIRST_RADIUS)
     vertices, corner = head.end.numpy(), head.indices.numpy().reshape(-1, 3)
     for _ in range(8):
         face, weights = head.nearest(centre + flat * radius[:, None], 0.2)
         nearest = np.einsum("nk,nkd->nd", weights, vertices[corner[face]])
         radius = 0.5 * radius + 0.5 * np.einsum("nd,nd->n", nearest - centre, flat)
-    return np.minimum(radius.reshape(direction.shape[:2]), 0.125)
+    return np.minimum(radius.reshape(direction.shape[:2]), MAX_RADIUS)
 
 
-def hat_thickness(style: HairStyle, direction: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Returns the metres between scalp and hat, more at the top and at the ribbed, turned-up edge of a beanie."""
+def hat_height(style: HairStyle, direction: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """Returns the metres (h,w) between scalp and hat, more at the top and at the turned-up, ribbed edge of a beanie.
+
+    Args:
+        style: style of the hair, whose volume lifts the hat.
+        direction: (h,w,3) unit, from the head's centre.
+        down: (h,w) 0 at the top of the hat, 1 at its rim.
+    """
     room = (0.022 if style.hat == "beanie" else 0.012) * np.clip(direction[..., 1], 0, 1) ** 2
-    thick = style.slack * (0.75 + 0.25 * np.clip((1 - s) / 0.3, 0, 1)) + room
+    height = style.slack * (0.75 + 0.25 * np.clip((1 - down) / 0.3, 0, 1)) + room
     if style.hat != "beanie":
-        return thick
+        return height
     azimuth = np.arctan2(direction[..., 0], direction[..., 2])
-    edge = np.clip((s - 0.66) / 0.03, 0, 1)
-    return thick + 0.0045 * edge + 0.0008 * np.cos(60 * azimuth)
+    turned_up = np.clip((down - 0.66) / 0.03, 0, 1)  # the lowest third
+    return height + 0.0045 * turned_up + 0.0008 * np.cos(60 * azimuth)  # 60 ribs
 
 
-def grid(rows: int) -> np.ndarray:
-    """Returns the faces of `rows` rings of COLUMNS vertices, outward for rows that go down."""
-    j = np.arange(COLUMNS)
+def row_faces(index: np.ndarray) -> np.ndarray:
+    """Returns the triangles of a grid of vertices (rows,columns), row by row, outward for rows that go down."""
     faces = []
-    for k in range(rows - 1):
-        a, b = k * COLUMNS + j, k * COLUMNS + (j + 1) % COLUMNS
-        faces += [np.stack([a, a + COLUMNS, b], 1), np.stack([b, a + COLUMNS, b + COLUMNS], 1)]
+    for upper, lower in pairwise(index):
+        left, right, lower_left, lower_right = upper[:-1], upper[1:], lower[:-1], lower[1:]
+        faces += [np.stack([left, lower_left, right], 1), np.stack([right, lower_left, lower_right], 1)]
     return np.concatenate(faces)
 
 
@@ -85,19 +103,14 @@ def brim(points: np.ndarray, azimuth: np.ndarray) -> Strip:
     Returns:
         Its vertices (V,3), faces (F,3), and uv (V,2), all in the middle of the texture.
     """
-    front = np.abs(azimuth) < 0.95
-    rim, a = points[-1][front], azimuth[front]
+    front = np.abs(azimuth) < BRIM_HALF_ANGLE
+    rim, angle = points[-1][front], azimuth[front]
+    # Forward and down, steeper toward the sides, so that the peak is curved.
+    outward = np.stack([0.25 * np.sin(angle), -0.32 - 0.5 * (angle / BRIM_HALF_ANGLE) ** 2, np.ones_like(angle)], 1)
     rows = []
-    for s in np.linspace(0, 1, 8):
-        reach = 0.072 * s * np.sqrt(np.clip(1 - (a / 0.98) ** 2, 0, 1))
-        out = np.stack([0.25 * np.sin(a), -0.32 - 0.5 * (a / 0.95) ** 2, np.ones_like(a)], 1)
-        rows.append(rim + out * reach[:, None] + np.array([0, 0.002, 0.0]))
-    n = len(a)
-    j = np.arange(n - 1)
-    faces = [
-        np.stack(c, 1)
-        for k in range(7)
-        for c in ((k * n + j, (k + 1) * n + j, k * n + j + 1), (k * n + j + 1, (k + 1) * n + j, (k + 1) * n + j + 1))
-    ]
+    for share in np.linspace(0, 1, BRIM_ROWS):
+        reach = BRIM_LENGTH * share * np.sqrt(np.clip(1 - (angle / 0.98) ** 2, 0, 1))
+        rows.append(rim + outward * reach[:, None] + np.array([0, 0.002, 0.0]))
     vertices = np.concatenate(rows)
-    return vertices, np.concatenate(faces), np.full((len(vertices), 2), 0.5)
+    faces = row_faces(np.arange(len(vertices)).reshape(BRIM_ROWS, len(rim)))
+    return vertices, faces, np.full((len(vertices), 2), 0.5)

@@ -17,7 +17,7 @@ class HairPart:
     """A part of hair or hat.
 
     Attributes:
-        name: of the part.
+        name: name of the part.
         vertices: (V,3) posed, metres.
         faces: (F,3).
         uv: (V,2) across and along the strands.
@@ -42,11 +42,11 @@ def build_hair(
     """Builds the hair of head and face, and the hat, at the last frame.
 
     Args:
-        motion: of the body into the pose.
-        style: of the hair.
+        motion: how the body moves from its rest pose into the pose.
+        style: style of the hair.
         bearded: amount of beard, in [0,1].
         below: vertices and faces of posed skin and clothes.
-        seed: of length, parting, fringe, and of each strand.
+        seed: random seed of length, parting, fringe, and of each strand.
         fine: all strands, else fewer, wider ones.
     """
     parts = [

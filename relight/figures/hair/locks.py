@@ -25,6 +25,7 @@ from relight.figures.texture import noise
 
 CONTACT_RANGE = 0.08  # search range of the surface below a guide, metres
 CLING_RANGE = 0.02  # distance from that surface up to which a guide clings to it with full strength, metres
+MAX_PUSH = 0.03  # metres by which one step may be moved away from that surface, or toward it
 
 
 def grow_guides(
@@ -42,12 +43,12 @@ def grow_guides(
 
     Args:
         comb: weight, cling, lift and wander of the hair.
-        roots: of the n guides.
+        roots: roots of the n guides.
         direction: (n,3) in which they are combed, posed.
         length: (n,) metres.
         below: skin and clothes.
         steps: per guide.
-        seed: of their wandering.
+        seed: random seed of their wandering.
         heading: (n,3) first directions; along the skin if it is None.
         deflect: (points, next points) to next points (n,3), away from where hair must not hang.
 
@@ -56,54 +57,61 @@ def grow_guides(
     """
     n = len(roots.points)
     layer = comb.body * (0.85 + 0.15 * roots.random[:, 3]) * (0.35 + 0.65 * roots.rim)
-    layer = 0.002 + np.minimum(layer, 0.25 * length)  # short hair lies flat
-    flat = direction - (direction * roots.normals).sum(1, keepdims=True) * roots.normals
-    flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9)
+    layer = 0.002 + np.minimum(layer, 0.25 * length)  # metres over the skin; short hair lies flat
     if heading is None:
-        heading = flat + comb.lift * (0.5 + roots.random[:, :1]) * roots.normals
+        along_skin = direction - (direction * roots.normals).sum(1, keepdims=True) * roots.normals
+        along_skin /= np.maximum(np.linalg.norm(along_skin, axis=1, keepdims=True), 1e-9)
+        heading = along_skin + comb.lift * (0.5 + roots.random[:, :1]) * roots.normals
     heading /= np.linalg.norm(heading, axis=1, keepdims=True)
-    rise = comb.above * np.sqrt(roots.rim * (2 - roots.rim))
-    at = roots.points + (rise - np.minimum(0.002, 0.1 * length))[:, None] * roots.normals
-    normal = roots.normals
-    points, facings = [at], [normal]
+    rise = comb.above * np.sqrt(roots.rim * (2 - roots.rim))  # nothing at the hairline
+    depth = np.minimum(0.002, 0.1 * length)  # of the roots in the skin
+    point, normal = roots.points + (rise - depth)[:, None] * roots.normals, roots.normals
+    points, normals_below = [point], [normal]
     step = (length / steps)[:, None]
     for k in range(1, steps + 1):
         wander = np.stack([noise(roots.sides[:, c] * 9 + c, np.full(n, 0.7 * k), seed + c) for c in range(3)], -1) - 0.5
-        heading = heading + [0, -comb.weight * min(1.0, 2.5 * k / steps), 0] + comb.wander * wander
+        fall = [0, -comb.weight * min(1.0, 2.5 * k / steps), 0]
+        heading = heading + fall + comb.wander * wander
         heading /= np.linalg.norm(heading, axis=1, keepdims=True)
-        ahead = at + step * heading
-        face, distance, facing = signed_distance(ahead, below, CONTACT_RANGE)
-        close = face >= 0
-        normal = np.where(close[:, None], facing, normal)
-        room = layer * min(1.0, k / 2.5)
-        out = np.where(close, room - np.where(close, distance, 0), 0)
-        out = np.where(out > 0, out, comb.cling * (1 - ramp(distance, CLING_RANGE, CONTACT_RANGE)) * out)
-        ahead = ahead + np.clip(out, -0.03, 0.03)[:, None] * normal
+        goal = point + step * heading
+        face, distance, facing = signed_distance(goal, below, CONTACT_RANGE)
+        is_close = face >= 0
+        normal = np.where(is_close[:, None], facing, normal)
+        wanted_distance = layer * min(1.0, k / 2.5)
+        push = np.where(is_close, wanted_distance - np.where(is_close, distance, 0), 0)  # outward where positive
+        cling = comb.cling * (1 - ramp(distance, CLING_RANGE, CONTACT_RANGE))
+        push = np.where(push > 0, push, cling * push)
+        goal = goal + np.clip(push, -MAX_PUSH, MAX_PUSH)[:, None] * normal
         if deflect is not None:
-            ahead = deflect(at, ahead)
-        heading = (ahead - at) / np.maximum(np.linalg.norm(ahead - at, axis=1, keepdims=True), 1e-9)
-        at = at + step * heading
-        points.append(at)
-        facings.append(normal)
-    normals = np.stack(facings, 1)
+            goal = deflect(point, goal)
+        heading = (goal - point) / np.maximum(np.linalg.norm(goal - point, axis=1, keepdims=True), 1e-9)
+        point = point + step * heading
+        points.append(point)
+        normals_below.append(normal)
+    normals = np.stack(normals_below, 1)
     for _ in range(2):
         normals[:, 1:-1] = (normals[:, :-2] + 2 * normals[:, 1:-1] + normals[:, 2:]) / 4
     return np.stack(points, 1), normals
 
 
 def deflect_from_face(motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Returns a function that moves hair from the face to its sides, and keeps it from spreading on the shoulders."""
-    centre, head = head_centre(motion.body), motion.bone("head")
-    cheek = motion.body.skin[np.abs(motion.body.skin[:, 1] - centre[1] + 0.05) < 0.02]
-    width = 0.90 * cheek[cheek[:, 2] > centre[2] + 0.03, 0].max()
+    """Returns a function that moves hair from the face to its sides, and keeps it from spreading on the shoulders.
 
-    def deflect(at: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-        rest, last = ((points - head[:, 3]) @ head[:, :3] - centre for points in (ahead, at))
-        side = np.where(rest[:, 0] > 0, 1.0, -1.0)
-        before = ramp(rest[:, 2], 0.02, 0.06) * ramp(-rest[:, 1], -0.03, 0.02)
-        aside = 0.6 * before * np.maximum(width - np.abs(rest[:, 0]), 0)
-        spread = 0.75 * ramp(-rest[:, 1], 0.09, 0.14) * np.maximum((rest[:, 0] - last[:, 0]) * side, 0)
-        return ahead + ((aside - spread) * side)[:, None] * head[:, 0]
+    The function takes points (n,3) and their next points (n,3), posed, and returns other next points.
+    """
+    centre, head = head_centre(motion.body), motion.bone("head")
+    at_cheeks = np.abs(motion.body.skin[:, 1] - centre[1] + 0.05) < 0.02
+    cheek = motion.body.skin[at_cheeks]
+    half_width = 0.90 * cheek[cheek[:, 2] > centre[2] + 0.03, 0].max()  # of the face, metres
+
+    def deflect(points: np.ndarray, next_points: np.ndarray) -> np.ndarray:
+        after, before = ((posed - head[:, 3]) @ head[:, :3] - centre for posed in (next_points, points))  # rest frame
+        side = np.where(after[:, 0] > 0, 1.0, -1.0)
+        in_face = ramp(after[:, 2], 0.02, 0.06) * ramp(-after[:, 1], -0.03, 0.02)
+        outward = 0.6 * in_face * np.maximum(half_width - np.abs(after[:, 0]), 0)
+        on_shoulders = ramp(-after[:, 1], 0.09, 0.14)
+        inward = 0.75 * on_shoulders * np.maximum((after[:, 0] - before[:, 0]) * side, 0)
+        return next_points + ((outward - inward) * side)[:, None] * head[:, 0]
 
     return deflect
 
@@ -112,10 +120,10 @@ def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool
     """Grows all strands of a head.
 
     Args:
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         comb: the style.
         below: vertices and faces of posed skin and clothes.
-        seed: of each strand.
+        seed: random seed of each strand.
         fine: all strands, else a third of them, wider.
         hat: only hair that a hat leaves free.
 
@@ -173,11 +181,13 @@ def bun_arcs(centre: np.ndarray, axis: np.ndarray, random: np.ndarray) -> tuple[
     side = np.cross(axis, [0.0, 1.0, 0.0])
     side /= np.linalg.norm(side)
     up = np.cross(side, axis)
-    t = np.linspace(-1.0, 1.0, 12)[None] + 2 * np.pi * random[:, 2:3]
-    height = np.clip((2 * random[:, :1] - 1) + 0.2 * np.sin(t * 0.8), -0.999, 0.999)
-    flat = np.sqrt(1 - height**2)
-    out = (flat * np.cos(t))[..., None] * side + (flat * np.sin(t))[..., None] * up + 0.8 * height[..., None] * axis
-    return centre + out * (0.030 + 0.005 * random[:, 3, None, None]), out
+    azimuth = np.linspace(-1.0, 1.0, 12)[None] + 2 * np.pi * random[:, 2:3]  # radians about the axis
+    height = np.clip((2 * random[:, :1] - 1) + 0.2 * np.sin(azimuth * 0.8), -0.999, 0.999)  # along it, over the radius
+    ring = np.sqrt(1 - height**2)
+    outward = (ring * np.cos(azimuth))[..., None] * side + (ring * np.sin(azimuth))[..., None] * up
+    outward = outward + 0.8 * height[..., None] * axis  # the ball is flattened
+    radius = 0.030 + 0.005 * random[:, 3, None, None]  # metres
+    return centre + outward * radius, outward
 
 
 def coarser(comb: Comb) -> Comb:

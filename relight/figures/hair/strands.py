@@ -9,6 +9,7 @@ from relight.figures.texture import lattice, noise
 Strip = tuple[np.ndarray, np.ndarray, np.ndarray]  # posed vertices, faces, and uv of the vertices
 DEPTH = 0.002  # range of depths of strands, metres; gaps in a deeper layer would be black
 FLYAWAY = 4.0  # factor of the straying of a few strands
+FLYAWAY_FROM = 0.94  # random number above which a strand is one of them
 HALF_STRIP = 0.008  # half the width, in u, of the texture on a ribbon
 OUTLINE = ((0.0, 0.15, 0.6, 1.0), (0.75, 1.0, 0.9, 0.15))  # position along a strand, width over that of the comb
 
@@ -52,37 +53,41 @@ def spread_strands(
         guides: roots of the g guides.
         points: (g,k,3) of the guides, metres.
         normals: (g,k,3) of the surface below the guides.
-        roots: of the n strands.
+        roots: roots of the n strands.
         length: (g,) of the guides, metres.
         steps: segments of a strand.
-        seed: of their straying.
+        seed: random seed of their straying.
     """
     n = len(roots.points)
-    line = cKDTree(guides.points).query(roots.points)[1]
+    guide = cKDTree(guides.points).query(roots.points)[1]  # of each strand
     along, across, up = line_frames(points, normals)
-    off = roots.points - guides.points[line]
-    beside = [np.einsum("nd,nd->n", off, axis[line, 0])[:, None, None] for axis in (along, across, up)]
-    s = np.linspace(0, 1, steps + 1)[None]
-    at = s * (0.78 + 0.22 * roots.random[:, :1])
-    centre, up = interpolate_lines(points, line, at), interpolate_lines(up, line, at)
-    along, across = interpolate_lines(along, line, at), interpolate_lines(across, line, at)
-    near = (1 - comb.clump * ramp(s, 0.05, 1.0))[..., None]
-    risen = ramp(s, 0.0, 0.35) * roots.rim[:, None]
-    depth = DEPTH * (roots.random[:, 3:4] - 0.5) * risen
-    stray = np.where(roots.random[:, 2:3] > 0.94, FLYAWAY, 1.0) * comb.fray * ramp(s, 0.0, 0.8)
-    row = np.arange(n)[:, None] * 7.3
-    wave = [np.broadcast_to(3.0 * s, at.shape) + 11 * k for k in range(2)]
-    aside, rise = (2 * noise(np.broadcast_to(row, at.shape), w, seed + 31 + k) - 1 for k, w in enumerate(wave))
+    off = roots.points - guides.points[guide]
+    beside = [np.einsum("nd,nd->n", off, axis[guide, 0])[:, None, None] for axis in (along, across, up)]
+    s = np.linspace(0, 1, steps + 1)[None]  # along a strand, from root to tip
+    at = s * (0.78 + 0.22 * roots.random[:, :1])  # along its guide
+    centre, up = interpolate_lines(points, guide, at), interpolate_lines(up, guide, at)
+    along, across = interpolate_lines(along, guide, at), interpolate_lines(across, guide, at)
+    kept_distance = (1 - comb.clump * ramp(s, 0.05, 1.0))[..., None]  # share of the distance from the guide
+    layered = ramp(s, 0.0, 0.35) * roots.rim[:, None]  # 0 at the root and at the hairline
+    depth = DEPTH * (roots.random[:, 3:4] - 0.5) * layered
+    stray = np.where(roots.random[:, 2:3] > FLYAWAY_FROM, FLYAWAY, 1.0) * comb.fray * ramp(s, 0.0, 0.8)  # metres
+    # Smooth noise along each strand, other noise for each: rows of the noise are far apart.
+    row = np.broadcast_to(np.arange(n)[:, None] * 7.3, at.shape)
+    column = np.broadcast_to(3.0 * s, at.shape)
+    aside, rise = (2 * noise(row, column + 11 * k, seed + 31 + k) - 1 for k in range(2))
     rise = np.abs(rise) - 0.3  # more outward than inward, where strands would enter the head
     if comb.curl:
-        common = roots.random[:, 2:3] if comb.pitch < 0.03 else guides.random[line, 2:3] + 0.12 * roots.random[:, 2:3]
-        angle = 2 * np.pi * (at * length[line, None] / comb.pitch + common)
+        if comb.pitch < 0.03:  # tight curls have phases of their own; in waves, the strands of a guide go together
+            phase = roots.random[:, 2:3]
+        else:
+            phase = guides.random[guide, 2:3] + 0.12 * roots.random[:, 2:3]
+        angle = 2 * np.pi * (at * length[guide, None] / comb.pitch + phase)
         radius = comb.curl * np.minimum(1, 4 * s) * (0.75 + 0.5 * roots.random[:, 1:2])
         aside = stray * aside + radius * np.sin(angle)
         rise = stray * rise + radius * (1 + np.cos(angle)) * (0.4 if comb.pitch > 0.06 else 1.0)  # waves lie flat
     else:
         aside, rise = stray * aside, stray * rise
-    place = centre + near * (beside[0] * along + beside[1] * across + beside[2] * up)
+    place = centre + kept_distance * (beside[0] * along + beside[1] * across + beside[2] * up)
     return place + aside[..., None] * across + (depth + rise)[..., None] * up, up
 
 
@@ -103,14 +108,14 @@ def ribbons(width: float, points: np.ndarray, normals: np.ndarray, random: np.nd
     s = np.linspace(0, 1, m)
     _, across, up = line_frames(points, normals)
     turn = roll * (2 * random[:, 3] - 1)[:, None, None]
-    half = 0.5 * width * (0.7 + 0.6 * random[:, :1]) * np.interp(s, *OUTLINE)
-    side = half[..., None] * (np.cos(turn) * across + np.sin(turn) * up)
-    ring = np.stack([points - side, points + side], 2)
-    base = (np.arange(n)[:, None] * 2 * m + 2 * np.arange(m - 1)).reshape(-1)
-    faces = np.stack([base, base + 1, base + 2, base + 1, base + 3, base + 2], 1).reshape(-1, 3)
+    half_width = 0.5 * width * (0.7 + 0.6 * random[:, :1]) * np.interp(s, *OUTLINE)
+    side = half_width[..., None] * (np.cos(turn) * across + np.sin(turn) * up)
+    pairs = np.stack([points - side, points + side], 2)  # vertices 2k and 2k + 1 of a ribbon lie at its point k
+    first = (np.arange(n)[:, None] * 2 * m + 2 * np.arange(m - 1)).reshape(-1)  # of each pair but the last
+    faces = np.stack([first, first + 1, first + 2, first + 1, first + 3, first + 2], 1).reshape(-1, 3)
     u = np.clip(random[:, 1, None, None] + HALF_STRIP * np.array([-1.0, 1]), 0, 1)
     uv = np.stack(np.broadcast_arrays(u, 1 - s[None, :, None]), -1).reshape(-1, 2)
-    return ring.reshape(-1, 3), faces, uv
+    return pairs.reshape(-1, 3), faces, uv
 
 
 def random_numbers(count: int, seed: int) -> np.ndarray:

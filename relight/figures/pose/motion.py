@@ -10,6 +10,7 @@ from relight.figures.body import makehuman
 from relight.figures.body.person import Body
 from relight.figures.pose.solver import PoseSolver
 from relight.figures.pose.stances import Pose
+from relight.figures.texture import smoothstep
 
 
 @dataclass(frozen=True)
@@ -79,8 +80,8 @@ def build_motion(body: Body, pose: Pose, frames: int) -> Motion:
     solver = PoseSolver(body)
     local = solver.solve(pose)
     vectors = rotation_vectors(local)
-    u = np.linspace(0, 1, frames + 1)
-    transforms = np.stack([bone_transforms(body, vectors * a, solver.shift * a) for a in u * u * (3 - 2 * u)])
+    shares = smoothstep(np.linspace(0, 1, frames + 1))
+    transforms = np.stack([bone_transforms(body, vectors * share, solver.shift * share) for share in shares])
     lowest = skinned(rig.weights[makehuman.BODY], body.skin, transforms[-1])[:, 1].min()
     transforms[..., 1, 3] -= lowest
     turned = Rotation.from_euler("y", pose.turn, degrees=True).as_matrix() @ transforms

@@ -10,11 +10,17 @@ from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose.motion import Motion
 from relight.figures.pose.solver import orthonormal_frame, unit
 from relight.figures.pose.stances import Pose
-from relight.figures.surfaces import Surface, stacked
+from relight.figures.surfaces import Surface, closed_rings, stacked
 from relight.meshes import Material
 
 GREYS = (0.02, 0.04, 0.12, 0.45, 0.7)  # luminance of albedo
 TINTS = ((1.0, 1.0, 1.0), (1.25, 0.95, 0.75), (0.75, 1.0, 1.3), (1.5, 0.7, 0.6), (0.8, 1.15, 0.7))
+CUP_HEIGHT = 0.105  # metres, without the rim of its lid
+CUP = (  # radius and height of its profile, from the middle of the bottom to that of the lid
+    (0, 0), (0.026, 0), (0.029, 0.002), (0.037, CUP_HEIGHT), (0.039, CUP_HEIGHT + 0.004), (0.036, CUP_HEIGHT + 0.006),
+    (0, CUP_HEIGHT),
+)  # fmt: skip
+SIDES = 28  # of a cup, around its axis
 BAG_CLEARANCE = 0.012  # metres between a bag and the clothes
 MAX_BAG_OFFSET = 0.16  # largest distance that a bag is moved outward, metres
 SEAT = (0.20, 0.19, 0.035)  # half the width and depth of a stool's seat, and its thickness, metres
@@ -43,7 +49,7 @@ def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 
     Returns:
         Vertices (V,3) and faces (F,3), counter-clockwise outward.
     """
-    n = 9
+    n = 9  # vertices along an edge
     t = np.linspace(-1, 1, n)
     u, v = (grid.ravel() for grid in np.meshgrid(t, t))
     square = cell_faces(np.arange(n * n).reshape(n, n))
@@ -53,15 +59,15 @@ def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 
             side = np.empty((n * n, 3))
             side[:, axis], side[:, (axis + 1) % 3], side[:, (axis + 2) % 3] = sign, sign * u, v
             sides.append((side, square))
-    unit_cube, faces = stacked(sides)
-    _, first, inverse = np.unique(unit_cube.round(6), axis=0, return_index=True, return_inverse=True)
-    unit_cube, faces = unit_cube[first], inverse.reshape(-1)[faces]
-    inner = np.maximum(np.array(half) - rounding, 1e-4)
-    core = unit_cube * inner
-    out = np.where(np.abs(unit_cube) > 1 - 1e-6, np.sign(unit_cube), 0.0)
-    x = core + rounding * out / np.linalg.norm(out, axis=1, keepdims=True)
-    swell = bulge * (1 - unit_cube[:, 0] ** 2) * (1 - unit_cube[:, 1] ** 2)
-    x[:, 2] += np.sign(unit_cube[:, 2]) * swell * (np.abs(unit_cube[:, 2]) > 1 - 1e-6)
+    cube, faces = stacked(sides)  # from -1 to 1
+    _, first, inverse = np.unique(cube.round(6), axis=0, return_index=True, return_inverse=True)
+    cube, faces = cube[first], inverse.reshape(-1)[faces]  # sides share the vertices of their edges
+    core = cube * np.maximum(np.array(half) - rounding, 1e-4)  # the box less its rounding, which is added outward
+    is_end = np.abs(cube) > 1 - 1e-6
+    outward = np.where(is_end, np.sign(cube), 0.0)
+    x = core + rounding * outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    swell = bulge * (1 - cube[:, 0] ** 2) * (1 - cube[:, 1] ** 2)
+    x[:, 2] += np.sign(cube[:, 2]) * swell * is_end[:, 2]
     return x, faces
 
 
@@ -71,18 +77,12 @@ def cell_faces(index: np.ndarray) -> np.ndarray:
     return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
 
 
-def closed_rings(rows: int, sides: int) -> np.ndarray:
-    """Returns a grid of vertices (rows, sides + 1) whose last column is its first one."""
-    index = np.arange(rows * sides).reshape(rows, sides)
-    return np.concatenate([index, index[:, :1]], 1)
-
-
-def revolved(profile: np.ndarray, sides: int = 28) -> Surface:
+def revolved(profile: np.ndarray) -> Surface:
     """Builds a surface of revolution about y from a profile (m,2): radius and height, from its lower end up."""
-    angle = 2 * np.pi * np.arange(sides) / sides
-    ring = np.stack([np.sin(angle), np.zeros(sides), np.cos(angle)], 1)
+    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    ring = np.stack([np.sin(angle), np.zeros(SIDES), np.cos(angle)], 1)
     x = profile[:, None, :1] * ring + profile[:, None, 1:] * np.array([0.0, 1.0, 0.0])
-    x, faces = x.reshape(-1, 3), cell_faces(closed_rings(len(profile), sides))
+    x, faces = x.reshape(-1, 3), cell_faces(closed_rings(len(profile), SIDES))
     area = np.linalg.norm(np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]]), axis=1)
     return x, faces[area > 1e-12]  # triangles at the ends are degenerate
 
@@ -126,7 +126,7 @@ def hand_prop(kind: str, motion: Motion, side: str, figure: Surface, rng: np.ran
 
     Args:
         kind: phone | cup | bag.
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         side: L | R, of the hand.
         figure: vertices and faces of the posed and dressed figure, from which a bag keeps BAG_CLEARANCE.
         rng: random generator.
@@ -135,25 +135,33 @@ def hand_prop(kind: str, motion: Motion, side: str, figure: Surface, rng: np.ran
         The prop; none if there is no room for a bag.
     """
     root, axes = palm(motion, side)
-    along, out, _ = axes.T
+    along, out, _ = axes.T  # along the fingers, out of the palm
     if kind == "phone":
         phone = transformed(box((0.074, 0.004, 0.036), 0.004), axes, root + 0.020 * out + 0.012 * along)
         return [Prop(*phone, Material(sample_color(rng), name="phone"))]
     if kind == "cup":
-        tall = 0.105
-        profile = np.array(
-            [(0, 0), (0.026, 0), (0.029, 0.002), (0.037, tall), (0.039, tall + 0.004), (0.036, tall + 0.006), (0, tall)]
-        )
-        x, faces = revolved(profile)
-        place = root + 0.052 * out - 0.018 * along - np.array([0.0, 0.5 * tall + 0.01, 0.0])
+        x, faces = revolved(np.array(CUP))
+        place = root + 0.052 * out - 0.018 * along - np.array([0.0, 0.5 * CUP_HEIGHT + 0.01, 0.0])
         return [Prop(place + x, faces, Material(sample_color(rng, 0.12), name="cup"))]
-    grip = root + 0.030 * out
-    outward = np.array([1.0 if side == "L" else -1.0, 0.0, 0.0])
-    ahead = motion.bone("root")[:, 2]
-    outward = orthonormal_frame(ahead * [1, 0, 1], outward)[:, 1]
-    high, wide, loop = rng.uniform(0.11, 0.16), rng.uniform(0.13, 0.18), rng.uniform(0.12, 0.18)
-    turn = np.stack([orthonormal_frame(ahead * [1, 0, 1], outward)[:, 0], [0.0, 1.0, 0.0], outward], axis=1)
-    x, faces = transformed(box((wide, high, 0.035), 0.012, bulge=0.012), turn, grip - [0, loop + high, 0])
+    return bag(motion, 1.0 if side == "L" else -1.0, root + 0.030 * out, figure, rng)
+
+
+def bag(motion: Motion, sign: float, grip: np.ndarray, figure: Surface, rng: np.random.Generator) -> list[Prop]:
+    """Builds a bag that hangs upright by two straps, moved outward until it keeps BAG_CLEARANCE; none without room.
+
+    Args:
+        motion: how the body moves from its rest pose into the pose.
+        sign: 1 for the left hand, -1 for the right one.
+        grip: (3,) point in the hand through which the straps run, metres.
+        figure: as for `hand_prop`.
+        rng: random generator.
+    """
+    ahead = motion.bone("root")[:, 2] * [1, 0, 1]  # level
+    outward = orthonormal_frame(ahead, np.array([sign, 0.0, 0.0]))[:, 1]
+    half_height, half_width, loop = rng.uniform(0.11, 0.16), rng.uniform(0.13, 0.18), rng.uniform(0.12, 0.18)
+    axes = np.stack([orthonormal_frame(ahead, outward)[:, 0], [0.0, 1.0, 0.0], outward], axis=1)
+    body = box((half_width, half_height, 0.035), 0.012, bulge=0.012)
+    x, faces = transformed(body, axes, grip - [0, loop + half_height, 0])
     surface = Collider(figure[0], *figure)
     away = 0.0
     while away <= MAX_BAG_OFFSET:
@@ -164,13 +172,14 @@ def hand_prop(kind: str, motion: Motion, side: str, figure: Surface, rng: np.ran
     else:
         return []
     material = Material(sample_color(rng), name="bag")
-    s = np.linspace(-1, 1, 25)[:, None]
+    s = np.linspace(-1, 1, 25)[:, None]  # along a strap, from one end over the hand (0) to the other end
     straps = []
-    for sign in (1, -1):
-        foot = x.mean(0) + away * outward + sign * 0.033 * outward + [0, high - 0.02, 0]
-        line = foot + 0.55 * wide * s * turn[:, 0]
-        rise = (1 - s**4) * (grip + 0.006 * sign * outward - foot)
-        straps.append(strap(line + rise - 0.55 * wide * s * (1 - s**4) * 0.75 * turn[:, 0], outward, 0.004, 0.02))
+    for face_sign in (1, -1):  # one strap on each face of the bag
+        middle = x.mean(0) + away * outward + face_sign * 0.033 * outward + [0, half_height - 0.02, 0]
+        line = middle + 0.55 * half_width * s * axes[:, 0]
+        rise = (1 - s**4) * (grip + 0.006 * face_sign * outward - middle)
+        narrowing = 0.55 * half_width * s * (1 - s**4) * 0.75 * axes[:, 0]
+        straps.append(strap(line + rise - narrowing, outward, 0.004, 0.02))
     pieces = stacked([(x + away * outward, faces), *straps])
     return [Prop(*pieces, material)]
 
@@ -179,35 +188,37 @@ def stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Generat
     """Builds a stool under a sitting figure, or none under a skirt, which hangs where the seat would be.
 
     Args:
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         figure: vertices and faces of the posed and dressed figure.
         ground: height of the floor, metres.
         rng: random generator.
     """
     skin = motion.posed_skin
-    skin = skin[makehuman.bone_weights("root", "pelvis", "upperleg") > 0.5]
-    low = skin[skin[:, 1] < skin[:, 1].min() + 0.04]
+    thighs = skin[makehuman.bone_weights("root", "pelvis", "upperleg") > 0.5]
+    lowest = thighs[thighs[:, 1] < thighs[:, 1].min() + 0.04]
     ahead = unit(motion.bone("root")[:, 2] * [1, 0, 1])
     up = np.array([0.0, 1.0, 0.0])
     axes = np.stack([np.cross(up, ahead), up, ahead], axis=1)
-    centre = np.array([*low.mean(0)[:1], low[:, 1].min(), *low.mean(0)[2:]])
-    off = (figure[0] - centre) @ axes
-    over = (np.abs(off[:, 0]) < SEAT[0]) & (np.abs(off[:, 2]) < SEAT[1])
-    core = over & (np.abs(off[:, 2]) < 0.5 * SEAT[1]) & (np.abs(off[:, 1]) < SEAT_RANGE)  # calves hang before it
-    top = float(np.percentile(figure[0][core, 1], 0.5))
-    below = over & (figure[0][:, 1] < top - SEAT_RANGE) & (figure[0][:, 1] > top - 4 * SEAT_RANGE)
-    if below.sum() > MAX_HANGING * over.sum():
+    x, _, z = lowest.mean(0)
+    vertices, half_width, half_depth, thickness = figure[0], *SEAT
+    off = (vertices - np.array([x, lowest[:, 1].min(), z])) @ axes
+    in_outline = (np.abs(off[:, 0]) < half_width) & (np.abs(off[:, 2]) < half_depth)
+    # Of the middle of the seat only: calves hang before it.
+    on_seat = in_outline & (np.abs(off[:, 2]) < 0.5 * half_depth) & (np.abs(off[:, 1]) < SEAT_RANGE)
+    top = float(np.percentile(vertices[on_seat, 1], 0.5))
+    hanging = in_outline & (vertices[:, 1] < top - SEAT_RANGE) & (vertices[:, 1] > top - 4 * SEAT_RANGE)
+    if hanging.sum() > MAX_HANGING * in_outline.sum():
         return []
-    wide, deep, thick = SEAT
-    cushion = transformed(box((wide, thick / 2, deep), 0.012), axes, np.array([centre[0], top - thick / 2, centre[2]]))
+    cushion = box((half_width, thickness / 2, half_depth), 0.012)
+    cushion = transformed(cushion, axes, np.array([x, top - thickness / 2, z]))
     legs = []
-    tall = top - thick - ground
-    for sx in (-1, 1):
-        for sz in (-1, 1):
-            leg, faces = box((LEG, tall / 2, LEG), 0.004)
-            leg[:, [0, 2]] += 0.03 * np.array([sx, sz]) * (0.5 - leg[:, 1:2] / tall)
-            corner = axes @ [sx * (wide - 0.04), 0, sz * (deep - 0.04)]
-            legs.append(transformed((leg, faces), axes, corner + [centre[0], ground + tall / 2, centre[2]]))
+    length = top - thickness - ground
+    for side in (-1, 1):
+        for end in (-1, 1):
+            leg, faces = box((LEG, length / 2, LEG), 0.004)
+            leg[:, [0, 2]] += 0.03 * np.array([side, end]) * (0.5 - leg[:, 1:2] / length)  # legs spread downward
+            corner = axes @ [side * (half_width - 0.04), 0, end * (half_depth - 0.04)]
+            legs.append(transformed((leg, faces), axes, corner + [x, ground + length / 2, z]))
     seat, wood = sample_color(rng), sample_color(rng)
     return [Prop(*cushion, Material(seat, name="seat")), Prop(*stacked(legs), Material(wood, name="stool legs"))]
 
@@ -216,10 +227,10 @@ def props(motion: Motion, pose: Pose, figure: Surface, seed: int) -> list[Prop]:
     """Builds all props of a figure.
 
     Args:
-        motion: of the body into the pose.
+        motion: how the body moves from its rest pose into the pose.
         pose: has the props of the hands, and whether the figure sits.
         figure: vertices and faces of the posed and dressed figure, which stands on the floor.
-        seed: of colors and sizes.
+        seed: random seed of colors and sizes.
     """
     rng = np.random.default_rng([seed, 5])
     out = stool(motion, figure, float(figure[0][:, 1].min()), rng) if pose.sitting else []

@@ -13,6 +13,8 @@ from relight.figures.pose.stances import NARROWER, Foot, Hand, Pose
 
 MAX_WRIST_BEND = np.radians(65)
 MAX_FOREARM_TWIST = np.radians(95)
+MAX_REACH = 0.985  # share of the arm's length at which a hand may be, so that the elbow never locks
+STRETCHED = 0.998  # the same for any limb whose goal is too far away
 FINGERS_CLOSED = 0.75  # share of the rest pose's angles between fingers that a relaxed hand closes
 THUMB_CLOSED = 0.45  # the same for the thumb
 
@@ -42,9 +44,9 @@ def middle_joint(
         (3,) the joint between the bones.
     """
     span = goal - root
-    reach = np.minimum(np.linalg.norm(span), 0.998 * (upper + lower))
+    reach = np.minimum(np.linalg.norm(span), STRETCHED * (upper + lower))
     axis = span / np.linalg.norm(span)
-    along = (upper**2 - lower**2 + reach**2) / (2 * reach)
+    along = (upper**2 - lower**2 + reach**2) / (2 * reach)  # law of cosines: of the joint, on the line to the goal
     side = pole - axis * (pole @ axis)
     return root + axis * along + side / np.linalg.norm(side) * np.sqrt(max(upper**2 - along**2, 0.0))
 
@@ -119,13 +121,13 @@ class PoseSolver:
 
     def limb(self, upper: str, lower: str, tip: str, goal: np.ndarray, pole: np.ndarray) -> None:
         """Rotates two bones so that `tip` reaches `goal` (3,) and the joint between them points toward `pole` (3,)."""
-        j = self.joints
+        upper_bone, lower_bone = self.joints[lower] - self.joints[upper], self.joints[tip] - self.joints[lower]
         rotation, root = self.world_transform(upper)
-        before = rotation * self.local.get(upper, Rotation.identity()).inv()
-        middle = middle_joint(root, goal, np.linalg.norm(j[lower] - j[upper]), np.linalg.norm(j[tip] - j[lower]), pole)
-        self.local[upper] = rotation_between(j[lower] - j[upper], before.inv().apply(middle - root))
-        rotation = before * self.local[upper]
-        self.local[lower] = rotation_between(j[tip] - j[lower], rotation.inv().apply(goal - middle))
+        parent = rotation * self.local.get(upper, Rotation.identity()).inv()
+        middle = middle_joint(root, goal, np.linalg.norm(upper_bone), np.linalg.norm(lower_bone), pole)
+        self.local[upper] = rotation_between(upper_bone, parent.inv().apply(middle - root))
+        rotation = parent * self.local[upper]
+        self.local[lower] = rotation_between(lower_bone, rotation.inv().apply(goal - middle))
 
     def arm_length(self, side: str) -> float:
         """Returns the metres from shoulder to wrist of a stretched arm."""
@@ -134,23 +136,24 @@ class PoseSolver:
         return float(upper + np.linalg.norm(j[f"wrist.{side}"] - j[f"lowerarm01.{side}"]))
 
     def arm(self, side: str, sign: int, hand: Hand) -> None:
-        """Rotates the arm of a side ("L" | "R"; sign 1 | -1), from collar bone to fingers."""
+        """Rotates the arm of a side, from collar bone to fingers.
+
+        Args:
+            side: "L" | "R".
+            sign: 1 | -1, of x on that side of the body.
+            hand: its goal.
+        """
         mirror = np.array([sign, 1, 1])
         length = self.arm_length(side)
-        raised = np.clip(hand.wrist[1] + 0.25, 0, 1)  # the collar bone helps an arm that goes up
+        raised = np.clip(hand.wrist[1] + 0.25, 0, 1)  # the collar bone helps an arm that goes up: from -3 to 15 degrees
         self.local[f"clavicle.{side}"] = Rotation.from_euler("z", sign * (18 * raised - 3), degrees=True)
         trunk, _ = self.world_transform("spine01")
         _, shoulder = self.world_transform(f"upperarm01.{side}")
         reach = np.array(hand.wrist)
-        reach = reach / max(1.0, np.linalg.norm(reach) / 0.985)
+        reach = reach / max(1.0, np.linalg.norm(reach) / MAX_REACH)
         goal = shoulder + trunk.apply(reach * mirror * length)
-        self.limb(
-            f"upperarm01.{side}",
-            f"lowerarm01.{side}",
-            f"wrist.{side}",
-            goal,
-            trunk.apply(np.array(hand.elbow) * mirror),
-        )
+        elbow_direction = trunk.apply(np.array(hand.elbow) * mirror)
+        self.limb(f"upperarm01.{side}", f"lowerarm01.{side}", f"wrist.{side}", goal, elbow_direction)
         self.hand(side, mirror, hand, trunk)
 
     def hand(self, side: str, mirror: np.ndarray, hand: Hand, trunk: Rotation) -> None:
@@ -176,25 +179,43 @@ class PoseSolver:
             arm, _ = self.world_transform(f"lowerarm01.{side}")
             twist, bend = twist_and_swing(arm.inv() * Rotation.from_matrix(goal @ rest.T), forearm)
             bend = Rotation.from_rotvec(bend.as_rotvec() * min(1.0, MAX_WRIST_BEND / max(bend.magnitude(), 1e-9)))
-        self.local[f"lowerarm02.{side}"] = Rotation.from_rotvec(
-            np.clip(twist, -MAX_FOREARM_TWIST, MAX_FOREARM_TWIST) * forearm
-        )
+        limited_twist = np.clip(twist, -MAX_FOREARM_TWIST, MAX_FOREARM_TWIST)
+        self.local[f"lowerarm02.{side}"] = Rotation.from_rotvec(limited_twist * forearm)
         self.local[f"wrist.{side}"] = bend
-        middle = j[f"finger3-2.{side}"] - j[f"finger3-1.{side}"]
+        self.fingers(side, hand, palm, hinge)
+
+    def fingers(self, side: str, hand: Hand, palm: np.ndarray, hinge: np.ndarray) -> None:
+        """Closes the gaps between the fingers of a side, and curls them; the thumb, finger 1, is not curled.
+
+        Args:
+            side: "L" | "R".
+            hand: its curl, in degrees, and whether it holds something, which leaves the thumb apart.
+            palm: (3,) unit normal of the palm in the rest pose.
+            hinge: (3,) unit axis about which fingers curl.
+        """
+        j = self.joints
+        middle_finger = j[f"finger3-2.{side}"] - j[f"finger3-1.{side}"]
         for finger in (1, 2, 3, 4, 5):
-            first, second = (f"finger{finger}-{part}.{side}" for part in (1, 2))
-            apart = angle_about(palm, middle, j[second] - j[first])
+            knuckle, second = (f"finger{finger}-{part}.{side}" for part in (1, 2))
+            apart = angle_about(palm, middle_finger, j[second] - j[knuckle])
             closed = THUMB_CLOSED if finger == 1 else FINGERS_CLOSED
             if hand.holds and finger == 1:
                 closed = 0.0
             closing = Rotation.from_rotvec(-closed * apart * palm)
-            for part, share in ((1, 0.9), (2, 1.4), (3, 1.0)):
+            for part, share in ((1, 0.9), (2, 1.4), (3, 1.0)):  # a finger bends most at its second joint
                 curl = np.radians(hand.curl * share * (0.8 + 0.1 * finger) * (finger > 1))
                 bent = Rotation.from_rotvec(hinge * curl)
                 self.local[f"finger{finger}-{part}.{side}"] = bent * closing if part == 1 else bent
 
     def leg(self, side: str, sign: int, foot: Foot, length: float) -> None:
-        """Rotates the leg of a side ("L" | "R"; sign 1 | -1) with a length in metres."""
+        """Rotates the leg of a side.
+
+        Args:
+            side: "L" | "R".
+            sign: 1 | -1, of x on that side of the body.
+            foot: its step, in lengths of the leg, and its turn and pitch, in degrees.
+            length: metres from hip to ankle.
+        """
         mirror = np.array([sign, 1, 1])
         j = self.joints
         step = np.array(foot.step) - [NARROWER, 0, 0]
@@ -202,5 +223,5 @@ class PoseSolver:
         facing = Rotation.from_euler("y", sign * foot.turn, degrees=True)
         pole = facing.apply([0.05 * sign, 0.25, 1.0])
         self.limb(f"upperleg01.{side}", f"lowerleg01.{side}", f"foot.{side}", goal, pole)
-        before, _ = self.world_transform(f"lowerleg02.{side}")
-        self.local[f"foot.{side}"] = before.inv() * facing * Rotation.from_euler("x", foot.pitch, degrees=True)
+        shin, _ = self.world_transform(f"lowerleg02.{side}")
+        self.local[f"foot.{side}"] = shin.inv() * facing * Rotation.from_euler("x", foot.pitch, degrees=True)

@@ -63,9 +63,9 @@ class Pose:
         spine: rotation of the trunk, distributed over its bones.
         hips: rotation of the pelvis.
         head: rotation of the head in the world.
-        shift: of the pelvis, in leg lengths.
+        shift: displacement of the pelvis, in leg lengths.
         sitting: whether the figure sits.
-        turn: of the whole figure about the vertical, toward its left.
+        turn: degrees by which the whole figure is turned about the vertical, toward its left.
     """
 
     name: str
@@ -98,7 +98,7 @@ def sample_pose(rng: np.random.Generator, sitting: float = 0.0, names: Collectio
     Args:
         rng: random generator.
         sitting: probability of a sitting pose; without effect if all poses to draw from stand, or all sit.
-        names: of the poses to draw from; empty for all.
+        names: names of the poses to draw from; empty for all.
     """
     library = [pose for pose in poses().values() if not names or pose.name in names]
     sits = rng.random() < sitting

@@ -7,12 +7,10 @@ import numpy as np
 
 from relight.figures.tailor.fabrics import Fabric, trait
 from relight.figures.tailor.garments import Garment
-from relight.figures.tailor.seams import line
+from relight.figures.tailor.seams import DENIM_THREAD, ZIP, line
 from relight.figures.texture import band, grain, lattice
 
-THREAD = np.array([0.36, 0.20, 0.07])  # of denim's seams
 FADED_DENIM = np.array([0.48, 0.51, 0.55])
-METAL = np.array([0.30, 0.29, 0.27])  # of zips
 RIB = 0.055  # metres of ribbing at hems and cuffs
 FADES = {"denim": 1.0, "leather": 0.45, "corduroy": 0.35, "knit": 0.1, "melange": 0.1, "tweed": 0.08}  # others have .2
 
@@ -22,7 +20,7 @@ class Patch:
     """The albedo of a panel, on which traces are left one after the other.
 
     Attributes:
-        garment: of the panel.
+        garment: garment to which the panel belongs.
         fabric: its seed gives age and soil.
         panel: its name.
         u, v: (h,w) cloth coordinates across and along, metres.
@@ -106,7 +104,7 @@ def hems(patch: Patch) -> None:
         patch.log -= 0.30 * patch.thin * patch.line(edge - RIB)
     elif patch.fabric.kind == "denim":
         beside = [line(patch.marks["seam"] - distance) for distance in (0.0025, 0.0075)]
-        patch.paint(THREAD, 0.55 * patch.thin * np.maximum(stitch, np.maximum(*beside)))
+        patch.paint(np.array(DENIM_THREAD), 0.55 * patch.thin * np.maximum(stitch, np.maximum(*beside)))
     else:
         patch.log -= 0.22 * patch.thin * stitch
 
@@ -148,7 +146,7 @@ def zip_teeth(patch: Patch) -> None:
         return
     teeth = (patch.marks["edge"] < 0.006) & (np.abs(patch.u) < 3 * garment.front_gap)
     metal = 0.35 + 0.65 * patch.thin * band(patch.v, 0.004, 0.5, max(0.001, patch.texel))
-    patch.paint(METAL, 0.8 * teeth * metal)
+    patch.paint(np.array(ZIP), 0.8 * teeth * metal)
 
 
 TRACES = (seams, hems, puckers, fading, creases, soil, zip_teeth)  # in this order

@@ -14,15 +14,26 @@ from relight.figures.texture import noise
 CORD = 0.20  # metres of a drawstring
 CORD_RADIUS = 0.0028  # metres
 CORD_STEP = 0.007  # metres between its rings
+CORD_DISTANCE = 0.028  # metres from the middle
+MIN_CORD_RINGS = 12
 NECK_AXIS = (0.0, 0.94, 0.34)  # of the rest pose: necks lean forward by 20 degrees
 NECK_RANGE = 0.16  # largest distance of the neckline from the base of the neck, metres
 LAPEL = 0.27  # length of lapels below the base of the neck, metres
 BAND = 0.030  # standard deviation of the average by which a neckband smooths the neckline, metres
 BAND_RANGE = 0.045  # width of the cloth beside the neckline that moves with it, metres
 PATH_STEPS = 10  # of a path over the cloth
+THICKNESS = 0.0025  # metres
 SEAM_OFFSET = 0.0005  # metres below the border where a collar begins: vertices at the same place would be merged
 HOOD_CLEARANCE = 0.002  # metres between a hood and the cloth
 HOOD_SMOOTHING = 30  # times that a hood's paths, and the cloth under it, are averaged with their neighbours
+PROFILES = {  # rows of collars that are the same all around: metres up and out from the neckline
+    "roll": (
+        (0.014, 0.0), (0.034, -0.005), (0.052, -0.006), (0.058, 0.001), (0.050, 0.007), (0.032, 0.009), (0.004, 0.012),
+    ),
+    "stand": ((0.012, -0.002), (0.026, -0.001), (0.040, 0.002)),
+}  # fmt: skip
+NECKBAND = ((0.007, -0.001), (0.013, -0.003))  # the same of a neckband
+LAPELS = ((0.02, 0.7), (0.12, 1.0), (0.3, 0.9), (0.6, 0.55), (1.0, 0.35))  # rows of lapels, as of HOOD
 HOOD = (  # rows of a hood that lies on the back: share of its length, height over its thickness
     (0.2, 0.10), (0.5, 0.10), (0.8, 0.12), (0.97, 0.22), (1.0, 0.55), (0.92, 0.85), (0.7, 1.0), (0.42, 1.05),
     (0.2, 0.95), (0.08, 0.75), (0.05, 0.6),
@@ -106,7 +117,7 @@ def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: np
 
 
 def profile(kind: str, back: np.ndarray, front: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Returns the rows of a collar.
+    """Returns the rows of a collar, from the neckline to its edge.
 
     Args:
         kind: fold | roll | stand; anything else is a ribbed neckband.
@@ -116,22 +127,17 @@ def profile(kind: str, back: np.ndarray, front: np.ndarray) -> list[tuple[np.nda
     Returns:
         For each row its metres (m,) up and out from the neckline.
     """
-    flat = np.zeros_like(back)
-    if kind == "fold":
-        fall = -0.008 - 0.026 * front**3
+    zero = np.zeros_like(back)
+    if kind == "fold":  # up, over, and down on the outside, lower in front
+        edge = -0.008 - 0.026 * front**3
         return [
-            (flat + 0.010, flat + 0.000),
-            (flat + 0.022 + 0.006 * back, flat + 0.001),
-            (flat + 0.025 + 0.006 * back, flat + 0.006),
-            (flat + 0.012, flat + 0.014),
-            (fall, flat + 0.020 + 0.010 * front),
+            (zero + 0.010, zero + 0.000),
+            (zero + 0.022 + 0.006 * back, zero + 0.001),
+            (zero + 0.025 + 0.006 * back, zero + 0.006),
+            (zero + 0.012, zero + 0.014),
+            (edge, zero + 0.020 + 0.010 * front),
         ]
-    if kind == "roll":
-        shape = ((0.014, 0.0), (0.034, -0.005), (0.052, -0.006), (0.058, 0.001), (0.050, 0.007), (0.032, 0.009))
-        return [(flat + rise, flat + reach) for rise, reach in (*shape, (0.004, 0.012))]
-    if kind == "stand":
-        return [(flat + 0.012, flat - 0.002), (flat + 0.026, flat - 0.001), (flat + 0.040, flat + 0.002)]
-    return [(flat + 0.007, flat - 0.001), (flat + 0.013, flat - 0.003)]
+    return [(zero + rise, zero + reach) for rise, reach in PROFILES.get(kind, NECKBAND)]
 
 
 def paths_over(
@@ -184,47 +190,65 @@ def lay_on_cloth(
     Returns:
         Rows (m,3) of the strip.
     """
-    normal = smooth_line(normals(vertices, faces)[ring], 6, False)
-    tangent = smooth_line(np.gradient(base, axis=0), 6, False)
-    inward = smooth_line(np.cross(normal, tangent), 12, False)  # borders run so that the cloth is to their left
-    inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
+    cloth = Collider(vertices, vertices, faces)
     away = base - neck
-    flat = away - np.outer(away @ up, up)
-    back = np.clip(-flat[:, 2] / np.maximum(np.linalg.norm(flat, axis=1), 1e-6), 0, 1)
-    surface = cloth = Collider(vertices, vertices, faces)
-    if kind == "hood":  # outward on all sides; over unsmoothed folds the paths would cross
-        flattened = smoothed(vertices, faces, HOOD_SMOOTHING)
-        surface = Collider(flattened, flattened, faces)
+    level = away - np.outer(away @ up, up)  # without its part along the neck
+    if kind == "hood":
+        level_length = np.linalg.norm(level, axis=1)
+        back = np.clip(-level[:, 2] / np.maximum(level_length, 1e-6), 0, 1)  # 1 at the back of the neck
         length, thick = 0.045 + 0.15 * back**1.2, 0.020 + 0.030 * back
-        heading = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-6) - up
+        heading = level / np.maximum(level_length[:, None], 1e-6) - up  # outward on all sides, and down
         start, heading = smooth_line(base, HOOD_SMOOTHING, False), smooth_line(heading, HOOD_SMOOTHING, False)
-        points, out = paths_over(surface, start, heading, length)
-        out = np.stack([smooth_line(row, HOOD_SMOOTHING, False) for row in out])
-        turn = np.arange(len(ring)) / 7.0
-        shape: tuple[tuple[float, float], ...] = HOOD
-    else:
-        below = np.clip(-(away @ up), 0, LAPEL)
-        collar = np.clip(1 - below / 0.06, 0, 1)
-        ends = np.minimum(np.arange(len(ring)), np.arange(len(ring))[::-1]) / 8
-        notch = 1 - 0.5 * np.exp(-(((below - 0.055) / 0.014) ** 2))
-        length = (0.062 * collar + 0.085 * (1 - collar) * (1 - below / LAPEL) ** 0.7) * notch * np.clip(ends, 0.1, 1)
-        thick = 0.008 + 0.020 * collar
-        points, out = paths_over(surface, base, inward, length)
-        turn = np.zeros(len(ring))
-        shape = ((0.02, 0.7), (0.12, 1.0), (0.3, 0.9), (0.6, 0.55), (1.0, 0.35))
-    rows = []
-    for share, height in shape:
-        k = min(int(share * PATH_STEPS), PATH_STEPS - 1)
-        t = share * PATH_STEPS - k
-        row, raised = (part[k] * (1 - t) + part[k + 1] * t for part in (points, out))
-        crease = 0.25 * (noise(turn, np.full_like(turn, 5 * share), 5) - 0.5) if kind == "hood" else 0.0
-        rows.append(smooth_line(row + raised * ((height + crease) * thick)[:, None], 8 if kind == "hood" else 2, False))
-    if kind == "hood":  # the edge of the opening stands up around the neck
-        for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):
+        flattened = smoothed(vertices, faces, HOOD_SMOOTHING)  # over folds the paths would cross
+        points, outward = paths_over(Collider(flattened, flattened, faces), start, heading, length)
+        outward = np.stack([smooth_line(row, HOOD_SMOOTHING, False) for row in outward])
+        rows = rows_over(points, outward, thick, HOOD, creased=True, smoothing=8)
+        for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):  # the opening's edge stands up around the neck
             row += np.outer(rise + 0.016 * back, up)
         for row in rows:
             face, distance, normal = signed_distance(row, cloth, 0.03)
             row += np.where(face >= 0, np.clip(HOOD_CLEARANCE - distance, 0, 0.02), 0)[:, None] * normal
+        return rows
+    normal = smooth_line(normals(vertices, faces)[ring], 6, False)
+    tangent = smooth_line(np.gradient(base, axis=0), 6, False)
+    inward = smooth_line(np.cross(normal, tangent), 12, False)  # borders run so that the cloth is to their left
+    inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
+    below = np.clip(-(away @ up), 0, LAPEL)
+    collar = np.clip(1 - below / 0.06, 0, 1)  # 1 on the collar around the neck, 0 on the lapels below it
+    from_end = np.minimum(np.arange(len(ring)), np.arange(len(ring))[::-1]) / 8
+    notch = 1 - 0.5 * np.exp(-(((below - 0.055) / 0.014) ** 2))  # between collar and lapels
+    length = 0.062 * collar + 0.085 * (1 - collar) * (1 - below / LAPEL) ** 0.7
+    points, outward = paths_over(cloth, base, inward, length * notch * np.clip(from_end, 0.1, 1))
+    return rows_over(points, outward, 0.008 + 0.020 * collar, LAPELS, creased=False, smoothing=2)
+
+
+def rows_over(
+    points: np.ndarray,
+    outward: np.ndarray,
+    thick: np.ndarray,
+    shape: tuple[tuple[float, float], ...],
+    creased: bool,
+    smoothing: int,
+) -> list[np.ndarray]:
+    """Returns the rows (m,3) of a strip along paths over the cloth.
+
+    Args:
+        points, outward: of the paths, as `paths_over` returns them.
+        thick: (m,) height of the strip over the cloth, metres.
+        shape: for each row, its share of the paths' length, and its height over `thick`.
+        creased: whether the heights are uneven.
+        smoothing: times that each row is averaged along itself.
+    """
+    crease_place = np.arange(len(thick)) / 7.0  # a crease is about seven vertices wide
+    rows = []
+    for share, height in shape:
+        k = min(int(share * PATH_STEPS), PATH_STEPS - 1)
+        t = share * PATH_STEPS - k
+        row, raised = (part[k] * (1 - t) + part[k + 1] * t for part in (points, outward))
+        crease = np.zeros(len(thick))
+        if creased:
+            crease = 0.25 * (noise(crease_place, np.full_like(crease_place, 5 * share), 5) - 0.5)
+        rows.append(smooth_line(row + raised * ((height + crease) * thick)[:, None], smoothing, False))
     return rows
 
 
@@ -267,25 +291,25 @@ def collar(
         out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-6)
         spread = np.zeros_like(base)
         if kind == "fold":  # the points stand apart where the collar opens
-            far = np.r_[0, np.cumsum(np.linalg.norm(np.diff(base, axis=0), axis=1))]
-            for end, step in ((far, base[2] - base[0]), (far[-1] - far, base[-3] - base[-1])):
-                spread += np.outer(np.exp(-((end / 0.035) ** 2)), 0.013 * step / np.linalg.norm(step))
+            travel = np.r_[0, np.cumsum(np.linalg.norm(np.diff(base, axis=0), axis=1))]
+            for from_end, inward in ((travel, base[2] - base[0]), (travel[-1] - travel, base[-3] - base[-1])):
+                spread += np.outer(np.exp(-((from_end / 0.035) ** 2)), 0.013 * inward / np.linalg.norm(inward))
         shape = profile(kind, np.clip(-out[:, 2], 0, 1), np.clip(out[:, 2], 0, 1))
         rows = [
             base + up * rise[:, None] + out * reach[:, None] + spread * (number / len(shape)) ** 2
             for number, (rise, reach) in enumerate(shape, 1)
         ]
-    travel = np.cumsum([np.linalg.norm(b - a, axis=1) for a, b in pairwise([base, *rows])], axis=0)
+    row_lengths = [np.linalg.norm(b - a, axis=1) for a, b in pairwise([base, *rows])]
+    travel = np.concatenate([np.zeros((1, len(ring))), np.cumsum(row_lengths, axis=0)])  # metres from the neckline
     strip, strip_faces = extruded(np.arange(len(ring)), rows, len(ring), closed)
     points = np.concatenate([vertices[ring] - SEAM_OFFSET * up, strip])
-    points, shell, source = thickened(points, strip_faces, 0.0025, rings=None)
-    column, row = source % len(ring), source // len(ring)
-    travel = np.concatenate([np.zeros((1, len(ring))), travel])
-    at = uv[ring][column] - np.stack([0 * column, travel[row, column] * uv_per_metre], axis=1)
-    corner = at[shell]
-    torn = np.ptp(corner[..., 0], axis=1) > 0.06 * uv_per_metre  # across a seam between panels: use one of them
-    corner[torn] = corner[torn][:, :1]
-    return points, shell, np.clip(corner, 0.001, 0.999)
+    points, shell, source = thickened(points, strip_faces, THICKNESS, rings=None)
+    column, row = source % len(ring), source // len(ring)  # of each vertex in the strip
+    vertex_uv = uv[ring][column] - np.stack([0 * column, travel[row, column] * uv_per_metre], axis=1)
+    corner_uv = vertex_uv[shell]
+    is_torn = np.ptp(corner_uv[..., 0], axis=1) > 0.06 * uv_per_metre  # across a seam between panels: use one of them
+    corner_uv[is_torn] = corner_uv[is_torn][:, :1]
+    return points, shell, np.clip(corner_uv, 0.001, 0.999)
 
 
 def cords(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.ndarray) -> list[Surface]:
@@ -297,24 +321,23 @@ def cords(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.nd
         neck: (3,) base of the posed neck, metres.
         left: (3,) axis to its left.
     """
-    surface, out = Collider(vertices, vertices, faces), []
+    surface, tubes = Collider(vertices, vertices, faces), []
+    rays, ahead = 60, 0.6  # rays from the front, metres before the neck, CORD_STEP apart downward
     for side in (-1, 1):
-        y = neck[1] + 0.05 - CORD_STEP * np.arange(60)
-        origin = np.broadcast_to(neck + side * 0.028 * left + [0, 0, 0.6], (60, 3)).copy()
-        origin[:, 1] = y
-        _, depth = surface.raycast(origin, np.broadcast_to([0.0, 0.0, -1.0], (60, 3)))
-        on = np.flatnonzero(np.isfinite(depth) & (depth < 0.58))[: round(CORD / CORD_STEP)]
-        if len(on) < 12:
+        origin = np.broadcast_to(neck + side * CORD_DISTANCE * left + [0, 0, ahead], (rays, 3)).copy()
+        origin[:, 1] = neck[1] + 0.05 - CORD_STEP * np.arange(rays)
+        _, depth = surface.raycast(origin, np.broadcast_to([0.0, 0.0, -1.0], (rays, 3)))
+        on_front = np.flatnonzero(np.isfinite(depth) & (depth < ahead - 0.02))[: round(CORD / CORD_STEP)]
+        if len(on_front) < MIN_CORD_RINGS:
             continue
-        path = origin[on] - [0, 0, 1] * (depth[on] - 1.5 * CORD_RADIUS)[:, None]
+        path = origin[on_front] - [0, 0, 1] * (depth[on_front] - 1.5 * CORD_RADIUS)[:, None]
         for _ in range(3):
             path[1:-1] = 0.5 * path[1:-1] + 0.25 * (path[:-2] + path[2:])
         turn = 2 * np.pi * np.arange(6) / 6
         around = CORD_RADIUS * np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=1)
         rings = [point + around for point in path]
         strip, tube = extruded(np.arange(6), rings[1:], 6, True)
-        ends = [[0, k, k + 1] for k in range(1, 5)] + [
-            [len(path) * 6 - 6, len(path) * 6 - 6 + k + 1, len(path) * 6 - 6 + k] for k in range(1, 5)
-        ]
-        out.append((np.concatenate([rings[0], strip]), np.concatenate([tube, ends])))
-    return out
+        last = 6 * (len(path) - 1)  # first vertex of the last ring
+        ends = [[0, k, k + 1] for k in range(1, 5)] + [[last, last + k + 1, last + k] for k in range(1, 5)]
+        tubes.append((np.concatenate([rings[0], strip]), np.concatenate([tube, ends])))
+    return tubes

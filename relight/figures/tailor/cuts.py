@@ -13,31 +13,38 @@ from relight.figures.tailor.garments import Garment
 from relight.figures.tailor.suit import Fields, arm_share
 
 SLEEVELESS = 0.06  # position along the arm, 0 shoulder to 1 elbow, where a sleeveless garment is cut
+NECK_CENTRE = np.array([0.0, 0.03, 0.035])  # of the neck opening, from the joint at the base of the neck, metres
+FAR = 1.0  # value of a field where its cut removes nothing
 TRUNK = 0.35  # share of arm bones in the skinning, below which a vertex belongs to the trunk
 
 
 def neck_field(body: Body, garment: Garment, fields: Fields) -> np.ndarray:
-    """Returns the metres (n,) outside the neck opening: an ellipsoid, open at the top, and a V below it in front."""
-    centre = body.joints["neck01"] + np.array([0.0, 0.03, 0.035])
+    """Returns the metres (n,) outside the neck opening, negative within it.
+
+    The opening is an ellipsoid, open at the top, with a V below it in front. Distances are exact across the opening,
+    and scaled along its other axes.
+    """
+    centre = body.joints["neck01"] + NECK_CENTRE
     wide, high, deep = garment.neck
-    r = np.sqrt(
+    radius = np.sqrt(
         (fields["x"] / wide) ** 2
         + ((fields["z"] - centre[2]) / deep) ** 2
         + (np.minimum(fields["y"] - centre[1], 0) / high) ** 2
     )
-    out = (r - 1) * wide
+    outside = (radius - 1) * wide
     if garment.v_depth:
-        half = 0.8 * wide * (fields["y"] - centre[1] + high + garment.v_depth) / (high + garment.v_depth)
-        out = np.where(fields["z"] > centre[2], np.minimum(out, np.abs(fields["x"]) - half), out)
-    return np.where(arm_share(fields) > 0.3, 1.0, out)
+        half_width = 0.8 * wide * (fields["y"] - centre[1] + high + garment.v_depth) / (high + garment.v_depth)
+        outside_v = np.minimum(outside, np.abs(fields["x"]) - half_width)
+        outside = np.where(fields["z"] > centre[2], outside_v, outside)
+    return np.where(arm_share(fields) > 0.3, FAR, outside)
 
 
 def armhole_field(body: Body, garment: Garment, fields: Fields, side: str) -> np.ndarray:
     """Returns the metres (n,) outside the armhole of a sleeveless garment: a ball that leaves a strap at the neck."""
     centre, sign = body.joints[f"upperarm01.{side}"], 1 if side == "L" else -1
-    x = np.minimum(sign * (fields["x"] - centre[0]), 0)
-    r = np.sqrt(x**2 + (0.75 * (fields["y"] - centre[1])) ** 2 + (0.9 * (fields["z"] - centre[2])) ** 2)
-    return np.where(sign * fields["x"] > 0, r - garment.armhole, 1.0)
+    inward = np.minimum(sign * (fields["x"] - centre[0]), 0)  # all that is outside the shoulder is within the armhole
+    radius = np.sqrt(inward**2 + (0.75 * (fields["y"] - centre[1])) ** 2 + (0.9 * (fields["z"] - centre[2])) ** 2)
+    return np.where(sign * fields["x"] > 0, radius - garment.armhole, FAR)
 
 
 def sleeve_field(fields: Fields, body: Body, garment: Garment, side: str) -> np.ndarray:
@@ -46,17 +53,18 @@ def sleeve_field(fields: Fields, body: Body, garment: Garment, side: str) -> np.
     Vertices that hardly move with the arm belong to the trunk.
     """
     end = SLEEVELESS if garment.armhole else garment.sleeve_end
-    within = end - fields[f"arm{side}"] + 8 * np.clip(TRUNK - fields[f"arm_share{side}"], 0, 1)
+    trunk_bonus = 8 * np.clip(TRUNK - fields[f"arm_share{side}"], 0, 1)  # outweighs any position along the arm
+    within = end - fields[f"arm{side}"] + trunk_bonus
     if garment.armhole:  # two cuts would leave slivers between them
         within = np.minimum(within, armhole_field(body, garment, fields, side))
-    return np.where((fields["x"] > 0) == (side == "L"), within, 1.0)
+    return np.where((fields["x"] > 0) == (side == "L"), within, FAR)
 
 
 def front_field(fields: Fields, body: Body, garment: Garment) -> np.ndarray:
     """Returns the metres (n,) from the gap of an open front, which widens toward the neck."""
     neck, chest = body.joints["neck01"], body.heights["hip"] + 0.2
     widening = 1 + 0.9 * np.clip((fields["y"] - chest) / (neck[1] - chest), 0, 1)
-    return np.where(fields["z"] > neck[2] + 0.02, np.abs(fields["x"]) - garment.front_gap * widening, 1.0)
+    return np.where(fields["z"] > neck[2] + 0.02, np.abs(fields["x"]) - garment.front_gap * widening, FAR)
 
 
 def cuts(body: Body, garment: Garment) -> list[Callable[[Fields], np.ndarray]]:

@@ -66,7 +66,13 @@ def wave_profile(garment: Garment, angle: np.ndarray) -> np.ndarray:
 
 
 def rounded(flat: np.ndarray, centre: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Returns an outline (m,2) pushed out to its convex hull, which bridges the hollow between the legs."""
+    """Returns an outline (m,2) pushed out to its convex hull, which bridges the hollow between the legs.
+
+    Args:
+        flat: (m,2) the outline, seen from above, metres.
+        centre: (2,) inside it.
+        angle: (m,) bearings of its points about the centre, radians.
+    """
     outline = flat[ConvexHull(flat).vertices]
     radius = np.linalg.norm(outline - centre, axis=1)
     bearing = np.arctan2(outline[:, 1] - centre[1], outline[:, 0] - centre[0])
@@ -88,41 +94,42 @@ def drop_rows(
         top: (m,3) vertices of the border on which the drop hangs, metres.
         cut_height: (m,) heights of these vertices as cut.
         closed: whether the border is a closed loop.
-        hull: of the trunk.
+        hull: convex hull of the trunk.
 
     Returns:
         The rows (m,3) as cut, and the rows (m,3) at the start of the simulation.
     """
-    flat = top[:, [0, 2]]
+    flat = top[:, [0, 2]]  # seen from above
     centre = flat.mean(0)
     angle = np.arctan2(flat[:, 1] - centre[1], flat[:, 0] - centre[0])
-    round_ = rounded(flat, centre, angle) if closed else flat.copy()
+    round_outline = rounded(flat, centre, angle) if closed else flat.copy()
     wave = wave_profile(garment, angle)
 
     def length(outline: np.ndarray) -> float:
-        return float(np.linalg.norm(np.roll(outline, -1, 0) - outline, axis=1)[: len(top) - (not closed)].sum())
+        sides = np.linalg.norm(np.roll(outline, -1, 0) - outline, axis=1)
+        return float(sides[: len(top) - (not closed)].sum())  # an open outline has no last side
 
     def row_outline(s: float, flare: float, depth: float) -> np.ndarray:
         """Returns the row (m,2) at the share s of the drop, wider by a flare, with folds of a depth in metres."""
         y = cut_height - garment.drop * s
-        ring = centre + (flat + (round_ - flat) * min(1.0, 5 * s) - centre)
-        out = centre + (ring - centre) * (1 + flare * s)
-        r = np.linalg.norm(out - centre, axis=1)
-        widest = r
-        if closed:
-            at = np.stack([out[:, 0], y, out[:, 1]], axis=1)
-            widest = np.maximum(r, np.where(y > hull.heights[0], hull.radius(at) + HIP_CLEARANCE, 0))
-        return centre + (out - centre) * ((widest + 2 * depth * wave) / r)[:, None]
+        ring = centre + (flat + (round_outline - flat) * min(1.0, 5 * s) - centre)  # round within a fifth of the drop
+        flared = centre + (ring - centre) * (1 + flare * s)
+        radius = np.linalg.norm(flared - centre, axis=1)
+        outer_radius = radius
+        if closed:  # clear of the hips
+            points = np.stack([flared[:, 0], y, flared[:, 1]], axis=1)
+            outer_radius = np.maximum(radius, np.where(y > hull.heights[0], hull.radius(points) + HIP_CLEARANCE, 0))
+        return centre + (flared - centre) * ((outer_radius + 2 * depth * wave) / radius)[:, None]
 
     cut_rows: list[np.ndarray] = []
     start_rows: list[np.ndarray] = []
     count = max(2, round(garment.drop / ROW))
     for k in range(1, count + 1):
         s = k / count
-        r = np.linalg.norm(row_outline(s, garment.flare, 0.0) - centre, axis=1).mean()
-        depth = garment.gather * min(1.0, garment.drop * s / GATHERED) + garment.pleat * s
-        cut = row_outline(s, garment.flare, depth * r)
-        hanging, low, high = cut, 0.0, 0.5 * r
+        mean_radius = np.linalg.norm(row_outline(s, garment.flare, 0.0) - centre, axis=1).mean()
+        depth = garment.gather * min(1.0, garment.drop * s / GATHERED) + garment.pleat * s  # over the radius
+        cut = row_outline(s, garment.flare, depth * mean_radius)
+        hanging, low, high = cut, 0.0, 0.5 * mean_radius
         for _ in range(12):  # bisection for the depth of the folds at which the row is as long as it is cut
             middle = (low + high) / 2
             hanging = row_outline(s, HANGING_FLARE * garment.flare, middle)

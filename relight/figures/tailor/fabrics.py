@@ -17,7 +17,7 @@ class Fabric:
         first: linear albedo of the ground.
         second: linear albedo of the pattern on it.
         size: factor of the pattern's size.
-        seed: of its irregularities and details.
+        seed: random seed of its irregularities and details.
     """
 
     kind: str

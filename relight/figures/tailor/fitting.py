@@ -14,6 +14,7 @@ NECKS = (  # of tops cut like a t-shirt: radii of the opening, and depth of a V 
     ((0.080, 0.060, 0.092), 0.075),
     ((0.080, 0.060, 0.092), 0.120),
 )
+NECK_SHARES = (0.4, 0.15, 0.15, 0.08, 0.14, 0.08)  # how often each of these is drawn
 ROUND = ("t-shirt", "fitted t-shirt", "long sleeve", "sweater", "dress", "long dress")  # cut like a t-shirt at the neck
 MAX_WAIST_EASE = 0.036  # metres, of a top: wider cloth falls into one deep fold at the back
 MAX_INNER_EASE = 0.020  # metres, of the trunk of a top worn under a jacket
@@ -29,33 +30,34 @@ def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
 
     Args:
         rng: random generator.
-        garment: of the wardrobe, with its usual cut.
+        garment: garment of the wardrobe, with its usual cut.
 
     Returns:
         The garment with its ease above MIN_EASE scaled by 0.5 to 1.8, its sleeves, legs and drop longer or shorter, and
         one of NECKS if its neckline is round.
     """
-    width = float(np.exp(np.clip(rng.normal(-0.05, 0.32), -0.7, 0.6)))
+    looseness = float(np.exp(np.clip(rng.normal(-0.05, 0.32), -0.7, 0.6)))  # factor of the ease above MIN_EASE
     if garment.kind == "top":
-        width = min(width, MAX_WAIST_EASE / garment.torso_ease[1])
-    extra_drop, sleeve, leg = rng.normal(0, [0.025, 0.05, 0.03])
+        looseness = min(looseness, MAX_WAIST_EASE / garment.torso_ease[1])
+    extra_drop, sleeve, leg = rng.normal(0, [0.025, 0.05, 0.03])  # metres; positions along arm and leg
 
     def eased(ease: tuple[float, ...]) -> tuple[float, ...]:
-        return tuple(min(e, MIN_EASE) + width * max(e - MIN_EASE, 0) for e in ease)
+        return tuple(min(e, MIN_EASE) + looseness * max(e - MIN_EASE, 0) for e in ease)
 
     if garment.name in ROUND:
-        neck, vee = NECKS[int(rng.choice(len(NECKS), p=(0.4, 0.15, 0.15, 0.08, 0.14, 0.08)))]
-        garment = replace(garment, neck=neck, v_depth=vee)
+        neck, v_depth = NECKS[int(rng.choice(len(NECKS), p=NECK_SHARES))]
+        garment = replace(garment, neck=neck, v_depth=v_depth)
     if garment.sleeve_end > 1.5 and garment.collar not in ("lapel", "stand") and rng.random() < 0.14:
         garment = replace(
             garment, sleeve_end=float(rng.uniform(1.3, 1.65)), cuff_pin=max(garment.cuff_pin, 0.5)
         )  # pushed up
     elif 0.3 < garment.sleeve_end < 0.9:
         garment = replace(garment, sleeve_end=float(np.clip(garment.sleeve_end + 2 * sleeve, 0.32, 0.85)))
-    if garment.kind == "trousers" and garment.leg_end > 1.5:
-        leg = garment.leg_end - abs(leg) - (0.25 if rng.random() < 0.12 else 0)  # some end above the ankle
+    leg_end = garment.leg_end
+    if garment.kind == "trousers" and leg_end > 1.5:
+        leg_end = leg_end - abs(leg) - (0.25 if rng.random() < 0.12 else 0)  # some end above the ankle
     elif garment.kind == "trousers":
-        leg = garment.leg_end + 3 * leg
+        leg_end = leg_end + 3 * leg
     if garment.drop > 0.2:
         extra_drop = garment.drop * (min(float(np.exp(rng.normal(-0.03, 0.12))), MAX_LENGTH) - 1)
     return replace(
@@ -63,7 +65,7 @@ def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
         torso_ease=eased(garment.torso_ease),
         arm_ease=eased(garment.arm_ease),
         leg_ease=eased(garment.leg_ease),
-        leg_end=leg if garment.kind == "trousers" else garment.leg_end,
+        leg_end=leg_end,
         drop=max(garment.drop + extra_drop, 0.0) if garment.drop else 0.0,
         flare=garment.flare * float(np.exp(rng.normal(0, 0.15))),
         fold_phase=float(rng.uniform(0, 2 * np.pi)),

@@ -13,6 +13,15 @@ from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import clip, compacted, loop, normals, smoothed, split, thickened
 from relight.figures.texture import Color
 
+STRAPS = ((0.60, 0.80), (0.36, 0.44))  # start and end of the straps across the foot, from heel (0) to toes (1)
+LACE_STEP = 0.017  # metres between bands of laces
+HALF_LACE, HALF_LACE_WIDTH = 0.021, 0.0032  # half the length and half the width of a band, metres
+LACE_THICKNESS = 0.0025  # metres
+OUTLINE_POINTS = 72  # of a sole
+# Rows of a sole, from its top to its bottom: metres outward from the outline, and the height: metres above the ground
+# where positive, else over the thickness.
+SOLE_ROWS = ((-0.020, 0.004), (-0.0025, 0.006), (0.0, 0.002), (-0.0005, -0.5), (-0.001, -0.96), (-0.005, -1.0))
+
 
 @dataclass(frozen=True)
 class Shoe:
@@ -98,30 +107,30 @@ def upper(body: Body, shoe: Shoe, side: str) -> Upper:
     """Cuts the upper of a side ("L" | "R") from the foot of the suit."""
     suit, ankle = body.tights, body.joints[f"foot.{side}"]
     faces = makehuman.base().faces["helper-tights"] - makehuman.TIGHTS.start
-    mine = (suit[:, 0] > 0) == (side == "L")
-    field = np.where(mine & (suit[:, 1] < ankle[1] + 0.40), ankle[1] + shoe.top - suit[:, 1], -1.0)
+    on_side = (suit[:, 0] > 0) == (side == "L")
+    field = np.where(on_side & (suit[:, 1] < ankle[1] + 0.40), ankle[1] + shoe.top - suit[:, 1], -1.0)
     if shoe.top < -0.01:  # a low shoe is cut lower in front of the ankle than at the heel
-        field = field - np.where(mine, 0.35 * np.clip(0.03 - np.abs(suit[:, 2] - ankle[2] - 0.05), 0, 1), 0)
+        field = field - np.where(on_side, 0.35 * np.clip(0.03 - np.abs(suit[:, 2] - ankle[2] - 0.05), 0, 1), 0)
     matrix, faces = clip(sparse.identity(len(suit), format="csr"), faces, field)
     for _ in range(2):
         up, faces = loop(faces, matrix.shape[0])
         matrix = up @ matrix
     rest = matrix @ suit
-    ground = suit[mine, 1].min()
+    ground = suit[on_side, 1].min()
     toes, heel = rest[:, 2].max(), rest[:, 2].min()
     length = toes - heel
-    out = smoothed(normals(rest, faces), faces, 3)
-    low = np.clip(1 - (rest[:, 1] - ground) / 0.05, 0, 1)
-    shape = rest + out * (0.005 + 0.004 * low)[:, None]
-    front = np.clip((shape[:, 2] - (toes - 0.32 * length)) / (0.32 * length), 0, 1)
+    outward = smoothed(normals(rest, faces), faces, 3)
+    near_ground = np.clip(1 - (rest[:, 1] - ground) / 0.05, 0, 1)  # within 5 cm
+    shape = rest + outward * (0.005 + 0.004 * near_ground)[:, None]  # 5 to 9 mm off the foot
+    front = np.clip((shape[:, 2] - (toes - 0.32 * length)) / (0.32 * length), 0, 1)  # 0 to 1 over the front third
     middle = np.median(shape[front > 0.2, 0]) if (front > 0.2).any() else ankle[0]
-    shape[:, 0] += (middle - shape[:, 0]) * shoe.point * 0.45 * front**2
-    shape[:, 2] += (0.012 + 0.02 * shoe.point) * front**2
+    shape[:, 0] += (middle - shape[:, 0]) * shoe.point * 0.45 * front**2  # narrower ...
+    shape[:, 2] += (0.012 + 0.02 * shoe.point) * front**2  # ... and longer at the toes
     shape[:, 1] = np.maximum(shape[:, 1], ground + 0.001)
     weights = matrix @ makehuman.rig().weights[makehuman.TIGHTS]
     foot = np.zeros(weights.shape[1])
     foot[makehuman.rig().bones.index(f"foot.{side}")] = 1
-    rigid = np.clip((ankle[1] + 0.01 - shape[:, 1]) / 0.03, 0, 1)[:, None]
+    rigid = np.clip((ankle[1] + 0.01 - shape[:, 1]) / 0.03, 0, 1)[:, None]  # 1 below the ankle: toes do not bend it
     weights = weights / weights.sum(1, keepdims=True) * (1 - rigid) + foot * rigid
     return Upper(shape, weights, faces, foot, ground, toes, heel)
 
@@ -134,26 +143,28 @@ def one_shoe(motion: Motion, shoe: Shoe, side: str) -> list[Part]:
     length = toes - heel
     parts = []
     if shoe.straps:
-        along = (shape[:, 2] - heel) / length
-        bands = ((0.60, 0.80), (0.36, 0.44))
-        field = np.max([np.minimum(along - a, b - along) for a, b in bands], axis=0)
-        strap = np.minimum(0.009 - np.abs(shape[:, 1] - ankle[1] + 0.012 + 0.10 * along), 0.40 - along)
-        keep, cut = clip(sparse.identity(len(shape), format="csr"), faces, np.maximum(field, 4 * strap))
+        along = (shape[:, 2] - heel) / length  # 0 at the heel, 1 at the toes
+        across_foot = np.max([np.minimum(along - start, end - along) for start, end in STRAPS], axis=0)
+        from_ankle_strap = np.abs(shape[:, 1] - ankle[1] + 0.012 + 0.10 * along)  # metres; it slopes down to the front
+        around_ankle = np.minimum(0.009 - from_ankle_strap, 0.40 - along)
+        field = np.maximum(across_foot, 4 * around_ankle)  # positive on the straps
+        keep, cut = clip(sparse.identity(len(shape), format="csr"), faces, field)
         posed = motion.skin(keep @ weights, keep @ shape)
         vertices, cut, _ = thickened(posed, cut, 0.003, rings=None)
         parts.append(Part("upper", vertices, cut))
     else:
-        front = np.zeros(len(faces), bool)
+        in_cap = np.zeros(len(faces), bool)
         if shoe.cap:
-            line = shoe.cap + 0.03 * np.clip((shape[:, 1] - ground) / 0.03, 0, 1) - (toes - shape[:, 2]) / length
-            whole, faces, front = split(sparse.identity(len(shape), format="csr"), faces, line)
+            cap_length = shoe.cap + 0.03 * np.clip((shape[:, 1] - ground) / 0.03, 0, 1)  # it reaches back higher up
+            field = cap_length - (toes - shape[:, 2]) / length
+            whole, faces, in_cap = split(sparse.identity(len(shape), format="csr"), faces, field)
             shape, weights = whole @ shape, whole @ weights
         posed = motion.skin(weights, shape)
         vertices, thick, _ = thickened(posed, faces, 0.004, 4)
-        front = np.r_[front, np.zeros(len(thick) - len(faces), bool)]
-        parts.append(Part("upper", vertices, thick[~front]))
+        in_cap = np.r_[in_cap, np.zeros(len(thick) - len(faces), bool)]
+        parts.append(Part("upper", vertices, thick[~in_cap]))
         if shoe.cap:
-            parts.append(Part("cap", vertices, thick[front]))
+            parts.append(Part("cap", vertices, thick[in_cap]))
         if shoe.laces:
             parts.append(laces(shape, faces, weights, motion, ground, length, toes, shoe.laces))
     bottom = shape[shape[:, 1] < ground + 0.022]
@@ -171,64 +182,81 @@ def laces(
     toes: float,
     count: int,
 ) -> Part:
-    """Builds `count` bands of laces across the instep and up the shaft, 2.5 mm off the upper."""
+    """Builds bands of laces across the instep and up the shaft, cut from the upper and moved off it.
+
+    Args:
+        shape: (n,3) of the upper on the rest pose, metres.
+        faces: (F,3).
+        weights: (n,B) skinning weights.
+        motion: how the body moves from its rest pose into the pose.
+        ground: height of the ground, metres.
+        length: length of the foot, metres.
+        toes: z of its front end, metres.
+        count: number of bands.
+    """
     facing = normals(shape, faces)
     distance = toes - shape[:, 2] + 0.9 * (shape[:, 1] - ground)  # from the toes over the instep up the shaft, metres
-    first, apart = 0.36 * length + 0.03, 0.017
-    number = np.clip(np.round((distance - first) / apart), 0, count - 1)
-    off = np.abs(distance - first - number * apart)
+    first = 0.36 * length + 0.03  # distance of the first band
+    number = np.clip(np.round((distance - first) / LACE_STEP), 0, count - 1)  # of the nearest band
+    from_band = np.abs(distance - first - number * LACE_STEP)
     middle = np.median(shape[np.abs(distance - first - 0.03) < 0.02, 0])
-    inside = 0.021 - np.abs(shape[:, 0] - middle)
-    field = np.minimum(np.minimum(0.0032 - off, inside), np.where(facing[:, 1] + facing[:, 2] > 0.35, 1.0, -1.0))
+    within_ends = HALF_LACE - np.abs(shape[:, 0] - middle)
+    faces_up = np.where(facing[:, 1] + facing[:, 2] > 0.35, 1.0, -1.0)  # or forward
+    field = np.minimum(np.minimum(HALF_LACE_WIDTH - from_band, within_ends), faces_up)  # positive on the laces
     matrix, cut = clip(sparse.identity(len(shape), format="csr"), faces, field, snap=0.1)
     matrix, cut = compacted(matrix, cut)
-    rest = matrix @ shape + (matrix @ normals(shape, faces)) * 0.0025
+    rest = matrix @ shape + (matrix @ normals(shape, faces)) * LACE_THICKNESS
     posed = motion.skin(matrix @ weights, rest)
-    vertices, cut, _ = thickened(posed, cut, 0.0025, 2)
+    vertices, cut, _ = thickened(posed, cut, LACE_THICKNESS, 2)
     return Part("lace", vertices, cut)
 
 
 def sole(
     bottom: np.ndarray, ground: float, shoe: Shoe, motion: Motion, foot: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns vertices and faces of a closed slab under the outline of the foot."""
-    flat = bottom[:, [0, 2]]
+    """Builds a closed slab under the outline of the foot.
+
+    Args:
+        bottom: (n,3) the lowest vertices of the upper on the rest pose, metres.
+        ground: height of the ground, metres.
+        shoe: its thickness under toes and heel.
+        motion: how the body moves from its rest pose into the pose.
+        foot: (B,) skinning weights of the slab, which is rigid.
+
+    Returns:
+        Posed vertices (V,3) and faces (F,3), outward.
+    """
+    flat = bottom[:, [0, 2]]  # seen from above
     hull = flat[ConvexHull(flat).vertices]
-    steps = np.r_[0, np.cumsum(np.linalg.norm(np.roll(hull, -1, 0) - hull, axis=1))]
-    even = np.linspace(0, steps[-1], 72, endpoint=False)
-    ring = np.stack([np.interp(even, steps, np.r_[hull[:, c], hull[0, c]]) for c in (0, 1)], axis=1)
+    travel = np.r_[0, np.cumsum(np.linalg.norm(np.roll(hull, -1, 0) - hull, axis=1))]
+    even = np.linspace(0, travel[-1], OUTLINE_POINTS, endpoint=False)
+    ring = np.stack([np.interp(even, travel, np.r_[hull[:, c], hull[0, c]]) for c in (0, 1)], axis=1)
     for _ in range(6):
         ring = 0.5 * ring + 0.25 * (np.roll(ring, 1, 0) + np.roll(ring, -1, 0))
     centre = ring.mean(0)
-    out = (ring - centre) / np.linalg.norm(ring - centre, axis=1, keepdims=True)
-    along = (ring[:, 1] - ring[:, 1].min()) / np.ptp(ring[:, 1])
-    under = shoe.sole + (shoe.heel - shoe.sole) * np.clip((0.36 - along) / 0.04, 0, 1)
+    outward = (ring - centre) / np.linalg.norm(ring - centre, axis=1, keepdims=True)
+    along = (ring[:, 1] - ring[:, 1].min()) / np.ptp(ring[:, 1])  # 0 at the heel, 1 at the toes
+    thickness = shoe.sole + (shoe.heel - shoe.sole) * np.clip((0.36 - along) / 0.04, 0, 1)
     rows = []
-    for grow, height in (
-        (-0.020, 0.004),
-        (-0.0025, 0.006),
-        (0.0, 0.002),
-        (-0.0005, -0.5),
-        (-0.001, -0.96),
-        (-0.005, -1.0),
-    ):
-        y = ground + (height if height > 0 else 0) + under * min(height, 0)
-        rows.append(np.stack([ring[:, 0] + out[:, 0] * grow, y, ring[:, 1] + out[:, 1] * grow], axis=1))
-    n, vertices = len(ring), np.concatenate(rows)
-    j = np.arange(n)
+    for grow, height in SOLE_ROWS:
+        y = ground + (height if height > 0 else 0) + thickness * min(height, 0)
+        rows.append(np.stack([ring[:, 0] + outward[:, 0] * grow, y, ring[:, 1] + outward[:, 1] * grow], axis=1))
+    n = len(ring)
+    column = np.arange(n)
+    next_column = (column + 1) % n
     strips = []
-    for k in range(len(rows) - 1):
-        a, b = k * n + j, k * n + (j + 1) % n
-        strips += [np.stack([a, b, a + n], 1), np.stack([b, b + n, a + n], 1)]
-    tip = [np.r_[centre[0], rows[r][:, 1].mean(), centre[1]][[0, 1, 2]] for r in (0, -1)]
-    vertices = np.concatenate([vertices, tip])
+    for first in range(0, (len(rows) - 1) * n, n):  # vertex of each row but the last
+        left, right = first + column, first + next_column
+        strips += [np.stack([left, right, left + n], 1), np.stack([right, right + n, left + n], 1)]
+    middles = [np.r_[centre[0], row[:, 1].mean(), centre[1]] for row in (rows[0], rows[-1])]  # of top and bottom
+    vertices = np.concatenate([*rows, middles])
     last = (len(rows) - 1) * n
     ends = [
-        np.stack([(j + 1) % n, j, np.full(n, len(vertices) - 2)], 1),
-        np.stack([last + j, last + (j + 1) % n, np.full(n, len(vertices) - 1)], 1),
+        np.stack([next_column, column, np.full(n, len(vertices) - 2)], 1),
+        np.stack([last + column, last + next_column, np.full(n, len(vertices) - 1)], 1),
     ]
     faces = np.concatenate(strips + ends)
-    volume = np.einsum("fi,fi->f", vertices[faces[:, 0]], np.cross(vertices[faces[:, 1]], vertices[faces[:, 2]])).sum()
-    if volume < 0:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    if np.einsum("fi,fi->f", a, np.cross(b, c)).sum() < 0:  # six times the volume: the hull may run either way
         faces = faces[:, ::-1]
     return motion.skin(np.tile(foot, (len(vertices), 1)), vertices), faces

@@ -50,7 +50,7 @@ class Garment:
         cuff_pin: how firmly the ends of sleeves and legs are pinned to the body, in [0,1].
         hem_pin: likewise, for the hem, as by ribbing.
         neck_pin: likewise, for the neckline.
-        thickness: of the visible edge.
+        thickness: thickness of the visible edge.
         tuck_height: height above the navel of the waistband inside which a top is worn, or None.
         belt_height: height above the navel of a belt that gathers the cloth, or None.
         waistband_offset: how far outside other clothes a waistband is pinned.

@@ -9,9 +9,13 @@ from scipy.spatial import cKDTree
 from relight.figures.surfaces import rim
 from relight.figures.tailor.panels import Panels, limb_frame, side_plane
 from relight.figures.tailor.patterns import Pattern
+from relight.figures.tailor.suit import arm_share
 
 MAX_DISTANCE = 0.2  # metres, from seams and borders
 CELL = 2  # pixels of the atlas per cell of the images of marks
+BLUR = 0.8  # standard deviation by which samples are spread over the cells, cells
+HIP, KNEE, ELBOW = 0.0, 1.0, 1.0  # positions along a limb, see `suit_fields`
+FRAY = 0.004  # metres from a border over which it rubs
 
 
 @dataclass(frozen=True)
@@ -34,69 +38,72 @@ class Marks:
 def marks(pattern: Pattern) -> Marks:
     """Computes the marks of a garment; they do not depend on the pose."""
     level, fields = pattern.levels[-1], pattern.fields
-    faces, p = level.faces, level.rest_shape
-    sides = rim(faces)
-    ends = p[sides]
-    border = np.concatenate([ends[:, 0] + t * (ends[:, 1] - ends[:, 0]) for t in (0.0, 0.25, 0.5, 0.75)])
-    edge = np.minimum(cKDTree(border).query(p, distance_upper_bound=MAX_DISTANCE)[0], MAX_DISTANCE)[faces]
+    faces, points = level.faces, level.rest_shape
+    start, end = points[rim(faces)].swapaxes(0, 1)
+    border = np.concatenate([start + t * (end - start) for t in (0.0, 0.25, 0.5, 0.75)])
+    edge = np.minimum(cKDTree(border).query(points, distance_upper_bound=MAX_DISTANCE)[0], MAX_DISTANCE)[faces]
     seam = seam_distance(pattern)
-    rub, bend = np.zeros(len(p)), np.zeros(len(p))
+    rub, bend = np.zeros(len(points)), np.zeros(len(points))
     if pattern.garment.kind == "trousers":
         leg = np.where(fields["x"] > 0, fields["legL"], fields["legR"])
-        middle = np.abs(fields["z"] - np.median(fields["z"]))
-        thigh = np.exp(-(((leg - 0.45) / 0.4) ** 2))
-        rub = np.maximum(np.exp(-(((leg - 1.0) / 0.14) ** 2)), 0.8 * thigh) * np.clip(middle / 0.05, 0, 1)
-        bend = np.maximum(np.exp(-(((leg - 0.05) / 0.22) ** 2)), np.exp(-(((leg - 1.0) / 0.2) ** 2)))
+        from_side = np.abs(fields["z"] - np.median(fields["z"]))  # metres to the front or the back; sides rub less
+        rub = np.maximum(bell(leg, KNEE, 0.14), 0.8 * bell(leg, 0.45, 0.4)) * np.clip(from_side / 0.05, 0, 1)
+        bend = np.maximum(bell(leg, HIP + 0.05, 0.22), bell(leg, KNEE, 0.2))
     elif pattern.garment.kind == "top":
-        arm = np.maximum(fields["armL"], fields["armR"])
-        arm_share = np.maximum(fields["arm_shareL"], fields["arm_shareR"])
-        rub = np.clip(arm_share, 0, 1) * np.exp(-(((arm - 1.0) / 0.15) ** 2))
-        bend = np.clip(arm_share, 0, 1) * np.exp(-(((arm - 1.0) / 0.25) ** 2))
-    rub = np.maximum(rub[faces], 0.7 * np.exp(-edge / 0.004))
+        arm, on_arm = np.maximum(fields["armL"], fields["armR"]), np.clip(arm_share(fields), 0, 1)
+        rub, bend = on_arm * bell(arm, ELBOW, 0.15), on_arm * bell(arm, ELBOW, 0.25)
+    rub = np.maximum(rub[faces], 0.7 * np.exp(-edge / FRAY))
     return Marks(seam, edge, rub, 0.3 + 0.7 * bend[faces])
+
+
+def bell(position: np.ndarray, centre: float, width: float) -> np.ndarray:
+    """Returns a bell curve: 1 where the position along a limb is `centre`, 1/e at `width` from it."""
+    return np.exp(-(((position - centre) / width) ** 2))
 
 
 def seam_distance(pattern: Pattern) -> np.ndarray:
     """Returns the metres (F,3) to the nearest seam: sides, shoulders, armholes, insides of limbs."""
     level = pattern.levels[-1]
-    faces, p = level.faces, level.rest_shape
-    corner = p[faces]
+    faces, points = level.faces, level.rest_shape
+    corner = points[faces]
     if pattern.garment.kind == "scarf":
         return np.full(faces.shape, MAX_DISTANCE)
     if pattern.garment.kind == "trousers":
-        out = np.full(faces.shape, MAX_DISTANCE)
+        distance = np.full(faces.shape, MAX_DISTANCE)
         for side in "LR":
-            mine, _, forward = limb_frame(pattern, side)
-            rise = np.where(
-                corner[mine][..., 1] > pattern.body.heights["crotch"] - 0.01, np.abs(corner[mine][..., 0]), MAX_DISTANCE
-            )
-            out[mine] = np.minimum(np.abs(forward), rise)
-        return np.minimum(out, MAX_DISTANCE)
-    out = np.abs(corner[..., 2] - side_plane(pattern))
+            on_limb, _, forward = limb_frame(pattern, side)
+            above_crotch = corner[on_limb][..., 1] > pattern.body.heights["crotch"] - 0.01
+            to_middle_seam = np.where(above_crotch, np.abs(corner[on_limb][..., 0]), MAX_DISTANCE)
+            distance[on_limb] = np.minimum(np.abs(forward), to_middle_seam)
+        return np.minimum(distance, MAX_DISTANCE)
+    distance = np.abs(corner[..., 2] - side_plane(pattern))
     if pattern.garment.kind == "top":
         for side in "LR":
-            mine, up, forward = limb_frame(pattern, side)
-            out[mine] = np.where(up < 0, np.abs(forward), MAX_DISTANCE)
+            on_limb, up, forward = limb_frame(pattern, side)
+            distance[on_limb] = np.where(up < 0, np.abs(forward), MAX_DISTANCE)  # under the arm
         armhole = np.intersect1d(faces[pattern.sleeve], faces[~pattern.sleeve])
         if len(armhole):
-            near = cKDTree(p[armhole]).query(p, distance_upper_bound=MAX_DISTANCE)[0]
-            out = np.minimum(out, near[faces])
-    return np.minimum(out, MAX_DISTANCE)
+            to_armhole = cKDTree(points[armhole]).query(points, distance_upper_bound=MAX_DISTANCE)[0]
+            distance = np.minimum(distance, to_armhole[faces])
+    return np.minimum(distance, MAX_DISTANCE)
 
 
 def images(panels: Panels, marks: Marks) -> dict[str, np.ndarray]:
-    """Renders the marks into images (side,side) of the atlas, with rows from the bottom up."""
-    side = -(-panels.side // CELL)
-    weights = np.concatenate([np.eye(3), 0.5 * (1 - np.eye(3)), np.full((1, 3), 1 / 3)])
-    at = np.floor(np.einsum("wk,fkd->wfd", weights, panels.uv) * side).astype(int).clip(0, side - 1)
-    cell = (at[..., 1] * side + at[..., 0]).ravel()
-    count = gaussian_filter(np.bincount(cell, minlength=side * side).reshape(side, side).astype(float), 0.8)
-    out = {}
+    """Renders the marks into images (side,side) of the atlas, with rows from the bottom up.
+
+    Each face is sampled at seven points: its corners, the middles of its sides, and its centre. A cell is the mean over
+    the samples in it and near it.
+    """
+    side = -(-panels.side // CELL)  # cells
+    barycentric = np.concatenate([np.eye(3), 0.5 * (1 - np.eye(3)), np.full((1, 3), 1 / 3)])  # (7,3)
+    column_row = np.floor(np.einsum("wk,fkd->wfd", barycentric, panels.uv) * side).astype(int).clip(0, side - 1)
+    cell = (column_row[..., 1] * side + column_row[..., 0]).ravel()
+    count = gaussian_filter(np.bincount(cell, minlength=side * side).reshape(side, side).astype(float), BLUR)
+    rendered = {}
     for name in ("seam", "edge", "rub", "bend"):
-        values = np.einsum("wk,fk->wf", weights, getattr(marks, name)).ravel()
+        values = np.einsum("wk,fk->wf", barycentric, getattr(marks, name)).ravel()
         total = np.bincount(cell, values, side * side).reshape(side, side)
-        mean = gaussian_filter(total, 0.8) / np.maximum(count, 1e-6)
-        out[name] = zoom(mean.astype(np.float32), CELL, order=1, grid_mode=True, mode="nearest")[
-            : panels.side, : panels.side
-        ]
-    return out
+        mean = gaussian_filter(total, BLUR) / np.maximum(count, 1e-6)
+        enlarged = zoom(mean.astype(np.float32), CELL, order=1, grid_mode=True, mode="nearest")
+        rendered[name] = enlarged[: panels.side, : panels.side]
+    return rendered

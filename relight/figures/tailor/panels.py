@@ -20,7 +20,7 @@ class Panels:
     """The panels of a garment and their texture atlas.
 
     Attributes:
-        names: of the panels, by number.
+        names: names of the panels, by number.
         panel: (F,) number of each face's panel.
         cloth: (F,3,2) cloth coordinates of the corners, metres across and along.
         uv: (F,3,2) of the corners in the atlas.
@@ -47,34 +47,34 @@ def arc_length(sideways: np.ndarray, forward: np.ndarray) -> np.ndarray:
 
 def side_plane(pattern: Pattern) -> float:
     """Returns the z of the plane between front and back of the trunk, metres."""
-    p, y = pattern.levels[-1].rest_shape, pattern.fields["y"]
-    return float(np.median(p[y > np.median(y), 2]))
+    points, y = pattern.levels[-1].rest_shape, pattern.fields["y"]
+    return float(np.median(points[y > np.median(y), 2]))  # of the upper half
 
 
 def limb_frame(pattern: Pattern, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Finds the faces of a sleeve or trouser leg.
 
     Args:
-        pattern: of a top or trousers.
+        pattern: pattern of a top or trousers.
         side: L | R.
 
     Returns:
         Which faces (F,) belong to the limb; of their corners, the metres (m,3) outward from a leg's axis, or upward
         from an arm's; the same forward.
     """
-    level, j = pattern.levels[-1], pattern.body.joints
+    level, joints = pattern.levels[-1], pattern.body.joints
     corner = level.rest_shape[level.faces]
     middle = corner.mean(1)[:, 0]
     sign = 1 if side == "L" else -1
-    mine = middle > 0 if side == "L" else middle <= 0
+    on_limb = middle > 0 if side == "L" else middle <= 0
     if pattern.garment.kind == "trousers":
-        line = np.stack([j[f"{bone}.{side}"] for bone in ("foot", "lowerleg01", "upperleg01")])
-        centre = [np.interp(corner[mine][..., 1], line[:, 1], line[:, axis]) for axis in (0, 2)]
-        return mine, (corner[mine][..., 0] - centre[0]) * sign, corner[mine][..., 2] - centre[1]
-    mine = pattern.sleeve & ((middle > 0) == (side == "L"))
+        line = np.stack([joints[f"{bone}.{side}"] for bone in ("foot", "lowerleg01", "upperleg01")])
+        centre = [np.interp(corner[on_limb][..., 1], line[:, 1], line[:, axis]) for axis in (0, 2)]
+        return on_limb, (corner[on_limb][..., 0] - centre[0]) * sign, corner[on_limb][..., 2] - centre[1]
+    on_limb = pattern.sleeve & ((middle > 0) == (side == "L"))
     _, up, forward = arm_axes(pattern.body, side)
-    r = corner[mine] - j[f"upperarm01.{side}"]
-    return mine, r @ up, r @ forward
+    from_shoulder = corner[on_limb] - joints[f"upperarm01.{side}"]
+    return on_limb, from_shoulder @ up, from_shoulder @ forward
 
 
 def arm_axes(body: Body, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -101,11 +101,11 @@ def cloth_coordinates(pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarr
         names = ["front left", "front right", "back left", "back right"]
         for k, side in enumerate("LR"):
             sign = 1 if side == "L" else -1
-            mine, out, forward = limb_frame(pattern, side)
+            on_limb, out, forward = limb_frame(pattern, side)
             back = forward.mean(1) < 0
-            panel[mine] = k + 2 * back
+            panel[on_limb] = k + 2 * back
             turn = np.where(back, -1, 1)[:, None]
-            cloth[mine, :, 0] = arc_length(out * turn, forward * turn) * turn * sign
+            cloth[on_limb, :, 0] = arc_length(out * turn, forward * turn) * turn * sign
         return names, panel, cloth
     names = ["front", "back", "left sleeve", "right sleeve"]
     axis = side_plane(pattern)
@@ -115,11 +115,11 @@ def cloth_coordinates(pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarr
     cloth[..., 0] = arc_length(corner[..., 0] * turn, (corner[..., 2] - axis) * turn)
     if pattern.garment.kind == "top":
         for k, side in enumerate("LR"):
-            mine, up, forward = limb_frame(pattern, side)
-            panel[mine] = 2 + k
-            cloth[mine, :, 0] = arc_length(forward, up)
-            cloth[mine, :, 1] = -(
-                (corner[mine] - pattern.body.joints[f"upperarm01.{side}"]) @ arm_axes(pattern.body, side)[0]
+            on_limb, up, forward = limb_frame(pattern, side)
+            panel[on_limb] = 2 + k
+            cloth[on_limb, :, 0] = arc_length(forward, up)
+            cloth[on_limb, :, 1] = -(
+                (corner[on_limb] - pattern.body.joints[f"upperarm01.{side}"]) @ arm_axes(pattern.body, side)[0]
             )
     return names, panel, cloth
 
@@ -133,27 +133,27 @@ def lay_out(names: list[str], panel: np.ndarray, cloth: np.ndarray, side: int) -
 
     def place(scale: float) -> dict[int, Box]:
         """Returns the rectangles at a scale; none if they do not fit."""
-        boxes, x, y, row = {}, 0, 0, 0
+        boxes, x, y, row_height = {}, 0, 0, 0
         for k in order:
-            w, h = (int(np.ceil(s * scale)) + 2 * GUTTER for s in span[k])
-            if x + w > side:
-                x, y, row = 0, y + row, 0
-            if w > side or y + h > side:
+            width, height = (int(np.ceil(metres * scale)) + 2 * GUTTER for metres in span[k])
+            if x + width > side:  # begins another row
+                x, y, row_height = 0, y + row_height, 0
+            if width > side or y + height > side:
                 return {}
-            boxes[k] = (float(low[k][0]), float(low[k][1]), x, y, w, h)
-            x, row = x + w, max(row, h)
+            boxes[k] = (float(low[k][0]), float(low[k][1]), x, y, width, height)
+            x, row_height = x + width, max(row_height, height)
         return boxes
 
-    small, large = 1.0, 20.0 * side
+    small, large = 1.0, 20.0 * side  # pixels per metre: one scale that fits, and one that does not
     for _ in range(30):
         scale = np.sqrt(small * large)
         small, large = (scale, large) if place(scale) else (small, scale)
     boxes = place(small)
     uv = np.zeros_like(cloth)
     for k, (u0, v0, x, y, _, _) in boxes.items():
-        mine = panel == k
-        uv[mine, :, 0] = (x + GUTTER + (cloth[mine, :, 0] - u0) * small) / side
-        uv[mine, :, 1] = (y + GUTTER + (cloth[mine, :, 1] - v0) * small) / side
+        on_panel = panel == k
+        uv[on_panel, :, 0] = (x + GUTTER + (cloth[on_panel, :, 0] - u0) * small) / side
+        uv[on_panel, :, 1] = (y + GUTTER + (cloth[on_panel, :, 1] - v0) * small) / side
     return Panels(names, panel, cloth, uv, boxes, small, side)
 
 
@@ -161,7 +161,7 @@ def draw(panels: Panels, paint: Painter) -> np.ndarray:
     """Paints the atlas of a garment.
 
     Args:
-        panels: of the garment.
+        panels: panels of the garment.
         paint: (name of a panel, u (h,w), v (h,w), place) to linear albedo (h,w,3); the place is two slices of the
             atlas with rows from the bottom up.
 

@@ -120,7 +120,7 @@ def fit(
     Args:
         body: in its rest pose.
         garment: to be cut.
-        fields: of the vertices, see `suit_fields`.
+        fields: attributes (n,) of the vertices by name, see `suit_fields`.
         points: (n,3) vertices of the suit, metres.
         outward: (n,3) their unit normals.
 
@@ -156,18 +156,15 @@ def pin_weights(body: Body, garment: Garment, fields: Fields) -> np.ndarray:
         waist = np.clip(1 - (body.heights["waist"] + garment.waist - fields["y"]) / 0.035, 0, 1)
         cuff = np.clip((leg - (garment.leg_end - 0.05)) / 0.04, 0, 1) * garment.cuff_pin * (garment.kind == "trousers")
         return np.maximum(waist, cuff)
-    out = (
-        np.clip(1 - neck_field(body, garment, fields) / 0.02, 0, 1)
-        * garment.neck_pin
-        * (fields["y"] > body.heights["neck"] - 0.2)
-    )
+    is_trunk, near_neck = arm_share(fields) < 0.1, fields["y"] > body.heights["neck"] - 0.2
+    neckline = np.clip(1 - neck_field(body, garment, fields) / 0.02, 0, 1) * near_neck
+    cuff = np.clip((arm - (garment.sleeve_end - 0.07)) / 0.05, 0, 1)
+    hem = np.clip(1 - (fields["y"] - hem_height(body, garment)) / 0.03, 0, 1) * is_trunk
+    pins = [neckline * garment.neck_pin, cuff * garment.cuff_pin, hem * garment.hem_pin]
     if garment.tuck_height is not None:  # inside a waistband the cloth lies flat
         edge = body.heights["waist"] + garment.tuck_height
-        out = np.maximum(out, 0.9 * np.clip((edge + 0.03 - fields["y"]) / 0.02, 0, 1))
+        pins.append(0.9 * np.clip((edge + 0.03 - fields["y"]) / 0.02, 0, 1))
     if garment.belt_height is not None:
-        off = np.abs(fields["y"] - body.heights["waist"] - garment.belt_height)
-        trunk = arm_share(fields) < 0.1
-        out = np.maximum(out, 0.95 * np.clip(1 - (off - BELT) / BELT_FADE, 0, 1) * trunk)
-    out = np.maximum(out, np.clip((arm - (garment.sleeve_end - 0.07)) / 0.05, 0, 1) * garment.cuff_pin)
-    rib = np.clip(1 - (fields["y"] - hem_height(body, garment)) / 0.03, 0, 1) * (arm_share(fields) < 0.1)
-    return np.maximum(out, rib * garment.hem_pin)
+        from_belt = np.abs(fields["y"] - body.heights["waist"] - garment.belt_height)
+        pins.append(0.95 * np.clip(1 - (from_belt - BELT) / BELT_FADE, 0, 1) * is_trunk)
+    return np.max(pins, axis=0)

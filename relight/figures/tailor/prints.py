@@ -20,9 +20,11 @@ def motifs(shape: str, u: np.ndarray, v: np.ndarray, cell: float, seed: int) -> 
         shape: dots | flowers | leaves.
         u, v: (...) cloth coordinates, metres.
         cell: spacing of the motifs, metres.
-        seed: of their places and directions.
+        seed: random seed of their places and directions.
     """
-    i, j = np.floor(u / cell), np.floor(v / cell + 0.5 * (np.floor(u / cell) % 2))
+    i = np.floor(u / cell)
+    j = np.floor(v / cell + 0.5 * (i % 2))  # every other column is shifted by half a cell
+    # From the motif's middle, in cells: each is up to an eighth of a cell off the middle of its cell.
     x = u / cell - i - 0.5 - 0.25 * (lattice(i, j, seed) - 0.5)
     y = v / cell + 0.5 * (i % 2) - j - 0.5 - 0.25 * (lattice(i, j, seed + 1) - 0.5)
     turn = 2 * np.pi * lattice(i, j, seed + 2)
@@ -84,10 +86,10 @@ def printed(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float) -> np.n
 def lettering(x: np.ndarray, y: np.ndarray, seed: int, count: int) -> np.ndarray:
     """Returns the coverage (...) of a line of `count` block letters, each a unit square, centred at the origin."""
     x = x + count / 2
-    at = np.floor(x)
-    glyph = np.array(GLYPHS)[(lattice(at, 0 * at, seed) * len(GLYPHS)).astype(int)]
-    column, row = np.floor((x - at) * 4), np.floor((0.5 - y) * 5)
-    inside = (column < 3) & (row >= 0) & (row < 5) & (at >= 0) & (at < count)
+    number = np.floor(x)  # of the letter
+    glyph = np.array(GLYPHS)[(lattice(number, 0 * number, seed) * len(GLYPHS)).astype(int)]
+    column, row = np.floor((x - number) * 4), np.floor((0.5 - y) * 5)  # the fourth column is a space
+    inside = (column < 3) & (row >= 0) & (row < 5) & (number >= 0) & (number < count)
     bit = np.clip(row * 3 + column, 0, 14).astype(int)
     return (inside & (np.right_shift(glyph, bit) & 1 == 1)).astype(float)
 
@@ -97,7 +99,7 @@ class PrintArea:
     """The place of an emblem on a panel.
 
     Attributes:
-        fabric: of the panel.
+        fabric: fabric of the panel.
         ground: (...,3) the panel's albedo without the emblem.
         v: (...) cloth coordinate along, metres.
         x, y: (...) coordinates from the emblem's centre, over its reach.

@@ -20,6 +20,10 @@ PLEAT = 0.42  # width of the pleated ribbon over that of the flat one
 LAYER = 0.032  # distance of each turn from the one below it, metres
 RAY_START = 1.5  # metres in front of the origin, before every figure
 BEARINGS = 72  # directions in which the neck is measured
+NECK_RAYS = 0.14  # metres from its middle where the rays toward it start
+NECK_RADII = (0.05, 0.115)  # least and largest radius that is taken for the neck's, metres
+RING_STEP = 4.0  # degrees between the points of the turns around the neck
+RING_DISTANCE = 0.024  # metres from neck and collars to the innermost turn
 
 
 @dataclass(frozen=True)
@@ -58,12 +62,13 @@ def outline(surface: Collider, centre: np.ndarray, frame: np.ndarray) -> np.ndar
         Radii (BEARINGS,) in metres, from the front to the left.
     """
     angle = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
-    out = np.outer(np.sin(angle), frame[0]) + np.outer(np.cos(angle), frame[2])
-    radius = np.full(BEARINGS, 0.05)
-    for height in (0.03, 0.045, 0.06):
-        origin = centre + height * frame[1] + 0.14 * out
-        radius = np.maximum(radius, 0.14 - np.minimum(surface.raycast(origin, -out)[1], 0.09))
-    return gaussian_filter1d(np.minimum(radius, 0.115), 3, mode="wrap")
+    outward = np.outer(np.sin(angle), frame[0]) + np.outer(np.cos(angle), frame[2])
+    low, high = NECK_RADII
+    radius = np.full(BEARINGS, low)
+    for height in (0.03, 0.045, 0.06):  # the widest of three heights counts
+        origin = centre + height * frame[1] + NECK_RAYS * outward
+        radius = np.maximum(radius, NECK_RAYS - np.minimum(surface.raycast(origin, -outward)[1], 0.09))
+    return gaussian_filter1d(np.minimum(radius, high), 3, mode="wrap")
 
 
 def drop_line(surface: Collider, x: float, top: float, length: float, lift: float) -> np.ndarray:
@@ -83,25 +88,29 @@ def drop_line(surface: Collider, x: float, top: float, length: float, lift: floa
 
 def centre_line(wrap: Wrap, surface: Collider, centre: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the ribbon's centre line (n,3), a point every EDGE, and the directions (n,3) away from the figure."""
-    radius = outline(surface, centre, frame)
-    angle = np.radians(wrap.start - np.arange(0, wrap.turn + 1, 4.0))
-    layers = LAYER * np.abs(angle - angle[0]) / (2 * np.pi)
-    r = np.interp(angle, 2 * np.pi * np.arange(BEARINGS) / BEARINGS, radius, period=2 * np.pi) + 0.024 + layers
-    out = np.outer(np.sin(angle), frame[0]) + np.outer(np.cos(angle), frame[2])
-    ring = centre + wrap.height * frame[1] + out * r[:, None]
+    neck_radius = outline(surface, centre, frame)
+    angle = np.radians(wrap.start - np.arange(0, wrap.turn + 1, RING_STEP))
+    layers = LAYER * np.abs(angle - angle[0]) / (2 * np.pi)  # each turn lies on the one before
+    bearings = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
+    radius = np.interp(angle, bearings, neck_radius, period=2 * np.pi) + RING_DISTANCE + layers
+    outward = np.outer(np.sin(angle), frame[0]) + np.outer(np.cos(angle), frame[2])
+    ring = centre + wrap.height * frame[1] + outward * radius[:, None]
+    # The ends hang from the first and the last point of the ring, the second one over the first.
     ends = [
         drop_line(surface, centre[0] + x, ring[k, 1] - 0.03, length, lift)
         for x, length, k, lift in zip(wrap.at, wrap.ends, (0, -1), (0.012, 0.036))
     ]
     ahead = np.broadcast_to([0.0, 0.0, 1.0], (1, 3))
     line = np.concatenate([ends[0][::-1], ring, ends[1]])
-    away = np.concatenate([np.repeat(ahead, len(ends[0]), 0), out, np.repeat(ahead, len(ends[1]), 0)])
-    travel = np.r_[0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
+    away = np.concatenate([np.repeat(ahead, len(ends[0]), 0), outward, np.repeat(ahead, len(ends[1]), 0)])
+    travel = np.r_[0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]  # metres along the line
     first = travel[len(ends[0])] - wrap.ends[0]
     last = travel[-len(ends[1])] + wrap.ends[1]
     count = round((last - first) / EDGE)
     at = np.linspace(first, last, count + 1)
-    line, away = (np.stack([np.interp(at, travel, v[:, d]) for d in range(3)], axis=1) for v in (line, away))
+    line, away = (
+        np.stack([np.interp(at, travel, points[:, axis]) for axis in range(3)], axis=1) for points in (line, away)
+    )
     line = gaussian_filter1d(line, 1.2, axis=0, mode="nearest")
     away = gaussian_filter1d(away, 2.0, axis=0, mode="nearest")
     return line, away / np.linalg.norm(away, axis=1, keepdims=True)
@@ -120,12 +129,11 @@ def build_scarf(motion: Motion, garment: Garment, surface: Collider, levels: int
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     across = np.cross(along, away)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    columns = round(wrap.width / EDGE) + 1
-    j = np.arange(columns) - (columns - 1) / 2
-    fold = EDGE * np.sqrt(1 - PLEAT**2) * np.sin(np.pi / 2 * np.arange(columns))
-    start = line[:, None] + PLEAT * EDGE * j[:, None] * across[:, None] + fold[:, None] * away[:, None]
-    rows = len(line)
-    x, y = np.meshgrid(EDGE * j, EDGE * (np.arange(rows) - (rows - 1) / 2))
+    rows, columns = len(line), round(wrap.width / EDGE) + 1
+    column = np.arange(columns) - (columns - 1) / 2  # from the middle
+    fold = EDGE * np.sqrt(1 - PLEAT**2) * np.sin(np.pi / 2 * np.arange(columns))  # metres off the figure: 0, 1, 0, -1
+    start = line[:, None] + PLEAT * EDGE * column[:, None] * across[:, None] + fold[:, None] * away[:, None]
+    x, y = np.meshgrid(EDGE * column, EDGE * (np.arange(rows) - (rows - 1) / 2))
     flat = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
     faces = grid_faces(rows, columns)[:, [0, 2, 1]]  # y is upward
     start = start.reshape(-1, 3)

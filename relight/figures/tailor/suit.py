@@ -22,15 +22,15 @@ Fields = dict[str, np.ndarray]  # attributes of vertices by name, see `suit_fiel
 
 def polyline_parameter(points: np.ndarray, line: list[np.ndarray]) -> np.ndarray:
     """Returns the parameter (n,) of the nearest point on a polyline: segment plus fraction; its ends are extended."""
-    best, out = np.full(len(points), np.inf), np.zeros(len(points))
+    least_distance, parameter = np.full(len(points), np.inf), np.zeros(len(points))
     for k, (a, b) in enumerate(pairwise(line)):
-        u = (points - a) @ (b - a) / ((b - a) @ (b - a))
+        u = (points - a) @ (b - a) / ((b - a) @ (b - a))  # along the segment, from 0 to 1
         distance = np.linalg.norm(points - a - np.clip(u, 0, 1)[:, None] * (b - a), axis=1)
-        nearer = distance < best - 1e-9
-        low, high = (-9 if k == 0 else 0), (9 if k == len(line) - 2 else 1)
-        out = np.where(nearer, k + np.clip(u, low, high), out)
-        best = np.minimum(best, distance)
-    return out
+        is_nearer = distance < least_distance - 1e-9
+        low, high = (-9 if k == 0 else 0), (9 if k == len(line) - 2 else 1)  # 9: hardly limited
+        parameter = np.where(is_nearer, k + np.clip(u, low, high), parameter)
+        least_distance = np.minimum(least_distance, distance)
+    return parameter
 
 
 def suit_fields(body: Body) -> Fields:
@@ -80,9 +80,10 @@ class Hull:
         row = np.interp(points[:, 1], self.heights, np.arange(len(self.heights)))
         column = np.arctan2(points[:, 0], points[:, 2] - self.middle) % (2 * np.pi) * BEARINGS / (2 * np.pi)
         i, j = np.minimum(row.astype(int), len(self.heights) - 2), column.astype(int) % BEARINGS
-        a, b, table = row - i, column - np.floor(column), self.radii
-        low = table[i, j] * (1 - b) + table[i, (j + 1) % BEARINGS] * b
-        high = table[i + 1, j] * (1 - b) + table[i + 1, (j + 1) % BEARINGS] * b
+        next_j = (j + 1) % BEARINGS
+        a, b, radii = row - i, column - np.floor(column), self.radii  # bilinear
+        low = radii[i, j] * (1 - b) + radii[i, next_j] * b
+        high = radii[i + 1, j] * (1 - b) + radii[i + 1, next_j] * b
         return low * (1 - a) + high * a
 
     def straightened(self, low: float, share: float) -> "Hull":
@@ -92,13 +93,15 @@ class Hull:
 
         Args:
             low: height above which it hangs straight, metres.
-            share: of the hollows' depth that it spans, in [0,1].
+            share: share of the hollows' depth that it spans, in [0,1].
         """
         radii, first = self.radii.copy(), int(np.searchsorted(self.heights, low))
-        for a in range(first, len(radii)):
-            for b in range(a + 2, len(radii)):
-                t = ((self.heights[a:b] - self.heights[a]) / (self.heights[b] - self.heights[a]))[:, None]
-                radii[a:b] = np.maximum(radii[a:b], self.radii[a] * (1 - t) + self.radii[b] * t)
+        for lower in range(first, len(radii)):  # cloth is as far out as the line between any two slices
+            for upper in range(lower + 2, len(radii)):
+                between = self.heights[lower:upper] - self.heights[lower]
+                t = (between / (self.heights[upper] - self.heights[lower]))[:, None]
+                straight = self.radii[lower] * (1 - t) + self.radii[upper] * t
+                radii[lower:upper] = np.maximum(radii[lower:upper], straight)
         return replace(self, radii=self.radii + share * (radii - self.radii))
 
     def expand(self, points: np.ndarray, share: np.ndarray) -> np.ndarray:
@@ -114,7 +117,7 @@ def trunk_hull(points: np.ndarray, fields: Fields, heights: dict[str, float]) ->
 
     Args:
         points: (n,3) vertices of the suit, metres.
-        fields: of the vertices, see `suit_fields`.
+        fields: attributes (n,) of the vertices by name, see `suit_fields`.
         heights: see `Body.heights`.
 
     Returns:
@@ -123,17 +126,18 @@ def trunk_hull(points: np.ndarray, fields: Fields, heights: dict[str, float]) ->
     trunk = points[arm_share(fields) < 0.05]
     slices = np.arange(heights["crotch"] - SLICE, heights["neck"] - BLADES + SLICE, SLICE)
     middle = float(np.median(trunk[np.abs(trunk[:, 1] - heights["waist"]) < 0.1, 2]))
-    turn = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
-    directions = np.stack([np.sin(turn), np.cos(turn)], axis=1)
+    bearing = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
+    directions = np.stack([np.sin(bearing), np.cos(bearing)], axis=1)
     known, radii = [], []
     for height in slices:
         outline = trunk[np.abs(trunk[:, 1] - height) < 0.9 * SLICE][:, [0, 2]] - [0.0, middle]
         if len(outline) < MIN_OUTLINE:
             continue
-        sides = ConvexHull(outline).equations
+        sides = ConvexHull(outline).equations  # unit normals (s,2) and offsets: n . x + offset = 0 on a side
         facing = directions @ sides[:, :2].T
+        distance = np.where(facing > 1e-6, -sides[:, 2] / np.maximum(facing, 1e-6), np.inf)  # along each direction
         known.append(height)
-        radii.append(np.min(np.where(facing > 1e-6, -sides[:, 2] / np.maximum(facing, 1e-6), np.inf), axis=1))
+        radii.append(np.min(distance, axis=1))
     return Hull(middle, slices, np.stack([np.interp(slices, known, r) for r in np.transpose(radii)], axis=1))
 
 
@@ -142,13 +146,15 @@ def expand_evenly(hull: Hull, points: np.ndarray, faces: np.ndarray, share: np.n
 
     Without this, the cloth that lined the cleft would be bunched on a narrow strip, and crumple there.
     """
-    out = hull.expand(points, share)
+    expanded = hull.expand(points, share)
     average = neighbours(faces, len(points))
-    moved = np.linalg.norm(out - points, axis=1)
+    moved = np.linalg.norm(expanded - points, axis=1)  # metres
     for _ in range(3):
         moved = np.maximum(moved, 0.7 * (average @ moved))
-    seat = (points[:, 2] < hull.middle) & (np.abs(points[:, 0]) < SEAT[0]) & (points[:, 1] < hull.heights[0] + SEAT[1])
-    moved = (seat * np.clip(moved / BUNCHED, 0, 1))[:, None] * [1.0, 0.0, 1.0]
+    seat_width, seat_height = SEAT
+    on_seat = (np.abs(points[:, 0]) < seat_width) & (points[:, 1] < hull.heights[0] + seat_height)
+    on_seat &= points[:, 2] < hull.middle
+    spread = (on_seat * np.clip(moved / BUNCHED, 0, 1))[:, None] * [1.0, 0.0, 1.0]  # strength of the smoothing, level
     for _ in range(12):
-        out = hull.expand(out + 0.7 * moved * (average @ out - out), share)
-    return out
+        expanded = hull.expand(expanded + 0.7 * spread * (average @ expanded - expanded), share)
+    return expanded

@@ -12,15 +12,23 @@ BANDS = {"zip": (-0.013, 0.013), "buttons": (-0.018, 0.018), "placket": (-0.017,
 PLACKET = 0.15  # length of a placket, metres
 OFFSET = 0.0025  # metres between the cloth and a band, a belt or a tie; also their thickness
 BEARINGS = 72  # around a belt
+HALF_BUCKLE = 0.026  # half the width of a buckle, metres
+BUCKLE_OFFSET = 0.003  # metres of a buckle before its belt; also its thickness
 TIE = 0.48  # metres of a tie
 KNOT = 0.035  # metres of its knot
+TIE_OUTLINE = (  # metres below the top, and half the width there
+    (0, KNOT, KNOT + 0.006, 0.8 * TIE, 0.9 * TIE, TIE),
+    (0.017, 0.014, 0.013, 0.036, 0.036, 0.002),
+)
+TIE_RAYS = 0.6  # metres before the neck where rays toward the shirt start
+MIN_TIE_ROWS = 25  # of 40 that must meet the shirt below the knot
 
 
 def band(pattern: Pattern, positions: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Builds the raised band of a closed front.
 
     Args:
-        pattern: of the garment.
+        pattern: pattern of the garment.
         positions: (n,3) finest vertices as draped, metres.
         uv: (n,2) of these vertices.
 
@@ -58,37 +66,38 @@ def belt(vertices: np.ndarray, faces: np.ndarray, band: np.ndarray, ahead: np.nd
         faces: (F,3).
         band: (k,3) points of the garment at the belt, metres.
         ahead: (3,) direction in which the pelvis faces.
-        width: of the belt, metres.
+        width: width of the belt, metres.
 
     Returns:
         Belt and buckle; nothing if the cloth does not go all around.
     """
     centre = band.mean(0)
-    up = np.linalg.svd(band - centre)[2][2]
+    up = np.linalg.svd(band - centre)[2][2]  # normal of the plane that fits the belt
     up = up * np.sign(up[1])
     ahead = ahead - (ahead @ up) * up
     ahead /= np.linalg.norm(ahead)
     left, surface = np.cross(up, ahead), Collider(vertices, vertices, faces)
-    turn = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
-    out = np.outer(np.cos(turn), ahead) + np.outer(np.sin(turn), left)
+    bearing = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
+    outward = np.outer(np.cos(bearing), ahead) + np.outer(np.sin(bearing), left)
     heights = np.linspace(-0.5, 0.5, 4) * width
-    far = 1.25 * np.linalg.norm(band - centre, axis=1).max() + 0.03
-    depth = np.stack([surface.raycast(centre + h * up + far * out, -out)[1] for h in heights])
+    far = 1.25 * np.linalg.norm(band - centre, axis=1).max() + 0.03  # metres from the centre, outside the cloth
+    depth = np.stack([surface.raycast(centre + h * up + far * outward, -outward)[1] for h in heights])
     radius = far - depth
     if not np.isfinite(radius).all() or (radius < 0.3 * far).any():
         return []
     radius = maximum_filter(radius, 3, mode=("nearest", "wrap"))  # follows the cloth closely
     radius = gaussian_filter1d(radius, 1.0, mode="wrap") + OFFSET
-    rings = [centre + h * up + r[:, None] * out for h, r in zip(heights[::-1], radius[::-1])]
-    radius = radius.max(0)
-    strip, loop = extruded(np.arange(BEARINGS), rings[1:], BEARINGS, True)
-    points = np.concatenate([rings[0], strip])
-    ribbon = thickened(points, loop, OFFSET, rings=None)[:2]
-    x, y = np.meshgrid(np.linspace(-0.026, 0.026, 5), np.linspace(0.62, -0.62, 3) * width)
-    at = np.interp(x / radius[0], turn - 2 * np.pi * (turn > np.pi), radius, period=2 * np.pi) + 0.003
-    plate = centre + y[..., None] * up + x[..., None] * left + np.sqrt(np.maximum(at**2 - x**2, 0))[..., None] * ahead
-    face = grid_faces(*x.shape)
-    return [ribbon, thickened(plate.reshape(-1, 3), face, 0.003, rings=None)[:2]]
+    rings = [centre + h * up + r[:, None] * outward for h, r in zip(heights[::-1], radius[::-1])]
+    strip, strip_faces = extruded(np.arange(BEARINGS), rings[1:], BEARINGS, True)
+    ribbon = thickened(np.concatenate([rings[0], strip]), strip_faces, OFFSET, rings=None)[:2]
+    # The buckle: a plate as bent as the belt, a little wider and 3 mm before it.
+    outer_radius = radius.max(0)
+    x, y = np.meshgrid(np.linspace(-HALF_BUCKLE, HALF_BUCKLE, 5), np.linspace(0.62, -0.62, 3) * width)
+    signed_bearing = bearing - 2 * np.pi * (bearing > np.pi)
+    plate_radius = np.interp(x / outer_radius[0], signed_bearing, outer_radius, period=2 * np.pi) + BUCKLE_OFFSET
+    forward = np.sqrt(np.maximum(plate_radius**2 - x**2, 0))
+    plate = centre + y[..., None] * up + x[..., None] * left + forward[..., None] * ahead
+    return [ribbon, thickened(plate.reshape(-1, 3), grid_faces(*x.shape), BUCKLE_OFFSET, rings=None)[:2]]
 
 
 def tie(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.ndarray) -> Surface | None:
@@ -104,21 +113,23 @@ def tie(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.ndar
         Vertices and faces; None if the shirt's front is not found.
     """
     surface = Collider(vertices, vertices, faces)
-    s = np.linspace(0, TIE, 40)
-    half = np.interp(s, [0, KNOT, KNOT + 0.006, 0.8 * TIE, 0.9 * TIE, TIE], [0.017, 0.014, 0.013, 0.036, 0.036, 0.002])
+    s = np.linspace(0, TIE, 40)  # metres below the top
+    half_width = np.interp(s, *TIE_OUTLINE)
     across = np.linspace(-1, 1, 7)
     top = neck + 0.02 * np.array([0.0, 1.0, 0.0])
-    origin = top + (half[:, None] * across)[..., None] * left + [0.0, 0.0, 0.6]
+    # Rays from in front give the depth of the shirt at each point of the tie.
+    origin = top + (half_width[:, None] * across)[..., None] * left + [0.0, 0.0, TIE_RAYS]
     origin[..., 1] -= s[:, None]
     depth = surface.raycast(origin.reshape(-1, 3), np.broadcast_to([0.0, 0.0, -1.0], (origin.size // 3, 3)))[1]
     depth = depth.reshape(origin.shape[:2])
-    whole = np.isfinite(depth).all(1) & (depth < 0.6).all(1)
-    if whole[KNOT < s].sum() < 25:
+    is_on_shirt = np.isfinite(depth).all(1) & (depth < TIE_RAYS).all(1)
+    if is_on_shirt[KNOT < s].sum() < MIN_TIE_ROWS:
         return None
-    first, last = np.flatnonzero(whole)[[0, -1]]
+    first, last = np.flatnonzero(is_on_shirt)[[0, -1]]
     rows = slice(first, last + 1)
-    depth = np.where(np.isfinite(depth), depth, np.nanmin(np.where(np.isfinite(depth), depth, np.nan)))[rows]
-    depth = np.minimum(gaussian_filter1d(depth, 1.5, axis=0, mode="nearest"), depth)
+    least_depth = np.nanmin(np.where(np.isfinite(depth), depth, np.nan))
+    depth = np.where(np.isfinite(depth), depth, least_depth)[rows]
+    depth = np.minimum(gaussian_filter1d(depth, 1.5, axis=0, mode="nearest"), depth)  # over folds, not into them
     knot = 0.011 * np.exp(-(((s[rows] - 0.4 * KNOT) / (0.6 * KNOT)) ** 2))[:, None] * (1 - 0.5 * across**2)
     points = origin[rows] - np.array([0.0, 0.0, 1.0]) * (depth - 2 * OFFSET - knot)[..., None]
     face = grid_faces(*points.shape[:2])

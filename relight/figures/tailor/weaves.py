@@ -15,7 +15,7 @@ class Swatch:
     """A piece of a panel, to be painted.
 
     Attributes:
-        fabric: of the panel.
+        fabric: fabric of the panel.
         panel: its name.
         u: (...) cloth coordinate across, metres.
         v: (...) cloth coordinate along, metres.
@@ -120,13 +120,17 @@ def tweed(swatch: Swatch) -> np.ndarray:
 
 def knit(swatch: Swatch) -> np.ndarray:
     """Returns stitches, on some fabrics with ribs; stitches finer than two texels are grey."""
-    u, v, period = swatch.u, swatch.v, 0.006 * (0.8 + 0.8 * swatch.trait(2))
-    column = np.abs((u / period) % 1 - 0.5)
-    kept = 1 / (1 + (1.5 * swatch.texel / period) ** 4)
-    stitch = np.clip(band(v + 0.7 * period * column, period, 0.35, 0.002) + 0.6 * (column < 0.08), 0, 1)
-    share = 0.35 * (0.4 + kept * (stitch - 0.4))
+    u, v = swatch.u, swatch.v
+    period = 0.006 * (0.8 + 0.8 * swatch.trait(2))  # of the stitches, metres
+    from_middle = np.abs((u / period) % 1 - 0.5)  # across a column of stitches: 0 in its middle, 0.5 at its sides
+    chevrons = band(v + 0.7 * period * from_middle, period, 0.35, 0.002)
+    stitch = np.clip(chevrons + 0.6 * (from_middle < 0.08), 0, 1)
+    visible = 1 / (1 + (1.5 * swatch.texel / period) ** 4)  # 1 for stitches of many texels, 0 for fine ones
+    mean = 0.4  # of `stitch`, the grey of fine ones
+    share = 0.35 * (mean + visible * (stitch - mean))
     if swatch.trait(3) < 0.4:
-        share = share + 0.22 * band(u, 0.012 + 0.012 * swatch.trait(4), 0.4, 0.003)
+        ribs = band(u, 0.012 + 0.012 * swatch.trait(4), 0.4, 0.003)
+        share = share + 0.22 * ribs
     return swatch.patterned(share, 0.45 * swatch.first)
 
 
@@ -185,16 +189,20 @@ WEAVES = {
 
 
 def unevenness(swatch: Swatch) -> np.ndarray:
-    """Returns the logarithm (...) of the factor by which yarn and dye vary the albedo."""
+    """Returns the logarithm (...) of the factor by which yarn and dye vary the albedo.
+
+    It is a sum of six noises, from single threads to blotches of a hand's size, each with another number.
+    """
     weave = WEAVES[swatch.fabric.kind]
-    strength, linen = 0.7 + 0.6 * swatch.trait(0), swatch.trait(7)
-    yarn = 0.0012 + 0.0014 * swatch.trait(1)
-    out = weave.warp * (0.25 + linen) * swatch.grain(yarn, 0.045, 31)
-    out = out + weave.weft * (0.25 + linen) * swatch.grain(0.038, yarn, 32)
-    out += weave.flecks * (1.6 - linen) * swatch.grain(0.0022, 0.0030, 33)
-    out += weave.blotches * swatch.grain(0.0055, 0.0075, 34)
-    out += 0.6 * weave.blotches * swatch.grain(0.016, 0.021, 35)
-    return strength * out + 0.035 * swatch.grain(0.09, 0.13, 36)
+    strength = 0.7 + 0.6 * swatch.trait(0)
+    linen = swatch.trait(7)  # 1: long uneven threads, as in linen; 0: flecks instead
+    yarn = 0.0012 + 0.0014 * swatch.trait(1)  # width of a thread, metres
+    log_factor = weave.warp * (0.25 + linen) * swatch.grain(yarn, 0.045, 31)
+    log_factor = log_factor + weave.weft * (0.25 + linen) * swatch.grain(0.038, yarn, 32)
+    log_factor += weave.flecks * (1.6 - linen) * swatch.grain(0.0022, 0.0030, 33)
+    log_factor += weave.blotches * swatch.grain(0.0055, 0.0075, 34)
+    log_factor += 0.6 * weave.blotches * swatch.grain(0.016, 0.021, 35)
+    return strength * log_factor + 0.035 * swatch.grain(0.09, 0.13, 36)
 
 
 def woven(fabric: Fabric, panel: str, u: np.ndarray, v: np.ndarray, texel: float = 0.001) -> np.ndarray:

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from relight.learning.camera import LINEAR, decode, encode, photograph, quantised, shade
+from relight.learning.color import LINEAR, decode, encode, photograph, quantised, shade
 
 
 def test_srgb_by_its_published_points():
