@@ -12,11 +12,12 @@ import math
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import binary_erosion
 
 from relight.meshes import Material
 from relight.sh import basis
 from relight.transport import PathTracer
-from relight.transport.tracer import interior_blocks, sky_directions, sky_weights
+from relight.transport.tracer import sky_directions, sky_weights
 
 
 def panorama(seed: int) -> np.ndarray:
@@ -69,7 +70,7 @@ def main() -> None:
     mesh.material = np.zeros(len(mesh.faces), np.int16)
     tracer = PathTracer(mesh, size)
     maps = bake(mesh, size, 1024, order=4, supersample=4, bounces=1)
-    transport, bounced, where = maps.transport, maps.bounced[..., 0], interior_blocks(maps.mask, 1)
+    transport, bounced, where = maps.transport, maps.bounced[..., 0], binary_erosion(maps.mask, np.ones((3, 3)))
     print(f"{machine()}; {len(mesh.faces)} triangles, {where.sum()} pixels, {samples} samples per pixel\n")
 
     def shade(light: np.ndarray, vectors: np.ndarray) -> np.ndarray:

@@ -218,7 +218,7 @@ def test_comparison_tables_and_command(drawn, truth, tmp_path):
     assert (tmp_path / "benchmark_pictures.csv").is_file()  # beside the answers
     assert {path.name for path in Path.cwd().iterdir()} == before
     rows = [read_scores(truth), read_scores(tmp_path / "as_it_is")]
-    made = MethodComparison(rows, 200).tables()
+    made = MethodComparison(rows).tables()
     moves = made["benchmark_invariance"].grid.frame
     assert list(moves.columns) == ["truth"] and len(moves) == len(INVARIANCES | LEAKS)  # as_it_is says nothing
     values = rows[1]["ratio"].to_numpy()
@@ -233,7 +233,7 @@ def test_comparison_tables_and_command(drawn, truth, tmp_path):
     answer(drawn, tmp_path / "mean", "mean_light")
     other = read_scores(score(drawn, tmp_path / "mean").parent)
     difference = (
-        MethodComparison([rows[1], other], 200).tables()["benchmark_differences"].grid.frame["ratio: RMSE"]["mean"]
+        MethodComparison([rows[1], other]).tables()["benchmark_differences"].grid.frame["ratio: RMSE"]["mean"]
     )
     gaps = other["ratio"].to_numpy() - values
     assert np.isclose(difference.mean, np.mean([gaps[:2].mean(), gaps[2]]))
