@@ -72,8 +72,9 @@ def source(path: Path) -> Source:
         return Source(*kept[key][1:])
     content, modules = path.read_bytes(), set[str]()
     if path.suffix == ".py":
-        modules = set(_imported(ast.parse(content)))
-        content = stripped(content.decode()).encode()
+        tree = ast.parse(content)
+        modules = set(_imported(tree))
+        content = stripped(content.decode(), tree).encode()
     kept[key] = [state, hashlib.sha256(content).hexdigest(), sorted(modules)]
     return Source(*kept[key][1:])
 
@@ -88,7 +89,7 @@ def cached() -> dict[str, list]:
 
 
 def save_cache() -> None:
-    """Writes the cache, where the folder exists and can be written."""
+    """Writes the cache, where its folder exists and can be written."""
     if (ROOT / CACHE).parent.is_dir():
         with suppress(UserError), atomic_write(ROOT / CACHE) as tmp:
             tmp.write_text(json.dumps(cached()))
@@ -97,6 +98,8 @@ def save_cache() -> None:
 def _imported(tree: ast.AST) -> Iterator[str]:
     """Yields the modules of relight that code imports; not those for type checkers only."""
     for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.expr):
+            continue
         if isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING"):
             continue
         if isinstance(node, ast.Import):
@@ -150,8 +153,12 @@ def extension_file(name: str) -> Path | None:
     return Path(spec.origin) if spec and spec.origin else None
 
 
-def stripped(source: str) -> str:
+def stripped(source: str, tree: ast.Module | None = None) -> str:
     r"""Returns Python source without comments, docstrings and blank lines; strings are kept as they are.
+
+    Args:
+        source: code.
+        tree: its syntax tree, if it is known.
 
     >>> stripped('x = "# a  b"  # one\n\ndef f():\n    "Returns one."\n    return 1\n')
     'x = "# a  b"\ndef f():\n    return 1'
@@ -165,7 +172,7 @@ def stripped(source: str) -> str:
     dropped = {
         token.start[0] for token in tokens if token.type == tokenize.NL and not lines[token.start[0] - 1].strip()
     }
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(tree or ast.parse(source)):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             if ast.get_docstring(node, clean=False) is not None:
                 first, last = node.body[0].lineno, int(node.body[0].end_lineno or 0)
