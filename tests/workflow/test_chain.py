@@ -60,7 +60,12 @@ CHANGES = {
     "statistics.bootstrap=99 track=none": {"tables": 1, "report": 1},
     "pictures.plates=3 pictures.sheet=3": {"plates": 3, "sheets": 1, "report": 1},
     # One more network, on the usual figures and lights.
-    "experiment=[table1,table2] sweep.only=[ours_full,no_tv]": {"train": 1, "evaluate": 1, "tables": 1, "report": 1},
+    "experiment=[table1,table2] sweep.only=[ours_full,no_tv]": {
+        "train": 1,
+        **AFTER_TRAINING,
+        "evaluate": 1,
+        "plates": 1,
+    },
 }
 
 
