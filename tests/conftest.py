@@ -1,4 +1,12 @@
-"""The order of all tests."""
+"""The order of all tests, and what several files of tests share."""
+
+import fcntl
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
 
 
 def pytest_collection_modifyitems(items):
@@ -6,3 +14,58 @@ def pytest_collection_modifyitems(items):
     be left alone with a long one at the end."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: (item.path not in slow, item.path.parent.name != "workflow"))
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory) -> Callable[[str, Callable[[Path], object]], Path]:
+    """The function that makes a folder, by its name and what fills it, once for all processes of pytest-xdist: the
+    first that asks for it fills it, and others wait. Tests change nothing in it."""
+    base = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        base = base.parent
+
+    def made(name: str, fill: Callable[[Path], object]) -> Path:
+        folder = base / name
+        with open(base / f"{name}.lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not (folder / "whole").exists():
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
+                fill(folder)
+                (folder / "whole").touch()
+        return folder
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def exported_network(once) -> Callable[[str], Path]:
+    """The function that returns the folder of a small network of 128 px by its architecture, ours or unet, with
+    all that exports differently from how it is trained: its checkpoint a.safetensors, and a.onnx. The maps of the unet
+    lie where those of people do."""
+
+    def fill(folder: Path) -> None:
+        import torch
+
+        from relight.config import Model, composed
+        from relight.learning.checkpoint import load_network, save_network
+        from relight.learning.export import export
+        from relight.learning.networks import build
+
+        torch.set_num_threads(1)
+        torch.manual_seed(0)
+        norm = {"ours": "instance", "unet": "batch"}[folder.name]
+        changes = {"name": folder.name, "width": 0.125, "norm": norm, "light_head": "pooled", "refine": True}
+        settings = Model(**{**dict(composed().model), **changes, "dropout": 0.0})
+        network = build(settings, 128).train()
+        with torch.no_grad():
+            if folder.name == "unet":
+                network.last.bias.copy_(torch.tensor([0.8, 0.1, 0.3, 0.1, 0, 0, 0, 0, 0, 0.5, 0.4, 0.3]))
+                network.light.last.bias[:3] = 0.8
+            network(torch.rand(4, 3, 128, 128), torch.ones(4, 1, 128, 128))  # moves the running statistics
+            torch.nn.init.normal_(network.refinement.coupling, 0, 0.3)
+        save_network(folder / "a.safetensors", network.eval(), settings, train={"color": "photo"})
+        network, config = load_network(folder / "a.safetensors")
+        export(network, folder / "a.onnx", config)
+
+    return lambda name: once(name, fill)

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires
 from pathlib import Path
 
@@ -34,6 +35,12 @@ def canonical(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
+@cache
+def distributions() -> dict[str, list[str]]:
+    """Returns the packages that each module comes with; to list them takes a second."""
+    return dict(packages_distributions())
+
+
 def core_packages() -> set[str]:
     """Returns the names of the packages that the core needs, directly or not."""
     found: set[str] = set()
@@ -57,7 +64,7 @@ def core(tmp_path_factory):
     allowed = core_packages()
     hidden = [
         module
-        for module, owners in packages_distributions().items()
+        for module, owners in distributions().items()
         if not {canonical(owner) for owner in owners} & {*allowed, "relight", "coverage"}
     ]
     folder = tmp_path_factory.mktemp("core")
@@ -89,22 +96,42 @@ def photo(tmp_path_factory):
     return folder / "me.png"
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["photo", "PHOTO", "--light", "lamps:5", "--out", "relit", "--maps"],
-        ["transfer", "PHOTO", "PHOTO", "--mask-b", "MASK", "--out", "swapped"],
-        ["view", "PHOTO", "--out", "me.html"],
+# Commands one after the other in one process; each ends with its exit code and the last line of its errors.
+COMMANDS = """
+import contextlib, io, json, sys
+from relight.cli import main
+for words in json.loads(sys.argv[1]):
+    sys.argv, errors, code = ["relight", *words], io.StringIO(), 0
+    with contextlib.redirect_stderr(errors):
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+            if isinstance(code, str):
+                code = print(code, file=sys.stderr) or 1
+    print(json.dumps(["END", code, errors.getvalue().strip().rpartition("\\n")[2]]))
+"""
+
+
+def ends(done) -> list[tuple[int, str]]:
+    """Returns exit code and last line of errors of each of COMMANDS."""
+    assert done.returncode == 0, done.stderr
+    lines = [line for line in done.stdout.splitlines() if line.startswith('["END"')]
+    return [tuple(json.loads(line)[1:]) for line in lines]
+
+
+def test_commands_of_the_core_run(core, photo):
+    mask = photo.with_name("me_mask.png")
+    commands = [
+        ["photo", photo, "--light", "lamps:5", "--out", "relit", "--maps"],
+        ["transfer", photo, photo, "--mask-b", mask, "--out", "swapped"],
+        ["view", photo, "--out", "me.html"],
         ["light", "room:7", "--out", "room.json"],
         ["photo", "--help"],
         ["--help"],
-    ],
-    ids=lambda words: words[0] + words[-1],
-)
-def test_commands_of_the_core_run(core, photo, words):
-    mask = photo.with_name("me_mask.png")
-    done = core(*(str(photo) if word == "PHOTO" else str(mask) if word == "MASK" else word for word in words))
-    assert done.returncode == 0, done.stderr
+    ]
+    found = ends(core(json.dumps(commands, default=str), program=COMMANDS))
+    assert [code for code, _ in found] == [0] * len(commands), found
 
 
 def test_python_interface_of_the_core(core, photo):
@@ -113,32 +140,38 @@ def test_python_interface_of_the_core(core, photo):
     assert done.stdout.strip() == "(256, 256, 3)", done.stderr
 
 
-@pytest.mark.parametrize(
-    ("words", "extra"),
-    [
-        (["export", "a.safetensors", "a.onnx"], "train"),
-        (["bake", "MESH"], "scans"),
-        (["figures", "--seeds", "0", "--export", "glb"], "figures"),
-        (["photo", "PHOTO", "--weights", "NETWORK"], "train"),
-        (["movie", "PHOTO", "--out", "a.mp4"], "video"),
-        (["run", "scale=smoke"], "workflow"),
-        (["ui"], "tracking|workflow"),
-    ],
-    ids=lambda value: value[0] if isinstance(value, list) else value,
-)
-def test_missing_extras_are_named_in_one_line(core, photo, words, extra, tmp_path):
-    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    (tmp_path / "a.safetensors").write_bytes(np.zeros(8, np.uint8).tobytes())
-    files = {"PHOTO": photo, "MESH": tmp_path / "a.obj", "NETWORK": tmp_path / "a.safetensors"}
-    done = core(*(files.get(word, word) for word in words))
-    line = done.stderr.strip().splitlines()[-1]
-    assert done.returncode == 1 and re.search(rf"needs \w+: run `pip install '\.\[({extra})\]'`", line), line
+LACKING = {  # command -> the extra that it lacks
+    "export a.safetensors a.onnx": "train",
+    "bake MESH": "scans",
+    "figures --seeds 0 --export glb": "figures",
+    "photo PHOTO --weights NETWORK": "train",
+    "movie PHOTO --out a.mp4": "video",
+    "run scale=smoke": "workflow",
+    "ui": "tracking|workflow",
+}
+
+
+@pytest.fixture(scope="module")
+def lacking(core, photo, tmp_path_factory):
+    """How each of the commands of LACKING ends."""
+    folder = tmp_path_factory.mktemp("lacking")
+    (folder / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (folder / "a.safetensors").write_bytes(np.zeros(8, np.uint8).tobytes())
+    files = {"PHOTO": str(photo), "MESH": str(folder / "a.obj"), "NETWORK": str(folder / "a.safetensors")}
+    commands = [[files.get(word, word) for word in line.split()] for line in LACKING]
+    return dict(zip(LACKING, ends(core(json.dumps(commands), program=COMMANDS)), strict=True))
+
+
+@pytest.mark.parametrize("line", LACKING)
+def test_missing_extras_are_named_in_one_line(lacking, line):
+    code, told = lacking[line]
+    assert code == 1 and re.search(rf"needs \w+: run `pip install '\.\[({LACKING[line]})\]'`", told), told
 
 
 def test_every_extra_that_is_named_exists():
     assert {*EXTRAS.values()} <= {*PROJECT["optional-dependencies"]}
     for module, extra in EXTRAS.items():
-        owners = {canonical(owner) for owner in packages_distributions().get(module, [])}
+        owners = {canonical(owner) for owner in distributions().get(module, [])}
         listed = {canonical(Requirement(line).name) for line in PROJECT["optional-dependencies"][extra]}
         assert not owners or owners & listed, f"{module} does not come with {extra}"
 

@@ -232,9 +232,7 @@ def test_comparison_tables_and_command(drawn, truth, tmp_path):
     assert "means over 0 pictures of 0 figures. The last" in made["benchmark_invariance"].note
     answer(drawn, tmp_path / "mean", "mean_light")
     other = read_scores(score(drawn, tmp_path / "mean").parent)
-    difference = (
-        MethodComparison([rows[1], other]).tables()["benchmark_differences"].grid.frame["ratio: RMSE"]["mean"]
-    )
+    difference = MethodComparison([rows[1], other]).tables()["benchmark_differences"].grid.frame["ratio: RMSE"]["mean"]
     gaps = other["ratio"].to_numpy() - values
     assert np.isclose(difference.mean, np.mean([gaps[:2].mean(), gaps[2]]))
     with pytest.raises(UserError, match="two folders of answers have the same name"):

@@ -116,7 +116,7 @@ def test_training_reads_measured_maps(made, settings, tmp_path):
 
 
 def test_plan_measures_captures_in_place_of_baking(olat, tmp_path):
-    jobs = planned(copy(tmp_path), *WORDS, f"figures.folder={olat}")
+    (jobs,) = planned(copy(tmp_path), [*WORDS, f"figures.folder={olat}"])
     assert jobs["capture"] == 3 and jobs["pack"] == jobs["train"] == 1
     assert not {"figure", "scan", "clean", "align", "bake"} & set(jobs)
 

@@ -8,28 +8,17 @@ from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter
 
 from relight.errors import UserError
 from relight.inference import read_onnx
-from relight.learning.checkpoint import load_network, save_network
+from relight.learning.checkpoint import load_network
 from relight.learning.export import NEIGHBOURHOOD, SLACK, check, clamp_rim, export, least, photo_network, sample
 from relight.learning.networks import build
 from relight.learning.predict import predict
 
 
 @pytest.fixture(scope="module", params=["ours", "unet"])
-def exported(request, model, tmp_path_factory):
-    """A network with all that exports differently from how it is trained, its checkpoint, and its .onnx file."""
-    torch.set_num_threads(1)
-    torch.manual_seed(0)
-    norm = {"ours": "instance", "unet": "batch"}[request.param]
-    settings = model(name=request.param, norm=norm, light_head="pooled", refine=True, dropout=0.0)
-    network = build(settings, 128).train()
-    with torch.no_grad():
-        network(torch.rand(4, 3, 128, 128), torch.ones(4, 1, 128, 128))  # moves the running statistics
-        torch.nn.init.normal_(network.refinement.coupling, 0, 0.3)
-    folder = tmp_path_factory.mktemp(request.param)
-    save_network(folder / "a.safetensors", network.eval(), settings, train={"color": "photo"})
-    network, config = load_network(folder / "a.safetensors")
-    export(network, folder / "a.onnx", config)
-    return network, folder / "a.safetensors", folder / "a.onnx"
+def exported(request, exported_network):
+    """A network, its checkpoint, and its .onnx file."""
+    folder = exported_network(request.param)
+    return load_network(folder / "a.safetensors")[0], folder / "a.safetensors", folder / "a.onnx"
 
 
 def test_export_runs_at_other_batches_and_sizes(exported):

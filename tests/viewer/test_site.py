@@ -3,7 +3,6 @@
 import base64
 import io
 import time
-from dataclasses import asdict
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -11,15 +10,11 @@ from threading import Thread
 
 import numpy as np
 import pytest
-import torch
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from relight.config import Model, composed
 from relight.errors import UserError
 from relight.inference import read_onnx
-from relight.learning.export import export
-from relight.learning.networks import build
 from relight.photos.api import Relighter
 from relight.viewer import runtime
 from relight.viewer.figure import Figure
@@ -37,24 +32,18 @@ class Static(SimpleHTTPRequestHandler):
 
 
 @pytest.fixture(scope="module")
-def exported(tmp_path_factory):
-    """The .onnx file of a small network with the parts of the one that ships; its maps lie where those of people do."""
-    torch.set_num_threads(1)
-    torch.manual_seed(0)
-    model = Model(**{**dict(composed().model), "name": "unet", "width": 0.125, "light_head": "pooled", "refine": True})
-    network = build(model, SIDE).eval()
-    with torch.no_grad():
-        network.last.bias.copy_(torch.tensor([0.8, 0.1, 0.3, 0.1, 0, 0, 0, 0, 0, 0.5, 0.4, 0.3]))
-        network.light.last.bias[:3] = 0.8
-    path = tmp_path_factory.mktemp("network") / "a.onnx"
-    export(network, path, {"model": asdict(model)})
-    return path
+def web_runtime():
+    if not runtime.package_file().is_file():
+        pytest.skip("onnxruntime-web is not set up")
+
+
+@pytest.fixture(scope="module")
+def exported(web_runtime, exported_network):
+    return exported_network("unet") / "a.onnx"
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory, exported, maps, lights):
-    if not runtime.package_file().is_file():
-        pytest.skip("onnxruntime-web is not set up")
     folder = tmp_path_factory.mktemp("site") / "site"
     with pytest.MonkeyPatch.context() as patch:  # the user's network for masks would find somebody, or not
         patch.setattr("relight.photos.mask.selfie.network_file", lambda: folder / "none")

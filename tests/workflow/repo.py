@@ -1,12 +1,14 @@
 """A copy of this repository in which a test runs the workflow, and what it finds there."""
 
 import hashlib
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -28,7 +30,9 @@ LEFT = (
     "docs",
     "tests",
 )
-WORDS = ("scale=smoke", "experiment=[table1,table2]", "figures.count=3", "sweep.only=[ours_full,sfsnet_ao,no_tv]")
+# Three experiments of which one has lights of its own, and two trainings of which one goes on from the other.
+EXPERIMENTS = "experiment=[table1,unusual_lights,self_supervised]"
+WORDS = ("scale=smoke", EXPERIMENTS, "figures.count=3", "sweep.only=[ours_full,self_all]")
 OUT = "results/smoke"
 
 
@@ -36,6 +40,16 @@ def copy(folder: Path) -> Path:
     """The repository's files, without results, in `folder`/repo."""
     target = folder / "repo"
     shutil.copytree(ROOT, target, ignore=shutil.ignore_patterns(*LEFT))
+    return target
+
+
+def copy_with_figures(done: Path, folder: Path, names: tuple[str, ...]) -> Path:
+    """A repository in which the workflow ran through, in `folder`/repo, with the results of some figures alone."""
+    target = folder / "repo"
+    shutil.copytree(done, target, ignore=shutil.ignore_patterns("mlflow.db", "mlruns"))
+    for path in (target / OUT).rglob("*"):
+        if path.is_file() and path.parent.name != "config" and path.stem not in names:
+            path.unlink()
     return target
 
 
@@ -68,16 +82,28 @@ def relight(repo: Path, *words: str) -> subprocess.CompletedProcess:
     return output(repo, [sys.executable, "-m", "relight.cli", *words])
 
 
-def planned(repo: Path, *words: str) -> dict[str, int]:
-    """What a dry run would do: {rule: jobs}, without the writing of settings and lists.
+# Dry runs of Snakemake itself, which is half of the work of `relight run --dry-run`; they fork from one process, which
+# has imported Snakemake.
+DRY_RUNS = """
+import json, os, sys
+import pandas, relight.plan
+from snakemake.cli import main
+for words in json.loads(sys.argv[1]):
+    if os.fork() == 0:
+        main(["all", "-n", "--config", "hydra=" + " ".join(words)])
+    if os.wait()[1]:
+        sys.exit(1)
+    print("END", flush=True)
+"""
 
-    It is Snakemake's own, which is half of the work of `relight run --dry-run`.
-    """
-    run = output(repo, [sys.executable, "-m", "snakemake", "all", "-n", "--config", "hydra=" + " ".join(words)])
+
+def planned(repo: Path, *runs: Sequence[str]) -> list[dict[str, int]]:
+    """What dry runs would do, by their words: {rule: jobs} of each, without the writing of settings and lists."""
+    run = output(repo, [sys.executable, "-c", DRY_RUNS, json.dumps(runs)])
     assert run.returncode == 0, run.stdout
-    table = re.findall(r"^(\w+) +(\d+)$", run.stdout, re.M)
     passed = ("total", "all", "settings")
-    return {rule: int(jobs) for rule, jobs in table if rule not in passed}
+    tables = [re.findall(r"^(\w+) +(\d+)$", text, re.M) for text in run.stdout.split("END\n")[:-1]]
+    return [{rule: int(jobs) for rule, jobs in table if rule not in passed} for table in tables]
 
 
 def outputs(repo: Path) -> list[Path]:
@@ -106,7 +132,7 @@ def check_mlflow(repo: Path) -> None:
 
     client = MlflowClient(f"sqlite:///{repo / 'mlflow.db'}")
     runs = client.search_runs([client.get_experiment_by_name("smoke").experiment_id])
-    assert sorted(run.info.run_name for run in runs) == ["no_tv.s0", "ours_full.s0", "sfsnet_ao.s0"]
+    assert sorted(run.info.run_name for run in runs) == ["ours_full.s0", "self_all.s0"]
     for run in runs:
         name = run.info.run_name
         assert run.info.status == "FINISHED"

@@ -2,6 +2,7 @@
 
 from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import asdict, fields, is_dataclass
+from itertools import zip_longest
 
 import pytest
 from omegaconf import MISSING, OmegaConf
@@ -13,7 +14,10 @@ from relight.errors import UserError
 from relight.meshes import axes
 from relight.panoramas.panorama import LAYOUTS
 
-PRESETS = [f"{group}={name}" for group, names in presets().items() for name in names]
+# Presets that are composed together: the first of each group, then the second. Those of experiments compose one by one
+# in test_plan.py.
+ALONE = {group: names for group, names in presets().items() if group != "experiment"}
+PRESETS = [[f"{group}={name}" for group, name in zip(ALONE, names) if name] for names in zip_longest(*ALONE.values())]
 NEEDS = {
     "augment=photo": ["train=photo"],
     "figures=scans": ["figures.folder=x"],
@@ -22,9 +26,9 @@ NEEDS = {
 }
 
 
-@pytest.mark.parametrize("preset", PRESETS)
-def test_every_preset_composes(preset):
-    composed([preset, *NEEDS.get(preset, [])])
+@pytest.mark.parametrize("words", PRESETS, ids=" ".join)
+def test_every_preset_composes(words):
+    composed([*words, *(word for preset in words for word in NEEDS.get(preset, []) if word not in words)])
 
 
 def test_every_setting_is_described_and_conf_has_its_default():

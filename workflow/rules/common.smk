@@ -9,6 +9,7 @@ sys.path.insert(0, str(Path(workflow.basedir).parent))
 
 from snakemake.exceptions import WorkflowError
 
+from relight.code import save_cache
 from relight.errors import UserError
 from relight.files import is_unsafe_name
 from relight.processes import STARTED_BY
@@ -31,6 +32,7 @@ os.environ[WORKFLOW] = json.dumps(PLAN.tracking())
 
 onstart:
     PLAN.write_record(".")
+    save_cache()
 
 
 onsuccess:
