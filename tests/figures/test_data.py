@@ -230,7 +230,8 @@ def test_box_revolved_and_strap_are_closed_and_face_outward():
     assert volume(*props.box(half)) == pytest.approx(8 * np.prod(half), rel=2e-3)
     assert volume(*props.box(half, 0.02)) < 8 * np.prod(half)
     cup = np.array([(0, 0), (0.04, 0), (0.04, 0.1), (0, 0.1)])
-    assert volume(*props.revolved(cup, 90)) == pytest.approx(np.pi * 0.04**2 * 0.1, rel=2e-3)
+    polygon = 0.5 * props.SIDES * np.sin(2 * np.pi / props.SIDES) * 0.04**2  # area of the cup's cross-section
+    assert volume(*props.revolved(cup)) == pytest.approx(polygon * 0.1, rel=1e-6)
     line = np.linspace([0, 0, 0], [0, 1, 0], 9)
     assert volume(*props.strap(line, np.array([1.0, 0, 0]), 0.02, 0.004)) == pytest.approx(0.02 * 0.004)
     for vertices, faces in (props.box(half, 0.01), props.revolved(cup), props.strap(line, np.eye(3)[0], 0.02, 0.004)):
