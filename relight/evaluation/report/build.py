@@ -182,7 +182,9 @@ def answer_context(results: Results, name: str = "claim") -> dict[str, Any] | No
         return None
     table = results.table(name)
     claims = compare_rows(table, "ours_min", "sfsnet", ("shading_true_light_rmse", "relit_rmse"))
-    return {"name": name, "claims": claims, "scored": table} if len(claims) == 2 else None
+    over_ao = compare_rows(table, "ours_min", "sfsnet_ao", ("shading_true_light_rmse",))
+    context = {"name": name, "claims": claims, "over_ao": next(iter(over_ao.values()), None), "scored": table}
+    return context if len(claims) == 2 else None
 
 
 def value_or_none(make: Callable[[], T]) -> T | None:
