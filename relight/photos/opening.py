@@ -56,10 +56,13 @@ def open_picture(path: Path, what: str) -> Image.Image:
 
 @contextmanager
 def decoding_errors(what: str) -> Iterator[None]:
-    """Turns what Pillow's decoders raise for damaged files, a dozen types, into a UserError."""
+    """Turns what Pillow's decoders raise for damaged files, a dozen types, into a UserError.
+
+    A package that is missing is not the file's fault: `ImportError` passes.
+    """
     try:
         yield
-    except UserError:
+    except (UserError, ImportError):
         raise
     except Exception as error:
         raise UserError(f"{what} is damaged or cut short ({str(error).split(chr(10))[0]})") from None

@@ -1,6 +1,7 @@
 """What photos and masks may say, and the right value: profiles, gammas, previews, 16 bits, linear values, labels."""
 
 import struct
+import sys
 import zlib
 
 import numpy as np
@@ -317,6 +318,15 @@ def test_read_photo_keeps_16_bits_of_tiff(tmp_path, name):
     photo = read_photo(tmp_path / "a.tif")
     np.testing.assert_array_equal(photo.pixels, DEEP)
     assert photo.suffix == ".tif" and photo.codes.dtype == np.uint8
+
+
+def test_read_photo_of_16_bits_without_its_package_blames_no_file(tmp_path, monkeypatch):
+    """The command then names the extra to install (`relight.cli`)."""
+    tifffile.imwrite(tmp_path / "a.tif", np.full((12, 12, 3), 40000, np.uint16), photometric="rgb")
+    monkeypatch.setitem(sys.modules, "av", None)  # as if it were not installed
+    with pytest.raises(ModuleNotFoundError) as error:
+        read_photo(tmp_path / "a.tif")
+    assert error.value.name == "av"
 
 
 def test_read_photo_refuses_a_tiff_that_two_readers_read_differently(tmp_path):
