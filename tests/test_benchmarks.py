@@ -49,6 +49,7 @@ def test_every_optimizer_is_timed(scripts):
         *((["scale=smoke", *more], 64, None) for more in (["model=ours_plus"], ["model=unet"])),
     ],
 )
+@pytest.mark.slow
 def test_multiply_adds_of_every_network(scripts, words, size, operations):
     """Heads that leave autocast, too: fake tensors have a device, meta tensors have one that autocast refuses."""
     from omegaconf import OmegaConf

@@ -113,6 +113,7 @@ def test_code_hash_includes_the_extension_that_the_settings_name(tmp_path, monke
     code.source.cache_clear()
 
 
+@pytest.mark.slow
 def test_every_stage_imports_what_it_runs():
     """What a process of a stage has loaded of relight after its imports is in the closure, if results depend on it."""
     for stage in ("bake", "lights", "train"):
@@ -155,6 +156,7 @@ def test_update_config_dates_the_settings_that_differ(made):
     assert (made / "bake.yaml").read_text() == plan.settings_file("bake")
 
 
+@pytest.mark.slow
 def test_changed_code_is_named_and_pin_keeps_its_results(made):
     file = made / "bake.yaml"
     text = file.read_text()

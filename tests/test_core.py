@@ -120,6 +120,7 @@ def ends(done) -> list[tuple[int, str]]:
     return [tuple(json.loads(line)[1:]) for line in lines]
 
 
+@pytest.mark.slow
 def test_commands_of_the_core_run(core, photo):
     mask = photo.with_name("me_mask.png")
     commands = [
@@ -134,6 +135,7 @@ def test_commands_of_the_core_run(core, photo):
     assert [code for code, _ in found] == [0] * len(commands), found
 
 
+@pytest.mark.slow
 def test_python_interface_of_the_core(core, photo):
     program = f"import relight; print(relight.load().relight({str(photo)!r}, light='room:12').shape)"
     done = core(program=program)
@@ -163,6 +165,7 @@ def lacking(core, photo, tmp_path_factory):
 
 
 @pytest.mark.parametrize("line", LACKING)
+@pytest.mark.slow
 def test_missing_extras_are_named_in_one_line(lacking, line):
     code, told = lacking[line]
     assert code == 1 and re.search(rf"needs \w+: run `pip install '\.\[({LACKING[line]})\]'`", told), told

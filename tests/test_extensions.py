@@ -54,6 +54,7 @@ assert len(mesh.faces) == 4 and mesh.info["name"] == "g0007"
 """
 
 
+@pytest.mark.slow
 def test_the_file_of_the_docs_works(tmp_path):
     """In a process of its own, since choices of settings are made when they are imported."""
     (tmp_path / "files").mkdir()

@@ -84,6 +84,7 @@ def check(line: str) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+@pytest.mark.slow
 def test_every_shell_line_is_accepted_or_listed_as_not_run(page):
     for line in shell_lines(page):
         if not PLACEHOLDER.search(line):

@@ -40,6 +40,7 @@ def installed(tmp_path_factory):
     return folder / "site"
 
 
+@pytest.mark.slow
 def test_the_tools_work_from_a_wheel(installed, tmp_path):
     trimesh.creation.icosphere(2, radius=0.9).export(tmp_path / "ball.obj")
     commands = [

@@ -53,6 +53,7 @@ def true_picture(seen, panorama, turn):
     return total
 
 
+@pytest.mark.slow
 def test_import_captures_truth_agrees_with_formulas(captures, imported):
     """Pictures, shading, albedo, normals, transport and light, up to the one factor that no frame tells."""
     benchmark = BenchmarkSet(imported)

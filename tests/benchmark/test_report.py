@@ -39,6 +39,7 @@ def write(folder: Path, values: dict[str, list[float]], benchmark: str = "012345
 
 
 @pytest.mark.parametrize("method", ["ours_full.s0", "as_it_is", "mean_light"])
+@pytest.mark.slow
 def test_benchmark_scores_stage_agrees_with_the_command(drawn, weights, tmp_path, method):
     """And leaves no answers, but everything else that was in the folder."""
     kind = method if method in BASELINES else "network"
@@ -62,6 +63,7 @@ def test_plan_benchmark_weights(drawn):
     ]
 
 
+@pytest.mark.slow
 def test_plan_check_of_a_missing_set(drawn, tmp_path):
     plan(drawn).check()
     with pytest.raises(UserError, match=r"there is no finished benchmark there \(relight benchmark make --out \S+\)$"):

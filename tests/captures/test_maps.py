@@ -66,6 +66,7 @@ def true_transport(seen, turn):
 
 
 @pytest.mark.parametrize("name", NAMES[:2])
+@pytest.mark.slow
 def test_measure_maps_agrees_with_formulas(made, name):
     """On the person's square, whose box fills nine tenths of it as a baked figure does."""
     maps, seen = read_maps(made / f"{name}.exr"), twin.surface(CAMERAS[name])
@@ -115,6 +116,7 @@ def test_training_reads_measured_maps(made, settings, tmp_path):
     assert np.isfinite(float((tmp_path / "run.csv").read_text().splitlines()[-1].split(",")[1]))
 
 
+@pytest.mark.slow
 def test_plan_measures_captures_in_place_of_baking(olat, tmp_path):
     (jobs,) = planned(copy(tmp_path), [*WORDS, f"figures.folder={olat}"])
     assert jobs["capture"] == 3 and jobs["pack"] == jobs["train"] == 1
@@ -127,6 +129,7 @@ def refused(words, *more):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_capture_stage_and_plan_refuse(olat, settings, tmp_path):
     folder = f"figures.folder={olat}"
     assert Plan({"hydra": [*WORDS, folder, "figures.only='anna|ben'"]}).figures == list(NAMES[:2])

@@ -71,6 +71,7 @@ def test_evaluate_agrees_with_predictions_one_at_a_time(name, checkpoints, world
     assert ("normal_rmse" in scores.columns) == (name != "ours")
 
 
+@pytest.mark.slow
 def test_evaluate_writes_the_same_bytes_in_another_process(checkpoints, world, tmp_path):
     here, there = tmp_path / "here.csv", tmp_path / "there" / "here.csv"
     evaluate(checkpoints["ours"], world.packed, world.lights, world.split, world.condition, here)

@@ -151,6 +151,7 @@ def test_views_are_exposed_for_each_figure(world):
         np.testing.assert_allclose(dim, bright, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_plates_show_the_truth_and_each_network(world, small_network, tmp_path):
     checkpoints = {}
     for name in ("ours", "sfsnet_ao"):
@@ -231,6 +232,7 @@ def test_relit_by_several_lights(world, small_network, tmp_path):
         assert found[0] > 0.9 and found[0] > found[1] + 0.3
 
 
+@pytest.mark.slow
 def test_plates_of_one_figure_and_of_extreme_places(world, small_network, tmp_path):
     """Of three test figures in the order 2, 0, 1 of their errors the sheet shows each once, from the best on."""
     networks = {"ours": tmp_path / "ours.safetensors"}

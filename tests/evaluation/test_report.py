@@ -88,6 +88,7 @@ TABLES = [path.stem for path in (CONF / "experiment").glob("*.yaml") if "table: 
 
 
 @pytest.mark.parametrize("preset", sorted({*TABLES} - {"one", "photo"}))
+@pytest.mark.slow
 def test_section_of_every_table_of_trainings(tmp_path, preset):
     made = build.experiment(results(tmp_path, preset, {}), preset)
     assert not made.failed and made.name == preset and "<table" in made.html
@@ -161,6 +162,7 @@ def test_self_supervised_section(tmp_path):
     assert set(numbers(tmp_path / "none", "self_supervised", {})["collapsed"].values()) == {0}
 
 
+@pytest.mark.slow
 def test_data_size_and_order_sections(tmp_path):
     falling = {"figures_8": 0.5, "figures_16": 0.4, "figures_32": 0.35, "figures_64": 0.3, "figures_128": 0.3}
     made = numbers(tmp_path / "a", "data_size", {row: {"shading_rmse": value} for row, value in falling.items()})
@@ -194,6 +196,7 @@ def test_equal_losses_section(tmp_path):
     assert made["parts"] == pytest.approx({"inferred": 0.5, "losses": 0}, abs=0.01)
 
 
+@pytest.mark.slow
 def test_plus_parts_section(tmp_path):
     errors = {"plus_no_mirror": {"albedo_rmse": 0.2}, "ours_full": {"albedo_rmse": 0.2}}
     errors["plus_no_relit"] = {"relit_rmse": 0.6}
@@ -324,6 +327,7 @@ def save_lights(folder):
     )
 
 
+@pytest.mark.slow
 def test_build_report_is_whole_and_stands_alone(tmp_path):
     folder = whole_run(tmp_path, "table1", "table2")
     out = folder / "report" / "report.html"
@@ -355,6 +359,7 @@ def test_build_report_is_whole_and_stands_alone(tmp_path):
         assert said in html
 
 
+@pytest.mark.slow
 def test_build_report_with_failed_sections(tmp_path, capsys):
     folder = whole_run(tmp_path, "table1", "table2")
     (folder / "evaluate" / "test-test" / "no_tv.s0.csv").write_text("a,b\n1,2\n")

@@ -12,6 +12,7 @@ def model(*words):
     return OmegaConf.to_object(composed(words)).model
 
 
+@pytest.mark.slow
 def test_time_networks_of_small_networks(tmp_path):
     words = ("scale=smoke", "model.width=0.03125")
     small = {"ours_full": model(*words), "ours_plus": model(*words, "model=ours_plus")}

@@ -98,6 +98,7 @@ def test_match_color_keeps_the_pattern():
     assert np.isfinite(match_color(light, other)).all() and np.isfinite(match_color(other, light)).all()
 
 
+@pytest.mark.slow
 def test_evaluate_transfer_and_transfer_plate(world, small_network, tmp_path):
     networks = {}
     for name in ("ours", "sfsnet_ao"):

@@ -407,6 +407,7 @@ def test_in_other_fabrics_keeps_the_cut():
 
 
 @pytest.mark.parametrize("name", sorted(wardrobe()))
+@pytest.mark.slow
 def test_build_pattern_cuts_every_garment(body, name):
     """In one piece, with as many borders as it has openings, around a body that stands."""
     garment = wardrobe()[name]

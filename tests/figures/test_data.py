@@ -21,6 +21,7 @@ def person():
     return build_body(sample_person(np.random.default_rng(1)))
 
 
+@pytest.mark.slow
 def test_import_of_dress_loads_neither_anny_nor_torch():
     code = (
         "import sys, relight.figures.dress; print(sorted({'anny', 'torch', 'requests', 'open3d'} & set(sys.modules)))"

@@ -247,6 +247,7 @@ def lifted(x, pattern):
         (lambda x, strain, pattern: (x * [0.6, 1, 0.6], strain), "inside"),
     ],
 )
+@pytest.mark.slow
 def test_check_garment_rejects_what_is_spoilt(snug, spoil, message):
     _, motion, pattern, x, strain = snug
     x, strain = spoil(x, strain, pattern)
@@ -391,6 +392,7 @@ def test_export_glb_holds_its_licence_and_each_texture_once(tmp_path):
     assert [(material.roughness, material.specular) for material in read.materials] == [(0.25, 0.5), (1, 0), (1, 0)]
 
 
+@pytest.mark.slow
 def test_with_gloss_gives_materials_the_gloss_of_their_kind(figure):
     found = {material.name: (material.roughness, material.specular) for material in figure.materials}
     assert found["skin"] == GLOSS["skin"] and found["eyes"] == GLOSS["eyes"]
@@ -469,6 +471,7 @@ def test_write_table_lists_all_figures_of_the_folder(tmp_path):
     ],
     ids=lambda fixed: " ".join(fixed),
 )
+@pytest.mark.slow
 def test_sample_satisfies_the_constraints(fixed):
     constraints = Constraints(**fixed)
     for seed in range(2):
@@ -521,6 +524,7 @@ def test_constraints_refuse_unknown_names_in_one_sentence(fixed, message):
         ({"garments": ("dress",), "hair": ("bald",)}, "dress and bald hair"),
     ],
 )
+@pytest.mark.slow
 def test_constraints_that_nobody_satisfies_are_one_sentence(monkeypatch, fixed, message):
     monkeypatch.setattr("relight.figures.constraints.OUTFITS", 20)
     constraints = Constraints(**fixed)

@@ -77,6 +77,7 @@ def test_units_swap_exchanges_the_sides():
 
 
 @pytest.mark.parametrize("style", [style.name for style in styles.styles().values() if style.comb])
+@pytest.mark.slow
 def test_build_hair_is_finite_and_outside_of_the_head(head, heads, style):
     surface = colliders.Collider(head[2][0], *head[2])
     for part in heads[style]:

@@ -157,6 +157,7 @@ def test_cut_from_suit_short_sleeves_leave_the_trunk_whole(name, seed):
 
 
 @pytest.mark.parametrize("name", ["high sneakers", "boots"])
+@pytest.mark.slow
 def test_drape_outfit_hangs_trousers_over_the_shoes(person, name):
     shoe = next(s for s in shoes() if s.name == name)
     outfit = outfits.sample_outfit(np.random.default_rng(0), person.person)

@@ -36,6 +36,7 @@ def test_round_trip(network, model, tmp_path):
     assert all(torch.equal(value, loaded(image, mask)[name]) for name, value in network(image, mask).items())
 
 
+@pytest.mark.slow
 def test_reading_a_network_does_not_bring_in_torchs_compiler(network, model, tmp_path):
     """It costs a CPU-second, a seventh of what a photo takes; drawing weights without memory would import it."""
     save_network(tmp_path / "n.safetensors", network, model())
@@ -45,6 +46,7 @@ def test_reading_a_network_does_not_bring_in_torchs_compiler(network, model, tmp
     assert run.stdout.strip() == "False", run.stderr
 
 
+@pytest.mark.slow
 def test_the_mean_of_two_networks(network, model, tmp_path):
     start, end, out = (tmp_path / f"{name}.safetensors" for name in ("start", "end", "out"))
     save_network(start, network, model(), stages=[1])

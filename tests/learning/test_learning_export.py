@@ -21,6 +21,7 @@ def exported(request, exported_network):
     return load_network(folder / "a.safetensors")[0], folder / "a.safetensors", folder / "a.onnx"
 
 
+@pytest.mark.slow
 def test_export_runs_at_other_batches_and_sizes(exported):
     _, _, path = exported
     image, mask = sample(4, 256, 192)

@@ -216,6 +216,7 @@ def test_shading_teaches_normals_and_ao(tiny_world, loss, name):
     assert taught == set(leaves) - {"albedo", "light"}
 
 
+@pytest.mark.slow
 def test_presets_hold_the_losses_of_the_tables(tiny_world):
     batch = batch_of(tiny_world)
     expected = {

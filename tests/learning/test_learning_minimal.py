@@ -67,6 +67,7 @@ def test_loss_is_the_fifteen_of_the_package(minimal, world, folder, loss):
     torch.testing.assert_close(minimal.loss(inferred, truth, mask[[0, 2]]), expected, rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_example_trains_and_draws_what_it_relit(minimal, folder, tmp_path, monkeypatch, capsys):
     out = tmp_path / "minimal.png"
     words = ["train_minimal.py", str(folder), "--steps", "60", "--width", ".125", "--out", str(out)]

@@ -9,6 +9,7 @@ from relight.learning.optimizers import MUON_LR, QUINTIC, Muon, make_optimizers,
 
 
 @pytest.mark.parametrize("name", ["ours", "unet"])
+@pytest.mark.slow
 def test_muon_has_the_weights_whose_scale_has_no_effect(model, schedule, name):
     torch.manual_seed(0)
     network = build(model(name=name, dropout=0.0), 64).double()

@@ -121,6 +121,7 @@ def test_kill_9_between_the_log_and_the_state(run, tmp_path):
     assert [step for step, _ in killed.logged] == [6, 8]
 
 
+@pytest.mark.slow
 def test_a_state_of_other_settings_or_data_is_ignored(run, world, tmp_path, capsys):
     first = run()
 

@@ -36,6 +36,7 @@ def rooms():
 
 @pytest.mark.parametrize("order", ["cut_first", "paper"])
 @pytest.mark.parametrize("split", ["room", "random"])
+@pytest.mark.slow
 def test_the_light_set_has_the_properties_that_the_settings_ask_for(rooms, order, split):
     sources, coefficients = rooms
     lights, record = select_lights(coefficients, sources, replace(SETTINGS, order=order, split=split))

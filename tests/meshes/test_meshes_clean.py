@@ -193,6 +193,7 @@ def test_holes_are_reported_and_closed_on_request(person):
     np.testing.assert_array_equal(result.material[-new:], mesh.material[ring][0])
 
 
+@pytest.mark.slow
 def test_decimation_keeps_uv_materials_colors_and_seams(person):
     mesh = person(40)
     mesh.uv[mesh.vertices[mesh.faces][..., 0].mean(axis=1) > 0] += 3  # a seam down the middle of the body

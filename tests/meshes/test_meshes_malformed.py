@@ -322,6 +322,7 @@ def test_missing_file(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["a.ply", "a.glb", "a.obj"])
+@pytest.mark.slow
 def test_files_cut_or_altered_anywhere_never_crash(tmp_path, name):
     """Prefixes of a file, and the file with one byte altered, all along it, are read or refused."""
     content = {"a.ply": binary_ply(), "a.glb": glb(gltf()), "a.obj": obj()}[name]

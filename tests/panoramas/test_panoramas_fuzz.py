@@ -86,6 +86,7 @@ def malformed(data, rng):
     return bytes(data), "size"
 
 
+@pytest.mark.slow
 def test_malformed_panoramas_neither_crash_nor_hang_nor_fill_the_memory(tmp_path):
     rng = np.random.default_rng(1)
     seeds = write_seeds(tmp_path)

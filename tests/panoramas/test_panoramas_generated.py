@@ -57,6 +57,7 @@ RANGES = {
 
 
 @pytest.mark.parametrize("name", RANGES)
+@pytest.mark.slow
 def test_rooms_spread_as_indoor_light_does(rooms, name):
     for value, (low, high) in zip(np.percentile(rooms[name], [10, 50, 90]), RANGES[name]):
         assert low < value < high

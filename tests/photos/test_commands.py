@@ -136,6 +136,7 @@ def bad(tmp_path, weights):
     yield [me, "--mask", me], "is the photo itself"
 
 
+@pytest.mark.slow
 def test_bad_input_is_one_line_and_overwrites_nothing(run, photo_files, weights, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
@@ -162,6 +163,7 @@ def test_a_mask_that_looks_wrong_is_said(run, photo_files, weights, tmp_path):
     assert "inverted" in json.loads((out / "photo.json").read_text())["mask"]["notes"][0]
 
 
+@pytest.mark.slow
 def test_a_folder_goes_on_after_failures_and_resumes(run, weights, tmp_path, draw, monkeypatch):
     folder, out = tmp_path / "in", tmp_path / "out"
     folder.mkdir()
@@ -221,6 +223,7 @@ def test_help_is_complete_at_80_columns_and_names_every_kind_of_light(command, m
         assert name in text
 
 
+@pytest.mark.slow
 def test_photo_writes_the_photo_beside_the_result(photo_files, weights, tmp_path, run):
     photo, _, pixels, _ = photo_files
     for background in ("keep", "transparent"):
@@ -235,6 +238,7 @@ def test_photo_writes_the_photo_beside_the_result(photo_files, weights, tmp_path
         assert np.abs(strip[:, -width:] - np.asarray(shown.convert("RGB"))).mean() < 15
 
 
+@pytest.mark.slow
 def test_opposite_lamp_is_on_the_side_from_which_no_light_comes(relighter, draw):
     pixels, mask = draw()
     person = relighter.infer(pixels, mask)[0]

@@ -70,6 +70,7 @@ def test_balls_beside_each_other_add_and_behind_each_other_do_not():
     assert np.allclose(hide(one, behind), hide(one))
 
 
+@pytest.mark.slow
 def test_a_figure_is_filled_and_stands_on_the_ground():
     coverage = standing()
     camera = Camera(300.0, 150.0, 130.0)
@@ -138,6 +139,7 @@ def test_nobody_stands_in_a_portrait():
 
 
 @pytest.mark.parametrize("kind", ["color", "picture", "panorama"])
+@pytest.mark.slow
 def test_shadows_are_on_new_backgrounds_only(kind, relighter, draw):
     """The picture is darker beneath the figure than without shadows, and nowhere else; so are frames of a movie."""
     pixels, mask = draw()

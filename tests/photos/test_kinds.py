@@ -458,6 +458,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize("name", KINDS)
+@pytest.mark.slow
 def test_photo_command_writes_in_kind(tmp_path, run, weights, draw, name):
     """Relit as the 8-bit picture is, but finer: more codes than 8 bits have, each within half a step and rounding."""
     codes, mask = draw()
@@ -483,6 +484,7 @@ def test_photo_command_writes_in_kind(tmp_path, run, weights, draw, name):
     np.testing.assert_array_equal(found.pixels[outside], want[outside])
 
 
+@pytest.mark.slow
 def test_photo_command_keeps_scene_values_above_white(tmp_path, run, weights, draw):
     """A linear photo is multiplied by the gain alone: four times the light in, four times out."""
     codes, mask = draw()
@@ -614,6 +616,7 @@ def test_read_mask_with_nan_says_so_without_a_warning_of_numpy(tmp_path, recwarn
     assert "1 values that are not numbers" in photo.notes[0] and not recwarn.list
 
 
+@pytest.mark.slow
 def test_a_note_on_the_mask_reaches_the_screen_and_the_record(tmp_path, run, weights, draw):
     codes, mask = draw()
     Image.fromarray(codes).save(tmp_path / "a.png")
@@ -624,6 +627,7 @@ def test_a_note_on_the_mask_reaches_the_screen_and_the_record(tmp_path, run, wei
 
 
 @pytest.mark.parametrize("label", [np.uint8(1), np.int64(15), np.float32(0.4), np.uint16(65535), True])
+@pytest.mark.slow
 def test_infer_takes_arrays_of_labels(relighter, draw, label):
     pixels, mask = draw()
     solid = mask > 127

@@ -127,6 +127,7 @@ def test_edges_are_the_photos():
     assert overlap(selfie.fit_to_edges(flat, blurred) > 0.5, blurred > 0.5) > 0.97
 
 
+@pytest.mark.slow
 def test_photo_without_a_mask(run, wheel, weights, tmp_path):
     """Three commands' worth: set up, relight, and draw the mask to correct it, which is then the one that counts."""
     pixels, figure = scene()
@@ -149,6 +150,7 @@ def test_photo_without_a_mask(run, wheel, weights, tmp_path):
 
 
 @pytest.mark.parametrize("answer", ["y", "", "n"])
+@pytest.mark.slow
 def test_photo_at_a_terminal_asks_whether_to_fetch_the_network(answer, wheel, weights, tmp_path, monkeypatch):
     Image.fromarray(scene()[0]).save(tmp_path / "me.png")
     monkeypatch.setattr("relight.photos.commands.at_terminal", lambda: True)

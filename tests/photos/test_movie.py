@@ -65,6 +65,7 @@ def test_a_failed_movie_leaves_the_old_one(tmp_path):
         read_frames(tmp_path / "b.mp4")
 
 
+@pytest.mark.slow
 def test_turning_light_closes_and_keeps_its_exposure(relighter, draw):
     pixels, mask = draw()
     figures = relighter.infer(pixels, mask)
@@ -95,6 +96,7 @@ def test_movie_of_a_photo(run, photo_files, weights, tmp_path):
         run("movie", me, "--out", tmp_path / "b.mp4", "--background", "none")
 
 
+@pytest.mark.slow
 def test_movie_of_a_clip(run, weights, tmp_path, draw):
     """A folder of frames with a folder of masks, or with masks beside them; too few masks are said."""
     frames, masks = tmp_path / "frames", tmp_path / "masks"

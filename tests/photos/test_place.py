@@ -80,6 +80,7 @@ def test_default_light_is_that_of_a_picture_behind():
     assert {default_light(text) for text in ("keep", "panorama", "#334455", "")} == {"auto"}
 
 
+@pytest.mark.slow
 def test_photo_takes_the_light_of_a_picture_behind(run, photo_files, weights, street, tmp_path):
     me = photo_files[0]
     options = ("photo", me, "-w", weights, "--out", "out", "--background", "street.png")
@@ -95,6 +96,7 @@ def test_photo_takes_the_light_of_a_picture_behind(run, photo_files, weights, st
     assert "in the light of key:" in run("photo", me, "-w", weights, "--out", "out")
 
 
+@pytest.mark.slow
 def test_relighter_takes_the_light_of_a_picture_behind(relighter, photo_files, street):
     _, _, pixels, mask = photo_files
     default, named, other = (
@@ -104,6 +106,7 @@ def test_relighter_takes_the_light_of_a_picture_behind(relighter, photo_files, s
     assert np.array_equal(default, named) and (default != other).any()
 
 
+@pytest.mark.slow
 def test_a_folder_is_relit_again_when_the_place_changes(run, photo_files, weights, street, tmp_path):
     (tmp_path / "photos").mkdir()
     for path in photo_files[:2]:

@@ -54,6 +54,7 @@ def ball(size=128, side=160):
 
 
 @pytest.mark.parametrize("size", [(180, 140), (141, 333), (200, 200), (64, 30)])
+@pytest.mark.slow
 def test_photo_in_photo_out(relighter, size, draw):
     """`ratio` with the inferred light returns the very photo, whatever the network says."""
     pixels, mask = draw(*size, seed=sum(size))
@@ -247,6 +248,7 @@ def test_strips_do_not_show(relighter, monkeypatch, draw):
     assert np.abs(cut.astype(int) - whole).max() <= 1
 
 
+@pytest.mark.slow
 def test_backgrounds(relighter, tmp_path, draw):
     from PIL import Image
 
@@ -271,6 +273,7 @@ def test_backgrounds(relighter, tmp_path, draw):
         read_background("no such color")
 
 
+@pytest.mark.slow
 def test_python_interface_says_what_is_wrong(relighter, draw):
     pixels, mask = draw()
     for image, cover, says in [
@@ -290,6 +293,7 @@ def test_python_interface_says_what_is_wrong(relighter, draw):
     assert brighter.mean() > relighter.relight(pixels, mask, LIGHT)[mask == 255].mean() + 10
 
 
+@pytest.mark.slow
 def test_paper_networks_see_coded_values(relighter, weights, draw):
     """A network trained with color=paper gets the 8-bit values as they are."""
     from relight.photos.infer import infer_person

@@ -22,6 +22,7 @@ def lamp(azimuth, elevation=30, fill=1.0, color=(1, 1, 1)):
     return light.astype(np.float32)
 
 
+@pytest.mark.slow
 def test_words(figure, relighter):
     quiet = assess(replace(figure, light=lamp(20)), relighter.lights).warnings
     assert not [w for w in quiet if "behind" in w or "colored" in w or "real light" in w]
@@ -36,6 +37,7 @@ def test_words(figure, relighter):
         assert any(words in w for w in warnings), (words, warnings)
 
 
+@pytest.mark.slow
 def test_distance_to_the_training_lights(figure):
     training = np.stack([lamp(a, e) for a in range(-60, 61, 15) for e in (0, 30, 60)])
     near = assess(replace(figure, light=2 * training[4]), training)
@@ -45,6 +47,7 @@ def test_distance_to_the_training_lights(figure):
     assert assess(figure, None).distance is None
 
 
+@pytest.mark.slow
 def test_error_and_exposure(figure):
     perfect = replace(figure, albedo=np.full_like(figure.albedo, 0.5), image=0.5 * figure.shading)
     assert assess(perfect).error < 1e-3

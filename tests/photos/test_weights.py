@@ -63,6 +63,7 @@ def test_shading_goes_with_the_truth(figure):
     assert ours > 0.6 and ours > brightness, found  # better than taking a bright pixel for a lit one
 
 
+@pytest.mark.slow
 def test_a_photograph_of_a_real_person():
     """Orange is the suit's and not the light's, and a lamp brightens the side on which it stands."""
     photo = skimage.data.astronaut()

@@ -80,6 +80,7 @@ def table() -> list[float]:
 
 
 @pytest.mark.parametrize("what", [body, maps, light, network, table], ids=lambda what: what.__name__)
+@pytest.mark.slow
 def test_numbers_are_those_of_the_last_review(what):
     found = [float(f"{number:.7g}") for number in what()]
     golden = json.loads(GOLDEN.read_text()) if GOLDEN.exists() else {}

@@ -62,6 +62,7 @@ def safetensors(header: dict, body: bytes = b"") -> bytes:
     return struct.pack("<Q", len(text)) + text + body
 
 
+@pytest.mark.slow
 def test_what_a_header_promises_is_not_allocated(whole, tmp_path):
     """Networks and data sets whose metadata ask for more memory than there is."""
     sizes, jobs = (10**6, 10**9, 10**300, -64, 0, "64", None, 64.5, [64]), []
@@ -95,6 +96,7 @@ def test_what_a_header_promises_is_not_allocated(whole, tmp_path):
                         st.sampled_from(["coefficients", "convention", "object", "sh", "intensity", "x"]), inner
                     ), max_leaves=40))  # fmt: skip
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@pytest.mark.slow
 def test_any_json_is_a_light_or_refused(tmp_path, content):
     path = tmp_path / "light.json"
     path.write_text(json.dumps(content))

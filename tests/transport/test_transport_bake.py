@@ -146,6 +146,7 @@ def test_supersampling():
     np.testing.assert_allclose(mean, 0.5, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_supersampled_maps_are_means_of_a_finer_image():
     """Four times the size has a pixel for each of the 4 x 4 places, and rays enough to be the truth."""
     rng = np.random.default_rng(3)
@@ -222,6 +223,7 @@ def test_far_from_the_origin():
     assert np.sqrt(((near - far) ** 2).mean()) < 1e-3
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_threads_or_batches():
     vertices, faces = random_mesh()
     points = np.random.default_rng(1).uniform(-0.5, 0.5, (101, 3))

@@ -80,6 +80,7 @@ def test_octahedral_map_is_undone_over_the_whole_sphere():
     np.testing.assert_allclose(back / np.linalg.norm(back, axis=-1, keepdims=True), normals, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_stage_shows_as_many_figures_as_a_page_holds(tmp_path, maps, monkeypatch):
     import relight.stages.viewer as page
     from relight.lights import LightSet, write_light_set

@@ -95,6 +95,7 @@ class Oracle(Relighter):
     gamma = 1.0
 
 
+@pytest.mark.slow
 def test_a_photo_of_two_people_is_shown_as_the_photo_command_shows_it(page, tmp_path, monkeypatch):
     relighter = Oracle()
     monkeypatch.setattr("relight.photos.api.load", lambda weights: relighter)

@@ -158,6 +158,7 @@ def test_a_figure_is_that_of_the_view_command(shape, centres):
 @pytest.mark.parametrize(
     ("size", "kind"), [(150, "soft"), (150, "binary"), (640, "soft"), (150, "hair"), (150, "noisy")]
 )
+@pytest.mark.slow
 def test_fit_edge_is_that_of_python(size, kind, automatic):
     """A mask that is two pixels off: soft, of two values, with a soft part, with a coder's noise; cells of 2 pixels."""
     y, x = np.mgrid[:size, : size // 2]
@@ -287,6 +288,7 @@ def places():
     yield np.full((20, 30, 3), 255, np.uint8)
 
 
+@pytest.mark.slow
 def test_the_light_of_a_place_is_that_of_python():
     program = """const main = ({ pixels, width, height, known, light }) => {
       const picture = { pixels: Uint8Array.from(pixels), width, height }, white = $place.whiteOf(picture);

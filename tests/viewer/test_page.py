@@ -87,6 +87,7 @@ def relit_shading(maps, light):
 
 
 @pytest.mark.parametrize("name", ["Window", "Lamp", "Behind"])
+@pytest.mark.slow
 def test_relit_and_shading_equal_python_under_turned_lights(balls, maps, lights, name):
     index = list(lights).index(name)
     for yaw, tilt, stops in [(0, 0, 0), (70, 0, 0), (-155, 40, 1), (10, -75, -1.5)]:
@@ -186,6 +187,7 @@ def test_planes_are_unpacked_as_they_were_packed(balls):
     np.testing.assert_array_equal(np.reshape(answer, (3, 17, 23)), np.moveaxis(planes * region[..., None], -1, 0))
 
 
+@pytest.mark.slow
 def test_ratio_keeps_the_photo_and_relights_it(page, photo_html, maps, lights, photograph):
     page.open(photo_html)
     photo, own = photograph
@@ -205,6 +207,7 @@ def test_ratio_keeps_the_photo_and_relights_it(page, photo_html, maps, lights, p
         assert farthest(pixels, codes(maps.albedo * lit), maps.mask) <= 2
 
 
+@pytest.mark.slow
 def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photograph):
     """Against relight.photos.compose.render, soft edges, extended maps, exposure and backgrounds included."""
     photo, own = photograph
@@ -485,6 +488,7 @@ def test_lamps_are_placed_by_mouse_and_keys(balls):
     assert balls.run("relight.state.lamps.length") == 0
 
 
+@pytest.mark.slow
 def test_the_address_shows_the_same_picture(page, html):
     page.open(html)
     lamp = {"azimuth": 45, "elevation": 30, "color": "#ffaa66", "strength": 1.5, "softness": 12}
@@ -516,6 +520,7 @@ def test_the_page_opens_with_one_turn_that_a_touch_ends(page, html):
     assert page.run("relight.state.yaw") == yaw != 0
 
 
+@pytest.mark.slow
 def test_a_movie_is_one_turn_at_the_size_of_the_image(balls, tmp_path, maps, lights):
     balls.run(f"relight.set({json.dumps(START | {'yaw': 15})})")
     data = balls.run(
@@ -543,6 +548,7 @@ def test_a_wrong_file_is_told_and_changes_nothing(balls):
     assert balls.run("relight.lights().length") == 3
 
 
+@pytest.mark.slow
 def test_keyboard_mouse_and_touch_turn_the_light(page, html):
     page.open(html, 390, 844, 2, mobile=True)
     page.run(f"relight.set({json.dumps(START)})")
@@ -603,6 +609,7 @@ def test_every_control_has_a_name_and_nothing_was_fetched(page, photo_html):
     assert not [e for e in page.events if e.get("method") == "Runtime.exceptionThrown"]
 
 
+@pytest.mark.slow
 def test_a_figure_has_its_maps_from_each_source(page, tmp_path, maps, lights):
     """Two figures with two sources each: one entry a figure, and the source stays when the figure changes."""
     dark = replace(maps, albedo=maps.albedo / 2)
@@ -681,6 +688,7 @@ def opened_place(page, pixels, is_behind):
     return page.call(STREET, rgba.ravel().tolist(), *pixels.shape[1::-1], is_behind)
 
 
+@pytest.mark.slow
 def test_a_place_lights_the_figure_before_its_picture_as_in_python(page, photo_html, maps, photograph, street):
     """Against relight.photos.compose.render with the light and the background of `relight photo --background`."""
     page.open(photo_html)
@@ -708,6 +716,7 @@ def test_a_place_lights_the_figure_before_its_picture_as_in_python(page, photo_h
     assert farthest(dark, render(photo, [figure], light / 4, "ratio", behind), ~maps.mask) <= 2
 
 
+@pytest.mark.slow
 def test_a_picture_behind_covers_the_image_and_keeps_its_shape(page, photo_html, street):
     """A tall one and a wide one with a white disc in the middle: the disc stays round and in the middle."""
     page.open(photo_html)

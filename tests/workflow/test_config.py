@@ -98,6 +98,7 @@ def test_a_preset_is_read_without_hydra():
 
 
 @pytest.mark.parametrize("stage", READS)
+@pytest.mark.slow
 def test_what_stages_read_is_there(stage):
     cfg = composed()
     assert all(OmegaConf.select(cfg, key) is not None for key in READS[stage])
@@ -173,6 +174,7 @@ def test_what_stages_read_is_there(stage):
         ("scale=huge", ["scale=huge", "demo", "smoke"]),
     ],
 )
+@pytest.mark.slow
 def test_a_wrong_setting_is_one_sentence(override, words):
     with pytest.raises(UserError) as error:
         composed([override])

@@ -84,6 +84,7 @@ def test_licences_of_all_packages_are_told():
 
 
 @pytest.mark.parametrize("profile", ["default", "slurm"])
+@pytest.mark.slow
 def test_profiles_ask_for_what_snakemake_knows(profile):
     """Each key is an option of Snakemake's, or of the executor that the profile names."""
     from snakemake.cli import get_argument_parser

@@ -77,6 +77,7 @@ def test_every_preset_plans(preset):
         assert f"{plan.out}/{found['scores'][''][0]}" in plan.score_files
 
 
+@pytest.mark.slow
 def test_experiments_share_runs_and_keep_their_conditions():
     plan = Plan({"hydra": "scale=smoke experiment=[table1,table2,sitting,unusual_lights,silhouette]"})
     assert plan.scored.count("ours_full.s0") == 1
@@ -146,6 +147,7 @@ def test_impossible_plans(hydra, message):
         ("train.color=photo bake.size=128", "train.size=64", "row b has train.size=64, .* bake.size=128"),
     ],
 )
+@pytest.mark.slow
 def test_rows_of_a_table_are_measured_alike(shared, own, message):
     with pytest.raises(UserError, match=message):
         Plan({"hydra": f"scale=smoke {shared}", "rows": {"a": [], "b": [own]}}).check()
@@ -210,6 +212,7 @@ def test_a_package_that_is_missing_is_told_with_the_plan(monkeypatch):
         plan.check()
 
 
+@pytest.mark.slow
 def test_what_was_asked_for_is_written_down(tmp_path):
     runs = {"a": ["train.lr=0.1"]}
     for config in ({"hydra": "scale=smoke name=x"}, {"hydra": ["scale=smoke", "name=x"], "rows": runs}):
@@ -275,6 +278,7 @@ def test_folders_of_scans_are_checked(tmp_path, folder):
 
 
 @pytest.mark.parametrize("kind", ["figures=scans figures", "panoramas=folder panoramas"])
+@pytest.mark.slow
 def test_files_of_the_future_are_told(tmp_path, kind):
     """Snakemake would end their jobs: outputs are older than inputs."""
     file = tmp_path / ("a.obj" if "scans" in kind else "a.hdr")

@@ -95,6 +95,7 @@ def test_remove_outdated_of_experiments_that_are_not_in_the_run(tmp_path, change
     assert {path.name for path in report.iterdir()} == kept | (set() if changed else others)
 
 
+@pytest.mark.slow
 def test_a_sweep_of_a_stage_leaves_its_outputs_alone(tmp_path):
     (tmp_path / "record.json").write_text(json.dumps({"figures": {}}))
     words = ["-m", "split.seed=1,2", "io.packed=none", "io.record=record.json", "io.out=out"]
@@ -115,6 +116,7 @@ class Again:
         return subprocess.CompletedProcess(command, 0)
 
 
+@pytest.mark.slow
 def test_what_failed_leaves_the_report_of_the_others(tmp_path, monkeypatch, capsys):
     """Only inference_time has no results: Snakemake is called again without it, as it was called by whomever."""
     monkeypatch.chdir(tmp_path)
@@ -168,6 +170,7 @@ def test_what_a_killed_run_left_at_work_is_ended(tmp_path, monkeypatch):
             process.stdout.close()
 
 
+@pytest.mark.slow
 def test_a_job_takes_lists_of_files_and_its_log_says_what_it_was(tmp_path):
     """As the workflow calls it: the settings, versions and command are lines that begin with "# "."""
     from relight.meshes import Mesh

@@ -25,6 +25,7 @@ def test_help_has_every_setting_with_its_value_and_description():
 
 
 @pytest.mark.parametrize("stage", READS)
+@pytest.mark.slow
 def test_help_of_a_stage_has_what_it_reads(stage):
     text = listing(composed(), READS[stage])
     assert all(f" {key}" in text for key in READS[stage])
@@ -61,6 +62,7 @@ def test_completion(args, incomplete, found):
     assert words == found if found is not None else len(words) > 100 and "bake.rays=" in words
 
 
+@pytest.mark.slow
 def test_the_command_line_completes_and_prints_its_settings():
     def relight(*words: str, **environment: str) -> str:
         command = [sys.executable, "-c", "from relight.cli import app; app(prog_name='relight')", *words]

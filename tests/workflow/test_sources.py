@@ -34,6 +34,7 @@ def sources(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_three_meshes_and_two_panoramas_give_a_report(sources, tmp_path):
     repo = copy(tmp_path)
     run = relight(
@@ -56,6 +57,7 @@ def test_three_meshes_and_two_panoramas_give_a_report(sources, tmp_path):
     assert (repo / "results/mine/report/one.csv").stat().st_size > 100
 
 
+@pytest.mark.slow
 def test_too_few_usable_meshes_end_the_run(sources, tmp_path):
     folder = tmp_path / "scans"
     folder.mkdir()
