@@ -11,7 +11,7 @@ DARK = 0.15  # of the mean irradiance: the hue of darker shading is the light's,
 
 
 def shading(transport: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Returns the irradiance max(0, T . L) (docs/method.md, equation 7).
+    """Returns the irradiance max(0, T . L) (the paper, equation 7).
 
     Args:
         transport: (...,K).
