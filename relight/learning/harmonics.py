@@ -29,7 +29,7 @@ def unoccluded(normals: Tensor, order: int) -> Tensor:
 
 def mirror_signs(order: int) -> Tensor:
     """Returns the sign ((order+1)^2,) of each coefficient under the reflection x -> -x."""
-    direction = torch.tensor([0.48, 0.6, 0.64], dtype=torch.float64)
+    direction = torch.tensor([0.48, 0.6, 0.64], dtype=torch.float64)  # any unit vector where no coefficient is zero
     mirrored = direction * torch.tensor([-1.0, 1.0, 1.0], dtype=torch.float64)
     odd = (basis(direction, order) - basis(mirrored, order)).abs() > 1e-9
     return 1.0 - 2.0 * odd.float()

@@ -138,6 +138,14 @@ class PooledHead(nn.Module):
     """A light head that averages features over the mask; their size is 1/stride of the image's."""
 
     def __init__(self, inputs: int, channels: list[int], outputs: int, stride: int):
+        """Builds a perceptron of the channels `inputs`, `channels`, `outputs`.
+
+        Args:
+            inputs: channels of the features.
+            channels: of the hidden layers; the first sees each pixel, the others the mean.
+            outputs: three per coefficient of the light.
+            stride: side of the image over side of the features.
+        """
         super().__init__()
         self.stride = stride
         sizes = [inputs, *channels]
@@ -166,6 +174,11 @@ class Refinement(nn.Module):
     SIDE = 64  # pixels per side to which maps are subsampled: hundreds of equations for 27 unknowns
 
     def __init__(self, coefficients: int):
+        """Begins with uncoupled channels.
+
+        Args:
+            coefficients: K of the light.
+        """
         super().__init__()
         self.trust = nn.Parameter(torch.full((coefficients,), -4.0))
         self.coupling = nn.Parameter(torch.zeros(coefficients, 3, 3))

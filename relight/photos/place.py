@@ -26,7 +26,12 @@ def default_light(background: str) -> str:
 
 
 def split_place(text: str) -> tuple[str, tuple[str, str | None] | None]:
-    """Splits the name of a place's light, with or without PREFIX, into its file and the two numbers of a direction."""
+    """Splits the name of a place's light, `[place:]FILE[@AZIMUTH[,ELEVATION]]`.
+
+    Returns:
+        The file, and the azimuth and the elevation (or None) as they are written; None in place of both if the name
+        states no direction, or is itself that of a file.
+    """
     text = text.removeprefix(PREFIX)
     match = None if Path(text).is_file() else STATED.fullmatch(text)
     return (match[1], (match[2], match[3])) if match else (text, None)

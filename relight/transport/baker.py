@@ -31,7 +31,25 @@ def bake(
     view: View = FRONTAL,
     threads: int = 1,
 ) -> Maps:
-    """Bakes maps of one view of an aligned mesh; arguments as for `Baker` and `Baker.maps`."""
+    """Bakes maps of one view of a mesh (equation 7 of the paper). `Baker` bakes several views faster.
+
+    Args:
+        mesh: aligned, for the frontal view: the camera looks along -z at the square [-1,1] x [-1,1].
+        size: side of the square image, pixels.
+        rays: per pixel.
+        order: order of the spherical harmonics; the maps have K = (order + 1)^2 transport coefficients.
+        seed: random seed of the rays' azimuths.
+        supersample: k; a pixel holds means over k x k samples, which share its rays.
+        bounces: number of interreflections with the mesh's albedo.
+        view: view of the mesh.
+        threads: 0 takes every core. The result does not depend on it.
+
+    Returns:
+        Normals and transport in the camera's axes, depth in its units.
+
+    Raises:
+        UserError: if a setting is out of range, `RayCaster` rejects the mesh, or nothing of it is in view.
+    """
     return Baker(mesh, rays, order, seed, bounces, threads).maps(size, supersample, view)
 
 
@@ -101,7 +119,19 @@ class Baker:
         return Camera(size, max(2.0, front + pose.scale * caster.diagonal / 100), pose=pose)
 
     def maps(self, size: int, supersample: int = 1, view: View = FRONTAL) -> Maps:
-        """Bakes maps of one view of the mesh in its own outfit; arguments and errors as of `outfits`."""
+        """Bakes maps of one view of the mesh in its own outfit.
+
+        Args:
+            size: side of the square image, pixels.
+            supersample: k; a pixel holds means over k x k samples, which share its rays.
+            view: view of the mesh.
+
+        Returns:
+            Normals and transport in the camera's axes, depth in its units.
+
+        Raises:
+            UserError: if a setting is out of range, or nothing of the mesh is in view.
+        """
         return self.outfits(size, supersample, view)[0]
 
     def outfits(self, size: int, supersample: int = 1, view: View = FRONTAL) -> list[Maps]:

@@ -135,11 +135,20 @@ def ground_of(people: Sequence[Person]) -> Ground | None:
 def fit_maps(
     people: Sequence[Person], light: np.ndarray | Sequence[np.ndarray], mode: str
 ) -> list[tuple[FittedMap, ...]]:
-    """Fits the gain of each person (mode `ratio`), or albedo and shading (`full`), under one light or one for each."""
+    """Fits what `_relight` multiplies to the photo's edges, for each person.
+
+    Args:
+        people: as inferred.
+        light: (K,3) for all, or one for each person.
+        mode: `ratio` or `full`.
+
+    Returns:
+        (gain,) of each person for `ratio`, (square root of the albedo, shading) for `full`.
+    """
     lights = [light] * len(people) if isinstance(light, np.ndarray) else light
     if mode == "ratio":
-        return [(person.fit_gain(own),) for person, own in zip(people, lights)]
-    return [(person.fitted_albedo, person.fit_shading(own)) for person, own in zip(people, lights)]
+        return [(person.fit_gain(new),) for person, new in zip(people, lights)]
+    return [(person.fitted_albedo, person.fit_shading(new)) for person, new in zip(people, lights)]
 
 
 def split_layers(
@@ -214,14 +223,23 @@ def compose(
         out[:] = to_codes(over(front, part.alpha, behind), out.dtype)
 
 
-def _relight(own: PersonPixels, fits: tuple[FittedMap, ...], factor: np.float32, scene: bool) -> np.ndarray:
-    """Relights the person's own color (N,3): by the gain, or as albedo times shading; rolled off unless of a scene."""
-    *albedo, last = fits
-    crop = own.person.crop
-    values = last.place(crop, luma(own.detail), own.rows, own.where) * factor
-    if not albedo:
-        return own.foreground * values if scene else apply_gain(own.foreground, values, own.excess)
-    product = albedo[0].place(crop, own.detail, own.rows, own.where) ** 2 * values
+def _relight(pixels: PersonPixels, maps: tuple[FittedMap, ...], factor: np.float32, scene: bool) -> np.ndarray:
+    """Relights the color of a person.
+
+    Args:
+        pixels: of the person, N of them.
+        maps: (gain,) by which the photo is multiplied, or (square root of the albedo, shading).
+        factor: exposure.
+        scene: whether values above white are kept, as in an OpenEXR photo; otherwise they are rolled off.
+
+    Returns:
+        (N,3) linear.
+    """
+    crop = pixels.person.crop
+    light = maps[-1].place(crop, luma(pixels.detail), pixels.rows, pixels.where) * factor  # gain or shading
+    if len(maps) == 1:
+        return pixels.foreground * light if scene else apply_gain(pixels.foreground, light, pixels.excess)
+    product = maps[0].place(crop, pixels.detail, pixels.rows, pixels.where) ** 2 * light
     return product if scene else roll_off(product)
 
 

@@ -40,6 +40,7 @@ OPTIONS = {
 }
 SIMPLE = {"ADD": "Add", "MUL": "Mul", "RELU": "Relu", "HARD_SWISH": "HardSwish", "LOGISTIC": "Sigmoid"}
 PADDING = {0: "SAME_UPPER", 1: "VALID"}
+RELU, RELU6 = 1, 3  # codes of activations in the schema of TensorFlow Lite
 OPSET, IR_VERSION = 18, 8
 FLOAT, INT64 = 1, 7  # types of tensors in ONNX
 ATTRIBUTES = {int: (3, 2), str: (4, 3), list: (8, 7)}  # field and type of an attribute's value
@@ -88,7 +89,17 @@ class _Writer:
         self.initializers: list[bytes] = []
 
     def operation(self, name: str, inputs: list[int], output: int, options: dict[str, int]) -> None:
-        """Adds an operation of the .tflite file, with its activation."""
+        """Adds an operation of the .tflite file, with its activation.
+
+        Args:
+            name: of the operation in the schema of TensorFlow Lite, such as CONV_2D.
+            inputs: indices of its tensors: the image, and for convolutions weights and bias.
+            output: index of its result.
+            options: strides, dilations, activation and others, by their names in the schema.
+
+        Raises:
+            ValueError: if the operation is not among those of the selfie network.
+        """
         activation = options.get("activation", 0)
         result = f"{output}.linear" if activation else str(output)
         if name in SIMPLE:
@@ -118,9 +129,9 @@ class _Writer:
             self.node("Resize", operands, result, mode="linear", coordinate_transformation_mode=mode, axes=[2, 3])
         else:
             raise ValueError(f"operation {name} is not known here")
-        if activation == 1:
+        if activation == RELU:
             self.node("Relu", [result], str(output))
-        elif activation == 3:
+        elif activation == RELU6:
             zero, six = (self.constant(np.float32(value), f"{output}.{value}") for value in (0, 6))
             self.node("Clip", [result, zero, six], str(output))
         elif activation:
