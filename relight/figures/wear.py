@@ -227,7 +227,8 @@ def drape_scarf(
         parts.append((x, cloth))
         if other.pattern.garment.kind == "top":
             kind = other.pattern.garment.collar
-            collar = collars.collar(x, cloth, np.zeros((len(x), 2)), kind, neck, axes[1], 1.0)
+            no_uv = np.zeros((len(x), 2))  # the scarf needs the shape alone
+            collar = collars.collar(x, cloth, no_uv, kind, neck, axes[1], uv_per_metre=1.0)
             parts += [collar[:2]] if collar else []
     vertices, faces = stacked(parts)
     pattern = scarves.build_scarf(motion, scarf.garment, Collider(vertices, vertices, faces), detail.refine)

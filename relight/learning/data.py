@@ -61,7 +61,13 @@ class CompactIndex:
 
 
 def compact_index(mask: Tensor) -> CompactIndex:
-    """Returns the index of masks (B,1,S,S) bool; each image needs a pixel outside its mask."""
+    """Returns the index that gathers the pixels of masks into compact maps (B,P,C).
+
+    P is the largest number of pixels in a mask, rounded up to MULTIPLE; maps of smaller masks are padded.
+
+    Args:
+        mask: (B,1,S,S) bool; each image needs a pixel outside its mask, to which the padding points.
+    """
     batch, size = len(mask), mask.shape[-1]
     padded = F.pad(mask[:, 0], (1, 1, 1, 1))
     eroded = mask[:, 0] & padded[:, :-2, 1:-1] & padded[:, 2:, 1:-1] & padded[:, 1:-1, :-2] & padded[:, 1:-1, 2:]

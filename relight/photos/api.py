@@ -74,6 +74,7 @@ class RelitPhoto(np.ndarray):
 
 
 def _webp(pixels: np.ndarray) -> str:
+    """Returns a picture (H,W,3), at most PREVIEW pixels wide and high, as WebP in base64."""
     image = Image.fromarray(as_codes(np.asarray(pixels)))
     image.thumbnail((PREVIEW, PREVIEW), Image.Resampling.LANCZOS)
     file = io.BytesIO()

@@ -90,7 +90,7 @@ def bits_of(image: Image.Image, file: Path | None) -> int:
     """Returns the bits per channel of a file, of which Pillow drops the lower half silently."""
     if image.format == "PNG" and file is not None:
         with open(file, "rb") as data:
-            return data.read(25)[24]
+            return data.read(25)[24]  # of the header IHDR: width, height, bit depth
     if isinstance(image, TiffImagePlugin.TiffImageFile):
         bits = image.tag_v2.get(258, 8)  # BitsPerSample
         return max(bits) if isinstance(bits, tuple) else int(bits)

@@ -167,23 +167,15 @@ def paths_over(
     return np.stack(places), np.stack(facing)
 
 
-def lay_on_cloth(
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    ring: np.ndarray,
-    base: np.ndarray,
-    kind: str,
-    neck: np.ndarray,
-    up: np.ndarray,
+def lay_hood(
+    vertices: np.ndarray, faces: np.ndarray, base: np.ndarray, neck: np.ndarray, up: np.ndarray
 ) -> list[np.ndarray]:
-    """Lays a hood or lapels on the cloth.
+    """Lays a hood that is not worn on the cloth: deep and thick at the back of the neck, thin at the front.
 
     Args:
         vertices: (n,3) of the garment, metres.
         faces: (F,3).
-        ring: (m,) vertices of the neckline, in order.
         base: (m,3) the neckline, smoothed.
-        kind: hood | lapel.
         neck: (3,) base of the posed neck, metres.
         up: (3,) its axis.
 
@@ -193,27 +185,45 @@ def lay_on_cloth(
     cloth = Collider(vertices, vertices, faces)
     away = base - neck
     level = away - np.outer(away @ up, up)  # without its part along the neck
-    if kind == "hood":
-        level_length = np.linalg.norm(level, axis=1)
-        back = np.clip(-level[:, 2] / np.maximum(level_length, 1e-6), 0, 1)  # 1 at the back of the neck
-        length, thick = 0.045 + 0.15 * back**1.2, 0.020 + 0.030 * back
-        heading = level / np.maximum(level_length[:, None], 1e-6) - up  # outward on all sides, and down
-        start, heading = smooth_line(base, HOOD_SMOOTHING, False), smooth_line(heading, HOOD_SMOOTHING, False)
-        flattened = smoothed(vertices, faces, HOOD_SMOOTHING)  # over folds the paths would cross
-        points, outward = paths_over(Collider(flattened, flattened, faces), start, heading, length)
-        outward = np.stack([smooth_line(row, HOOD_SMOOTHING, False) for row in outward])
-        rows = rows_over(points, outward, thick, HOOD, creased=True, smoothing=8)
-        for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):  # the opening's edge stands up around the neck
-            row += np.outer(rise + 0.016 * back, up)
-        for row in rows:
-            face, distance, normal = signed_distance(row, cloth, 0.03)
-            row += np.where(face >= 0, np.clip(HOOD_CLEARANCE - distance, 0, 0.02), 0)[:, None] * normal
-        return rows
+    level_length = np.linalg.norm(level, axis=1)
+    back = np.clip(-level[:, 2] / np.maximum(level_length, 1e-6), 0, 1)  # 1 at the back of the neck
+    length, thick = 0.045 + 0.15 * back**1.2, 0.020 + 0.030 * back
+    heading = level / np.maximum(level_length[:, None], 1e-6) - up  # outward on all sides, and down
+    start, heading = smooth_line(base, HOOD_SMOOTHING, False), smooth_line(heading, HOOD_SMOOTHING, False)
+    flattened = smoothed(vertices, faces, HOOD_SMOOTHING)  # over folds the paths would cross
+    points, outward = paths_over(Collider(flattened, flattened, faces), start, heading, length)
+    outward = np.stack([smooth_line(row, HOOD_SMOOTHING, False) for row in outward])
+    rows = rows_over(points, outward, thick, HOOD, creased=True, smoothing=8)
+    for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):  # the opening's edge stands up around the neck
+        row += np.outer(rise + 0.016 * back, up)
+    for row in rows:
+        face, distance, normal = signed_distance(row, cloth, 0.03)
+        row += np.where(face >= 0, np.clip(HOOD_CLEARANCE - distance, 0, 0.02), 0)[:, None] * normal
+    return rows
+
+
+def lay_lapels(
+    vertices: np.ndarray, faces: np.ndarray, ring: np.ndarray, base: np.ndarray, neck: np.ndarray, up: np.ndarray
+) -> list[np.ndarray]:
+    """Lays the collar and the lapels of a jacket on the cloth, with the notch between them.
+
+    Args:
+        vertices: (n,3) of the garment, metres.
+        faces: (F,3).
+        ring: (m,) vertices of the neckline, in order.
+        base: (m,3) the neckline, smoothed.
+        neck: (3,) base of the posed neck, metres.
+        up: (3,) its axis.
+
+    Returns:
+        Rows (m,3) of the strip.
+    """
+    cloth = Collider(vertices, vertices, faces)
     normal = smooth_line(normals(vertices, faces)[ring], 6, False)
     tangent = smooth_line(np.gradient(base, axis=0), 6, False)
     inward = smooth_line(np.cross(normal, tangent), 12, False)  # borders run so that the cloth is to their left
     inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
-    below = np.clip(-(away @ up), 0, LAPEL)
+    below = np.clip(-((base - neck) @ up), 0, LAPEL)  # metres below the neck's base
     collar = np.clip(1 - below / 0.06, 0, 1)  # 1 on the collar around the neck, 0 on the lapels below it
     from_end = np.minimum(np.arange(len(ring)), np.arange(len(ring))[::-1]) / 8
     notch = 1 - 0.5 * np.exp(-(((below - 0.055) / 0.014) ** 2))  # between collar and lapels
@@ -284,8 +294,10 @@ def collar(
     elif closed:  # a band is joined at the back
         ring = np.roll(ring, len(ring) // 2)
     base = smooth_line(vertices[ring], 4, closed)
-    if kind in ("lapel", "hood"):
-        rows = lay_on_cloth(vertices, faces, ring, base, kind, neck, up)
+    if kind == "hood":
+        rows = lay_hood(vertices, faces, base, neck, up)
+    elif kind == "lapel":
+        rows = lay_lapels(vertices, faces, ring, base, neck, up)
     else:
         out = base - neck - np.outer((base - neck) @ up, up)
         out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-6)

@@ -239,6 +239,7 @@ def _name(code: _Record) -> str:
 
 
 def _options(name: str, record: _Record) -> dict[str, int]:
+    """Returns the options of an operation by their names in the schema; those that are not stored have the default."""
     if name == "Convolution2DTransposeBias":  # MediaPipe's own
         _, stride_w, stride_h = struct.unpack("<3i", record.numbers(5, np.uint8).tobytes())
         return {"stride_w": stride_w, "stride_h": stride_h}
