@@ -20,6 +20,7 @@ import yaml
 
 from relight.config import CONF, MAX_NAME_LENGTH, ROOT
 from relight.config.composition import quoted
+from relight.config_folder import ConfigFolder
 from relight.errors import UserError
 from relight.files import atomic_write, writable_folder
 from relight.plan import Plan
@@ -74,7 +75,7 @@ def run(
             return snakemake([*command, "--configfile", file.name, "--dry-run"])
     with lock_folder():
         fix_future_dates(ROOT / plan.out)
-        plan.update_config()
+        ConfigFolder(plan).update()
         command += ["--configfile", str(plan.write_record(ROOT))]
         code = snakemake(command)
         if code == 0 and targets == ["all"]:
@@ -91,7 +92,7 @@ def run(
 
 def change_lines(plan: Plan) -> list[str]:
     """Returns what to say before existing results are made again: why, by which stages, and how to keep them."""
-    changes = plan.changes()
+    changes = ConfigFolder(plan).changes()
     settings = sorted({key for keys in changes.values() for key in keys} - {"code"})
     lines = []
     if settings:
