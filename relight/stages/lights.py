@@ -13,10 +13,10 @@ def main(panoramas: Panoramas, lights: Lights, order: int, out: Path, record: Pa
     """Writes the light set, and the record of the lights that each step dropped."""
     from relight.lights import build_light_set, write_light_set
 
-    chosen, dropped = build_light_set(panoramas, lights, order)
+    light_set, dropped = build_light_set(panoramas, lights, order)
     with atomic_write(record) as tmp:
         tmp.write_text(json.dumps(dropped, indent=1))
-    write_light_set(chosen, out)
+    write_light_set(light_set, out)
 
 
 if __name__ == "__main__":
