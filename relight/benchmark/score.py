@@ -16,7 +16,8 @@ from relight.progress import progress
 from relight.srgb import LINEAR, encode
 
 KEYS = ["set", "picture", "figure"]
-READINGS = {"": "RMSE", "_factor": "RMSE*", "_psnr": "PSNR", "_ssim": "SSIM"}  # of relit pictures
+# Of relit pictures: ending of the column -> its head.
+READINGS = {"": "RMSE", "_factor": "RMSE*", "_psnr": "PSNR", "_ssim": "SSIM"}
 PICTURE_COLUMNS = tuple(f"{mode}{reading}" for mode in PICTURES for reading in READINGS)
 MAP_COLUMNS = (
     "albedo", "albedo_factor", "albedo_ssim", "shading", "shading_factor", "shading_ssim",
