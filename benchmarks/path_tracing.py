@@ -19,6 +19,8 @@ from relight.sh import basis
 from relight.transport import PathTracer
 from relight.transport.tracer import sky_directions, sky_weights
 
+ALBEDO = 0.5  # of the whole figure
+
 
 def panorama(seed: int) -> np.ndarray:
     """Returns a generated room on Mitsuba's texels (256,512,3), scaled to mean radiance 1."""
@@ -37,6 +39,12 @@ def compare(name: str, traced: np.ndarray, baked: np.ndarray, where: np.ndarray,
     """Prints a row: mean and RMS difference over pixels and channels, in percent of the traced mean.
 
     It also has the correlation of the difference between neighbouring pixels: 0 for noise, near 1 for structure.
+
+    Args:
+        name: of the row.
+        traced, baked: (S,S,C) radiance.
+        where: (S,S) bool, the pixels that are compared.
+        noise: standard deviation of the traced radiance; if given, the row ends with the RMS without it.
     """
     level = traced[where].mean()
     image = (baked - traced) / level * 100
@@ -44,14 +52,14 @@ def compare(name: str, traced: np.ndarray, baked: np.ndarray, where: np.ndarray,
     both = where[:, 1:] & where[:, :-1]
     structure = np.corrcoef(image[:, 1:][both].ravel(), image[:, :-1][both].ravel())[0, 1]
     rms = math.sqrt((difference**2).mean())
-    rest = "" if noise is None else f" {math.sqrt(max(rms**2 - (100 * noise / level) ** 2, 0)):.2f} |"
-    print(
-        f"| {name} | {level:.3f} | {difference.mean():+.2f} % | {rms:.2f} % | {structure:+.2f} |{rest}",
-        flush=True,
-    )
+    row = f"| {name} | {level:.3f} | {difference.mean():+.2f} % | {rms:.2f} % | {structure:+.2f} |"
+    if noise is not None:
+        row += f" {math.sqrt(max(rms**2 - (100 * noise / level) ** 2, 0)):.2f} |"
+    print(row, flush=True)
 
 
 def main() -> None:
+    """Traces and bakes a figure under three kinds of light, and prints a table for each."""
     from transport import figure, machine
 
     from relight.transport import bake
@@ -63,25 +71,26 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=400, help="of the path tracer, per pixel")
     parser.add_argument("--out", type=Path, help="picture (.png)")
     options = parser.parse_args()
-    size, samples, albedo = options.size, options.samples, 0.5
+    size, samples = options.size, options.samples
 
     mesh = figure(options.mesh, options.seed)
-    mesh.materials, mesh.color = [Material(np.full(3, albedo, np.float32))], None
+    mesh.materials, mesh.color = [Material(np.full(3, ALBEDO, np.float32))], None
     mesh.material = np.zeros(len(mesh.faces), np.int16)
     tracer = PathTracer(mesh, size)
-    maps = bake(mesh, size, 1024, order=4, supersample=4, bounces=1)
+    maps = bake(mesh, size, rays=1024, order=4, supersample=4, bounces=1)
     transport, bounced, where = maps.transport, maps.bounced[..., 0], binary_erosion(maps.mask, np.ones((3, 3)))
     print(f"{machine()}; {len(mesh.faces)} triangles, {where.sum()} pixels, {samples} samples per pixel\n")
 
     def shade(light: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-        return albedo / np.pi * vectors[..., : len(light)] @ light
+        """Returns the radiance (S,S,3) under a light (K,3) by transport (S,S,K or more)."""
+        return ALBEDO / np.pi * vectors[..., : len(light)] @ light
 
     print("Light: a constant plus one harmonic per color channel, so that each coefficient is tested alone\n")
     print("| coefficient | traced mean | mean difference | RMS difference | correlation |\n|---|---|---|---|---|")
     values = basis(sky_directions())
     for first in (0, 3, 6):
         light = np.zeros((9, 3))
-        light[0] = 1.5 * math.sqrt(4 * math.pi)
+        light[0] = 1.5 * math.sqrt(4 * math.pi)  # radiance 1.5, above the largest value of a harmonic
         light[range(first, first + 3), range(3)] += 1
         traced = tracer.radiance(values @ light, samples)
         baked = shade(light, transport)
@@ -90,15 +99,16 @@ def main() -> None:
             compare(str(first + channel), traced[part], baked[part], where)
 
     sky = panorama(options.seed)
-    full = np.einsum("hw,hwk,hwc->kc", sky_weights(), basis(sky_directions(), 4), sky)
+    full = np.einsum("hw,hwk,hwc->kc", sky_weights(), basis(sky_directions(), order=4), sky)
     light = full[:9].copy()
     lowest = (values @ light).min()
     light[0] += max(0, 0.01 - lowest) * math.sqrt(4 * math.pi)  # a path tracer needs positive light
-    print("\nLight: a room, band-limited to order 2" + f" and raised by {max(0, -lowest):.2f} to be positive")
+    print(f"\nLight: a room, band-limited to order 2 and raised by {max(0, -lowest):.2f} to be positive")
     print("\n| | traced mean | mean difference | RMS difference | correlation |\n|---|---|---|---|---|")
     limited = tracer.radiance(values @ light, samples)
     compare("direct", limited, shade(light, transport), where)
-    compare("one bounce", tracer.radiance(values @ light, samples, 1), shade(light, transport + bounced), where)
+    with_bounce = tracer.radiance(values @ light, samples, bounces=1)
+    compare("one bounce", with_bounce, shade(light, transport + bounced), where)
 
     halves = [tracer.radiance(sky, samples, seed=seed) for seed in (1, 2)]
     truth, noise = (halves[0] + halves[1]) / 2, float((halves[0] - halves[1])[where].std() / 2)
@@ -108,22 +118,29 @@ def main() -> None:
     for order in (2, 3, 4):
         compare(str(order), truth, shade(full[: (order + 1) ** 2], transport), where, noise)
     if options.out:
-        ours = shade(light, transport)
-        error = np.where(where[..., None], 0.5 + 5 * (ours - limited) / limited[where].mean(), 0.5)
-        pictures = [limited, ours, error.clip(0, 1) ** 2.2, truth]
-        pictures += [shade(full[: (n + 1) ** 2], transport) for n in (2, 4)]
+        baked = shade(light, transport)
+        error = np.where(where[..., None], 0.5 + 5 * (baked - limited) / limited[where].mean(), 0.5)  # 0 is grey
+        pictures = [limited, baked, error.clip(0, 1) ** 2.2, truth]
+        pictures += [shade(full[: (order + 1) ** 2], transport) for order in (2, 4)]
         plate(pictures, limited[where].max(), options.out)
 
 
 def plate(pictures: list[np.ndarray], white: float, path: Path) -> None:
-    """Writes pictures side by side: traced, baked, five times their relative difference; traced, order 2, order 4."""
+    """Writes pictures side by side, at twice their size, by a display's gamma of 2.2.
+
+    Args:
+        pictures: (S,S,3) radiance: traced, baked, five times their relative difference (in [0,1]); traced, order 2,
+            order 4.
+        white: the radiance that is displayed as white.
+        path: the picture.
+    """
     from PIL import Image
 
     columns = np.flatnonzero(pictures[0].sum((0, 2)) > 0)
     crop = np.s_[:, columns[0] : columns[-1] + 1]
-    scale = [white, white, 1, white, white, white]
-    strip = np.concatenate([np.clip(picture[crop] / s, 0, 1) ** (1 / 2.2) for picture, s in zip(pictures, scale)], 1)
-    strip = (strip * 255).round().astype(np.uint8).repeat(2, 0).repeat(2, 1)
+    whites = [white, white, 1, white, white, white]
+    coded = [np.clip(picture[crop] / level, 0, 1) ** (1 / 2.2) for picture, level in zip(pictures, whites)]
+    strip = (np.concatenate(coded, axis=1) * 255).round().astype(np.uint8).repeat(2, axis=0).repeat(2, axis=1)
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(strip).save(path)
 
