@@ -80,12 +80,15 @@ def pixels(mesh: Mesh, caster: RayCaster, size: int, every: int) -> tuple[np.nda
     return caster.points(face, weights), normals * side, geometric * side
 
 
-# The methods take points, shading normals and geometric normals (P,3), a number that determines the rays per point, and
-# a seed, and return transport (P,9).
-
-
 def relight_baker(caster: RayCaster, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
-    """Computes the transport (P,9) by relight's own method."""
+    """Computes the transport (P,9) by relight's own method.
+
+    Args:
+        caster: of the mesh.
+        points, normals, geometric: (P,3), with shading normals and geometric normals.
+        rays: per point.
+        seed: of the rays.
+    """
     return integrate(caster, points, normals, geometric, rays, seed=seed)[0]
 
 
@@ -113,7 +116,14 @@ def cosine_directions(uniform: np.ndarray) -> np.ndarray:
 
 
 def cosine(caster: RayCaster, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
-    """Computes the transport (P,9) by independent cosine-distributed directions for each point: pi/N sum V Y."""
+    """Computes the transport (P,9) by independent cosine-distributed directions for each point: pi/N sum V Y.
+
+    Args:
+        caster: of the mesh.
+        points, normals, geometric: (P,3), with shading normals and geometric normals.
+        rays: N, per point.
+        seed: of the directions.
+    """
     rng = np.random.default_rng(seed)
     result = np.empty((len(points), 9))
     step = max(1, BATCH // rays)
@@ -136,7 +146,12 @@ def sphere_directions(uniform: np.ndarray) -> np.ndarray:
 def pifu(intersector, caster: RayCaster, points, normals, geometric, n: int, seed: int) -> np.ndarray:
     """Computes the transport (P,9) as published: n slices of n directions, with all pairs of point and direction.
 
-    The n x n directions are shared by all points; `intersector` is trimesh's.
+    Args:
+        intersector: trimesh's, of the mesh.
+        caster: of the mesh, whose offset of rays is used.
+        points, normals, geometric: (P,3), with shading normals and geometric normals.
+        n: root of the number of directions, which all points share.
+        seed: of the directions.
     """
     directions = sphere_directions(np.random.default_rng(seed).random((n * n, 2)))
     values = basis(directions)
@@ -155,7 +170,14 @@ def pifu(intersector, caster: RayCaster, points, normals, geometric, n: int, see
 def stratified(intersector, caster: RayCaster, points, normals, geometric, n: int, seed: int) -> np.ndarray:
     """Computes the transport (P,9) by an improved form of PIFu's method.
 
-    The n x n directions are a jittered grid, and sums are matrix products; `intersector` is trimesh's.
+    The directions are a jittered grid over the sphere, and sums are matrix products.
+
+    Args:
+        intersector: trimesh's, of the mesh.
+        caster: of the mesh, whose offset of rays is used.
+        points, normals, geometric: (P,3), with shading normals and geometric normals.
+        n: root of the number of directions, which all points share.
+        seed: of the directions.
     """
     cell = np.indices((n, n)).reshape(2, -1).T
     directions = sphere_directions((cell + np.random.default_rng(seed).random((n * n, 2))) / n)
@@ -171,6 +193,11 @@ def stratified(intersector, caster: RayCaster, points, normals, geometric, n: in
 
 def reference(caster: RayCaster, points, normals, geometric, power: int = 15) -> tuple[np.ndarray, float]:
     """Computes accurate transport by two independent sets of 2^power Sobol rays for each point.
+
+    Args:
+        caster: of the mesh.
+        points, normals, geometric: (P,3), with shading normals and geometric normals.
+        power: logarithm to base 2 of the number of rays.
 
     Returns:
         (P,9), the mean of the two; and half the RMSE between them, an estimate of its error.

@@ -37,9 +37,9 @@ class ConfigFolder:
             return "".join(f"{figure}\n" for figure in self.plan.figures)
         if file == "maps.txt":
             return "".join(f"{name}\n" for name in self.plan.map_names)
-        return (
-            self.experiments_json() if file == "experiments.json" else self.stage_settings(file.removesuffix(".yaml"))
-        )
+        if file == "experiments.json":
+            return self.experiments_json()
+        return self.stage_settings(file.removesuffix(".yaml"))
 
     def stage_settings(self, stage: str) -> str:
         """Returns the text of the settings file of a stage, in YAML: its settings, and the hash of its code.

@@ -159,7 +159,7 @@ def _resample(blocks: list[tuple[slice, slice, np.ndarray]], lines: np.ndarray, 
     """Resamples N lines at once.
 
     Args:
-        blocks: a band matrix (count,S) of weights, from `_resampling`.
+        blocks: a band matrix (count,S) of weights in blocks: their rows, their columns, and their weights.
         lines: (S,N), a line in each column.
         out: (count,N), which gets the product.
     """

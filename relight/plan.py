@@ -54,9 +54,9 @@ class Plan:
         """Composes the settings.
 
         Args:
-            config: Snakemake's. `hydra` contains overrides, as a list or one string of words. `rows`, if given,
+            config: that of Snakemake. `hydra` contains overrides, as a list or one string of words. `rows`, if given,
                 replaces the rows, and all experiments by one table of them.
-            failed: see the attributes.
+            failed: experiments to leave out -> their missing files.
 
         Raises:
             UserError: if a setting or a name is invalid.

@@ -126,6 +126,7 @@ def blur_to_spacing(panoramas: np.ndarray, lamps: int) -> np.ndarray:
     theta = (np.arange(HEIGHT) + 0.5) / HEIGHT * np.pi
     azimuth = np.arange(WIDTH) / WIDTH * 2 * np.pi
     sine, cosine = np.sin(theta), np.cos(theta)
+    # Cosine of the angle between texels, by the row of each and the difference of their azimuths.
     between = np.outer(cosine, cosine)[..., None] + np.outer(sine, sine)[..., None] * np.cos(azimuth)
     variance = BLUR**2 * 4 * np.pi / lamps  # a lamp has 4 pi / lamps steradians, the square of the distance
     kernel = np.exp((between - 1) / variance) * sine[:, None]  # sine: proportional to a texel's solid angle

@@ -109,6 +109,7 @@ class BenchmarkSet:
     def entries(self) -> list[Entry]:
         """The pictures of the set and their variants, in the order of the index."""
         inputs = self.folder / "inputs"
+        side = self.index["settings"]["size"] // 2  # as of `picture.Settings.side`
         return [
             Entry(
                 folder=inputs / picture["name"],
@@ -117,7 +118,7 @@ class BenchmarkSet:
                 of=picture["of"],
                 photo=picture["files"][f"inputs/{picture['name']}/photo.png"],
                 size=tuple(picture["size"]),
-                side=self.index["settings"]["size"] // 2,
+                side=side,
                 square=tuple(picture["square"]),
                 new=picture["new"],
             )

@@ -214,7 +214,7 @@ def read_picture(path: Path, what: str, mode: str, size: tuple[int, int] | None 
     Args:
         path: path of the file.
         what: its name in errors.
-        mode: Pillow's.
+        mode: to which it is converted: RGB, or L for grey.
         size: the height and width that it must have; any, by default.
 
     Raises:

@@ -120,6 +120,7 @@ class TrainingRun:
             yield
         except Exception as error:  # of any kind: MLflow raises those of its stores
             warn(self.name, self.track, error, self._warnings)
+            # A store that cannot be reached takes long to fail: `log` waits, so that it costs little of the training.
             self._retry_at = time.monotonic() + RETRY_FACTOR * (time.monotonic() - began)
 
     def _send(self, steps: Mapping[int, Mapping[str, float]]) -> None:

@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from relight.crop import extent
 from relight.files import atomic_write
 from relight.lights import lit_ball
 from relight.sh import unoccluded
 
 PAPER, CELL, INK, FAINT = (255, 255, 255), (243, 243, 240), (28, 28, 30), (120, 120, 124)
 MARGIN = 0.04  # of the picture's height, around figures
+WHITE_PERCENTILE = 99.5  # of a figure's shading, which is displayed as white
 MIN_FONT = 9  # pixels, to which text is shrunk at most
 
 
@@ -57,14 +59,11 @@ def heat(error: np.ndarray, max_error: float) -> np.ndarray:
 
 def bounding_box(masks: list[np.ndarray]) -> tuple[slice, slice]:
     """Returns the rows and columns of the common bounding box of masks (S,S), with a margin."""
-    union = np.any(masks, 0)
-    size = union.shape[0]
-    pad = round(MARGIN * size)
-    sides = []
-    for axis in (1, 0):
-        occupied = np.flatnonzero(union.any(axis))
-        sides.append(slice(max(0, occupied[0] - pad), min(size, occupied[-1] + 1 + pad)))
-    return sides[0], sides[1]
+    union = np.any(masks, axis=0)
+    size = len(union)
+    margin = round(MARGIN * size)
+    rows, columns = (slice(max(0, first - margin), min(size, stop + margin)) for first, stop in extent(union))
+    return rows, columns
 
 
 def composite(colors: np.ndarray, alpha: np.ndarray, size: tuple[int, int]) -> Image.Image:

@@ -8,7 +8,15 @@ from PIL import Image
 
 from relight.crop import fill_outside
 from relight.errors import UserError
-from relight.evaluation.pictures.canvas import CELL, FAINT, Canvas, ball, bounding_box, composite
+from relight.evaluation.pictures.canvas import (
+    CELL,
+    FAINT,
+    WHITE_PERCENTILE,
+    Canvas,
+    ball,
+    bounding_box,
+    composite,
+)
 from relight.evaluation.scoring.metrics import shade
 from relight.lights import measure
 from relight.maps import LeftOut, Maps, read_info, read_maps
@@ -111,9 +119,17 @@ def scale_to_cell(
 
 
 def views(maps: Maps, light: np.ndarray) -> list[np.ndarray]:
-    """Returns the pictures of VIEWS (H,W,3), display-coded."""
+    """Draws a figure in each of VIEWS.
+
+    Args:
+        maps: of the figure, (H,W,...).
+        light: (K,3) radiance coefficients.
+
+    Returns:
+        (H,W,3) each, display-coded. White is the WHITE_PERCENTILE of the figure's shading.
+    """
     shading = shade(maps.transport, light)
-    white = max(1e-6, float(np.percentile(shading[maps.mask], 99.5)))
+    white = max(1e-6, float(np.percentile(shading[maps.mask], WHITE_PERCENTILE)))  # not 0, by which it divides
     grey = np.repeat(maps.ao[..., None], 3, -1)
     return [
         encode(maps.albedo * shading / white),

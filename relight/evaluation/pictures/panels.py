@@ -7,7 +7,16 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.evaluation.pictures.canvas import FAINT, Canvas, ball, bounding_box, composite, heat, transport_bands
+from relight.evaluation.pictures.canvas import (
+    FAINT,
+    WHITE_PERCENTILE,
+    Canvas,
+    ball,
+    bounding_box,
+    composite,
+    heat,
+    transport_bands,
+)
 from relight.evaluation.scoring.evaluate import Condition, dense, has_pairs, infer, load, pixels, select_pairs, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
@@ -83,8 +92,9 @@ class Subject:
             lights: (N,) indices of the input light, and of the lights by which it is relit.
         """
         true = truth(data, figure, lights)
-        white = max(1.0, float(np.percentile(true.maps["shading"], 99.5)))
-        return cls(data.names[figure], true, pixels(data, figure), data.size, white, data.color == "photo")
+        white = max(1.0, float(np.percentile(true.maps["shading"], WHITE_PERCENTILE)))
+        is_linear = data.color == "photo"
+        return cls(data.names[figure], true, pixels(data, figure), data.size, white, is_linear)
 
     @property
     def mask(self) -> np.ndarray:

@@ -16,6 +16,7 @@ from relight.evaluation.report.provenance import costs, provenance
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import compare_rows
 from relight.evaluation.scoring.paper import CITATION, CONTENTS
+from relight.evaluation.scoring.tables import PRINTED
 from relight.files import atomic_write
 
 T = TypeVar("T")
@@ -50,7 +51,7 @@ def build_report(name: str, experiments: Path, folder: Path, out: Path, makers: 
 
     Args:
         name: name of the run.
-        experiments: the experiments of the run (experiments.json, `Plan.requested`).
+        experiments: the experiments of the run (experiments.json, `ConfigFolder.experiments_json`).
         folder: results/<name>.
         out: the page (.html).
         makers: experiment with stages of its own -> the function that computes the numbers of its section.
@@ -60,17 +61,14 @@ def build_report(name: str, experiments: Path, folder: Path, out: Path, makers: 
     """
     results = Results(folder, experiments)
     remove_outdated(results)
-    # Whether a table of the run is one of the paper's, whose orderings are tested.
-    compared = bool({"table1", "table2"} & set(results.tables))
-    parts = [
-        *(
-            [make_section("what-came-out", "What came out", "summary.md", sections.summary, results)]
-            if compared
-            else []
-        ),
-        Section("how-to-read", "How to read this page", page.section("sections/reading.md")),
-        *(experiment(results, name, makers) for name in results.experiments),
-        *([make_section("training", "Training", "training.md", data.training, results)] if results.tables else []),
+    parts = []
+    if has_printed_tables(results):
+        parts.append(make_section("what-came-out", "What came out", "summary.md", sections.summary, results))
+    parts.append(Section("how-to-read", "How to read this page", page.section("sections/reading.md")))
+    parts += [experiment(results, name, makers) for name in results.experiments]
+    if results.tables:
+        parts.append(make_section("training", "Training", "training.md", data.training, results))
+    parts += [
         make_section("figures", "Figures", "figures.md", data.figures, results),
         make_section("lights", "Lights", "lights.md", data.lights, results),
         Section("the-paper", "The paper, part by part", page.section("sections/paper.md", grid=contents(results))),
@@ -82,6 +80,11 @@ def build_report(name: str, experiments: Path, folder: Path, out: Path, makers: 
     html = page.page("page.html", title=f"relight: {name}", head=head(name, results, failed), sections=parts)
     with atomic_write(out) as tmp:
         tmp.write_text(html, encoding="utf-8")
+
+
+def has_printed_tables(results: Results) -> bool:
+    """Returns whether a table of the run is one that the paper prints, so that its orderings can be tested."""
+    return not set(PRINTED).isdisjoint(results.tables)
 
 
 def remove_outdated(results: Results) -> None:
@@ -160,7 +163,7 @@ def head(name: str, results: Results, failed: int) -> Markup:
         results: results of the run.
         failed: number of sections that could not be made.
     """
-    outcome = value_or_none(lambda: sections.summary(results)) if {"table1", "table2"} & set(results.tables) else None
+    outcome = value_or_none(lambda: sections.summary(results)) if has_printed_tables(results) else None
     answer = value_or_none(lambda: answer_context(results))
     lights = value_or_none(lambda: results.lights["lights"])
     figures = value_or_none(lambda: len(results.record["figures"]))

@@ -19,7 +19,11 @@ Numbers = dict[str, Any]
 
 
 def training(results: Results) -> Numbers:
-    """Draws the errors of the first table and the training curves, and lists the networks."""
+    """Draws the errors of the first table and the training curves, and lists the networks.
+
+    Returns:
+        The context of templates/sections/training.md: the charts `errors` and `curves`, and the grid `networks`.
+    """
     files = {"errors": results.report / "errors.png", "curves": results.report / "curves.png"}
     tables = [results.table(name) for name in results.readable]
     # That of sitting figures is empty if nobody sits.
@@ -30,7 +34,12 @@ def training(results: Results) -> Numbers:
 
 
 def networks(results: Results, name: str) -> TextTable:
-    """Returns the different networks of a table: the rows that train each, its number of weights, and its size."""
+    """Returns a grid of the different networks of a table: the rows that train each, its weights, and its size.
+
+    Args:
+        results: results of the run.
+        name: the experiment of the table.
+    """
     first = {row: trainings[0] for row, trainings in results.experiments[name]["trainings"].items()}
     settings = results.settings_files()
     rows_by_model: dict[str, list[str]] = {}
@@ -48,7 +57,14 @@ def networks(results: Results, name: str) -> TextTable:
 
 
 def figures(results: Results) -> Numbers:
-    """Returns the occlusion of the figures, their repairs, and the reasons why some were left out or drawn again."""
+    """Computes the numbers of the section about the figures.
+
+    Returns:
+        The context of templates/sections/figures.md: `infos`, the record of each figure; the pictures `sheet` and
+        `histogram`; the mean occlusion of `every` figure, and the one that the paper's tables have `implied`; and grids
+        of the figures that were `left_out`, of the occlusion `by_pose`, `by_garment` and of `each` figure, and of
+        `repairs`. And what `redraws` returns.
+    """
     infos, left_out = results.record["figures"], results.record["left_out"]
     table = read_occlusion(results.report / "occlusion.csv")
     repairs = [
@@ -101,7 +117,8 @@ def redraws(infos: dict[str, dict]) -> Numbers:
     """Counts the figures that were drawn again, by reason.
 
     Args:
-        infos: figure -> its record; that of a generated one has `redrawn`, how often, and `redrawn_because`.
+        infos: figure -> its record; that of a generated one has `redrawn`, how often, and `redrawn_because`, the
+            reasons, [GARMENT: ]REASON.
 
     Returns:
         `drawn`: number of generated figures; `redrawn`: of those drawn again; `reasons`: a grid of the reasons.
@@ -124,7 +141,14 @@ def redraws(infos: dict[str, dict]) -> Numbers:
 
 
 def lights(results: Results) -> Numbers:
-    """Returns the light set, the lights that each step of its chain dropped, and the panoramas without lights."""
+    """Computes the numbers of the section about the lights.
+
+    Returns:
+        The context of templates/sections/lights.md: `counts` of lights by split; `sources`, number of panoramas of the
+        test lights; `warnings`; the picture `sheet`; and grids of the `steps` of the light chain with what each
+        dropped, of the `test` lights, of those that were `cut`, and of panoramas that are `unlit`, `unreadable` or
+        `repaired`.
+    """
     from relight.lights import read_light_set
 
     record, chosen = results.lights, read_light_set(results.folder / "lights")
@@ -151,7 +175,12 @@ def lights(results: Results) -> Numbers:
 
 
 def costs_and_settings(results: Results) -> Numbers:
-    """Returns time and memory by stage, and all settings of this run."""
+    """Computes the numbers of the section about cost and settings.
+
+    Returns:
+        The context of templates/sections/costs.md: `wall` and `seconds`, wall time and sum of the jobs; and grids of
+        the `costs` by stage, of the settings `shared` by the whole run, and of those `differing` between trainings.
+    """
     stage_costs, wall = costs(results.folder)
     settings = {
         stage: {key: "none" if value is None else str(value) for key, value in values.items()}
@@ -169,7 +198,7 @@ def costs_and_settings(results: Results) -> Numbers:
 
 
 def cost_table(stage_costs: pd.DataFrame) -> TextTable:
-    """Returns the measurements of `provenance.costs` with their sums."""
+    """Returns a grid of jobs, seconds and memory by stage, with their sums; `stage_costs` is of `provenance.costs`."""
     rows = [
         [stage, int(cost.jobs), cost["mean"], cost.seconds, cost.cpu, cost.memory]
         for stage, cost in stage_costs.iterrows()

@@ -244,8 +244,8 @@ def silhouette(results: Results, name: str, table: Table) -> Numbers:
     if all(row in table.rows for row in rows) and better(
         compare_rows(table, "transport_only", "mean_figure", ("transport_rmse",))
     ):
-        low, middle, high = (table.rows[row]["transport_rmse"].mean for row in rows)
-        part = (low - middle) / (low - high)
+        of_mean_figure, of_mask, of_picture = (table.rows[row]["transport_rmse"].mean for row in rows)
+        part = (of_mean_figure - of_mask) / (of_mean_figure - of_picture)
     informative = "transport_rmse" in better(compare_rows(table, "silhouette", "mean_figure", columns))
     return {"comparisons": comparison_grid(compared), "tells": informative, "part": part}
 

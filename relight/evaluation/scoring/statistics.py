@@ -114,7 +114,11 @@ def resample_weights(levels: int, resamples: int, seed: int) -> np.ndarray:
 
 @lru_cache
 def expansion_factor(levels: int) -> float:
-    """Returns the factor by which resamples are expanded so that intervals match Student's t (Hesterberg 2015)."""
+    """Returns the factor by which resamples are expanded so that intervals match Student's t (Hesterberg 2015).
+
+    Args:
+        levels: number of figures, or of lights, that are resampled; 2 or more.
+    """
     tail = (1 + CONFIDENCE) / 2
     return float(np.sqrt(levels / (levels - 1)) * t.ppf(tail, levels - 1) / norm.ppf(tail))
 
