@@ -63,6 +63,7 @@ class Views:
     angle: np.ndarray
 
     def __post_init__(self) -> None:
+        """Computes what is fitted: thumbnails, their tints (N,1,3) and features (N,J), and lights of norm 1."""
         self.pictures = np.stack([thumbnail(codes) for codes in self.codes])
         self.tints = np.stack([tint(picture) for picture in self.pictures])[:, None]
         self.features = np.stack([features(picture) for picture in self.pictures])
@@ -213,8 +214,15 @@ def main_directions(lights: np.ndarray) -> np.ndarray:
 
 
 def fit_lamp(parts: Sequence[Sequence[Views]]) -> np.ndarray:
-    """Fits the factors (3,) of `lamp_parts`, for irradiance of norm 1 in grey."""
-    square, cross = np.zeros((3, 3)), np.zeros(3)
+    """Fits the light of a lamp in the main direction of each view, by least squares of its irradiance in grey.
+
+    Args:
+        parts: groups of views that have the same weight, whatever their sizes.
+
+    Returns:
+        The factors (3,) of the parts of `relight.lights.place.lamp_parts`, for irradiance of norm 1.
+    """
+    square, cross = np.zeros((3, 3)), np.zeros(3)  # of the normal equations
     for part in parts:
         for views in part:
             x = lamp_parts(main_directions(views.light)) * IRRADIANCE

@@ -97,7 +97,7 @@ class UpsampledPanoramas:
     """
 
     def __init__(self, panoramas: Iterable[np.ndarray] = ()):
-        """Takes panoramas (64,128,3), laid out like `relight.panoramas.radiosity.view_directions`."""
+        """Takes lat-long panoramas (HEIGHT,WIDTH,3): -z is at their centre, and +x to the right."""
         height, width = UPSAMPLING * HEIGHT, UPSAMPLING * WIDTH
         axes = latlong_directions(height, width)
         layers = [lookup(Panorama(pixels), axes) for pixels in panoramas]

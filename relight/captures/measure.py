@@ -165,6 +165,7 @@ def photometric_stereo(frames: Frames, stage: LightStage, points: np.ndarray, pe
     trace = np.einsum("pii->p", moments)
     known = (used >= MIN_FRAMES) & (least > MIN_EIGENVALUE * np.maximum(trace, 1e-12))
     solvable = np.where(known[:, None, None], moments, np.eye(3))
+    # The normal is the direction of the grey a n that fits I = a n.w best; with it, the albedo a fits each channel.
     normal = np.linalg.solve(solvable, responses.mean(2)[..., None])[..., 0]
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     square = np.maximum(np.einsum("pi,pij,pj->p", normal, solvable, normal), 1e-12)[:, None]

@@ -40,6 +40,7 @@ COLUMNS = (
     "relit",
 )
 CELL_HEIGHT = 300  # pixels
+LARGE_BALL, SMALL_BALL = 0.8, 0.26  # diameter over the width of a cell: alone in it, and in its corner
 GAP, GUTTER, TOP, LINE = 6, 150, 60, 24  # pixels: between cells, left of them, above them, of a line of text
 MAX_ERROR = 0.5  # shading error (vector norm) at the dark end of the color scale
 EXTREME_FIGURES = 2  # figures with the least and with the largest error
@@ -203,11 +204,12 @@ def draw_view(
         colors = heat(view.error, max_error)
     else:
         if view.light is not None:
-            sheet.cell(ball(view.light, round(0.8 * width), subject.white, subject.linear), x, y, width, height)
+            picture = ball(view.light, round(LARGE_BALL * width), subject.white, subject.linear)
+            sheet.cell(picture, x, y, width, height)
         return
     sheet.cell(composite(dense(colors, subject.pixel, subject.size)[box], subject.mask[box], size), x, y)
     if view.light is not None:
-        corner = ball(view.light, round(0.26 * width), subject.white, subject.linear)
+        corner = ball(view.light, round(SMALL_BALL * width), subject.white, subject.linear)
         sheet.put(corner, x + width - corner.width - 5, y + 5)
 
 

@@ -262,7 +262,8 @@ def self_supervised(results: Results, name: str, table: Table) -> Numbers:
     true = share["nearest_light"].mean  # of a baseline with the true albedo
     collapsed, compared = {}, {}
     for row in tuned:
-        signs_of_row = [compare_estimates("", values[row], values[base]) for values in (contrast, share)]
+        # Neither more nor less of them is better by itself, so the comparisons are of no column.
+        signs_of_row = [compare_estimates("", first=values[row], second=values[base]) for values in (contrast, share)]
         by_contrast, by_share = correct(signs_of_row)
         # Each is significantly further that way than before, and than the truth, whose contrast is 1.
         is_flat = by_contrast.verdict.is_significant and by_contrast.difference.mean < 0 and by_contrast.first < 1
@@ -362,6 +363,10 @@ EXPERIMENTS: dict[str, Callable[[Results, str, Table], Numbers]] = {
 def points(results: Results, name: str) -> list[tuple[float, str]]:
     """Returns the networks of an experiment with their values on its axis.
 
+    Args:
+        results: results of the run.
+        name: of the experiment, whose `axis` is a setting such as train.figures.
+
     Returns:
         (value, row), sorted by value. The number of training figures is at most that of the available ones.
     """
@@ -371,7 +376,7 @@ def points(results: Results, name: str) -> list[tuple[float, str]]:
         place = results.setting(row, axis)
         if axis == "train.figures":
             available = len(results.split(name, row)[results.setting(row, "train.part")])
-            place = min(place or available, available)
+            place = min(place or available, available)  # None is for all
         networks.append((float(place), row))
     return sorted(networks, key=lambda point: point[0])
 

@@ -75,15 +75,6 @@ class Truth:
     Shading has all K coefficients, and is clipped at 0, below which lights of few bands can be. Transport and light are
     compared in the first nine coefficients, so that networks of any order can be compared.
 
-    Args:
-        pixel: (P,) flat indices of the mask into a `size` x `size` image.
-        transport: (P,K).
-        albedo: (P,3).
-        normal: (P,3).
-        ao: (P,).
-        lights: (N,K,3).
-        size: pixels.
-
     Attributes:
         maps: by name, (1,P,C), and (N,P,3) for shading and reconstruction; transport has nine coefficients.
         transport: (1,P,K).
@@ -91,7 +82,17 @@ class Truth:
     """
 
     def __init__(self, pixel, transport, albedo, normal, ao, lights, size: int):
-        """Takes arrays of any float type, and computes shading and reconstruction; see the class."""
+        """Takes arrays of any float type, and computes shading and reconstruction.
+
+        Args:
+            pixel: (P,) flat indices of the mask into a `size` x `size` image.
+            transport: (P,K).
+            albedo: (P,3).
+            normal: (P,3).
+            ao: (P,).
+            lights: (N,K,3).
+            size: of the image, pixels.
+        """
         self.maps = {"transport": transport, "albedo": albedo, "normal": normal, "ao": ao[:, None]}
         self.maps = {name: np.asarray(array, np.float32)[None] for name, array in self.maps.items()}
         self.transport, self.lights = self.maps["transport"], np.asarray(lights, np.float32)
