@@ -118,7 +118,7 @@ class Head:
         kind[pixel] = self.kind[face]
         from_centre = self.baker.caster.points(face, weights) - self.centre
         ahead = np.zeros(size * size, bool)
-        scale = 1.0 if camera.pose is None else camera.pose.scale
+        scale = 1.0 if camera.pose is None else camera.pose.scale  # by which the view enlarges the head
         toward = view.rotation[2]
         ahead[pixel] = (from_centre @ toward > 0) & (from_centre[:, 1] > -JAW * self.scale)
         metres = 2 / size / (scale * self.scale)
