@@ -49,7 +49,7 @@ def main(
         for source, yaw, light in zip(test.source, test.yaw, test.coefficients)
     }
     tables = (settings for settings in json.loads(experiments.read_text()).values() if "scores" in settings)
-    first_table = next(tables, {"trainings": {}})
+    first_table: dict = next(tables, {"trainings": {}})
     networks = {
         label(row): load(results / "train" / f"{trainings[0]}.safetensors", packed, lights)
         for row, trainings in first_table["trainings"].items()
