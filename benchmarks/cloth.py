@@ -37,6 +37,7 @@ from relight.transport.raycaster import RayCaster
 SIGMAS = ((0.7, 1.4), (1.4, 2.8), (2.8, 5.6))  # pixels: wavelengths around 14, 27 and 55 mm of a person 691 px high
 SIZE = 768  # pixels of the image
 MIN_PIXELS = 400  # of a garment to measure
+DARK = 0.5  # ambient occlusion, limit of deep shade
 ROOMS = (3, 11, 19, 27)
 PHOTOGRAPHS = {
     "dress": (0.084, 0.129, 0.193),
@@ -67,16 +68,26 @@ def roughness(luminance: np.ndarray, mask: np.ndarray) -> list[float]:
 
 
 def figure(seed: int, detail: str, texture: int) -> tuple[Mesh, list[set[int]], float]:
-    """Generates the aligned figure of a seed; returns also the materials of each garment, and the CPU seconds."""
+    """Generates the figure of a seed.
+
+    Args:
+        seed: of the figure.
+        detail: draft or full.
+        texture: side of the largest texture, pixels.
+
+    Returns:
+        The aligned mesh, the indices of the materials of each garment, and the CPU seconds.
+    """
     from relight.config import composed
     from relight.meshes import align
 
-    inner, mine = Assembly.add_garment, []
+    original, added = Assembly.add_garment, []  # (builder, materials) of each garment
 
     def add_garment(self, *args) -> np.ndarray:
+        """Adds a garment, and notes which materials it adds."""
         first = len(self.builder.paints)
-        positions = inner(self, *args)
-        mine.append((self.builder, set(range(first, len(self.builder.paints)))))
+        positions = original(self, *args)
+        added.append((self.builder, set(range(first, len(self.builder.paints)))))
         return positions
 
     Assembly.add_garment = add_garment
@@ -84,14 +95,15 @@ def figure(seed: int, detail: str, texture: int) -> tuple[Mesh, list[set[int]], 
     try:
         mesh = dress.make_figure(seed, detail, texture)
     finally:
-        Assembly.add_garment = inner
+        Assembly.add_garment = original
     seconds = time.process_time() - start
-    last = mine[-1][0]
-    return align(mesh, composed().align), [materials for builder, materials in mine if builder is last], seconds
+    last_builder = added[-1][0]  # others are those of figures that were refused and drawn again
+    garments = [materials for builder, materials in added if builder is last_builder]
+    return align(mesh, composed().align), garments, seconds
 
 
 def visible(mesh: Mesh) -> np.ndarray:
-    """Returns the material (SIZE,SIZE) visible at each pixel, -1 for none."""
+    """Returns the index (SIZE,SIZE) of the material that is visible at each pixel, -1 for none."""
     caster = RayCaster(mesh.vertices, mesh.faces)
     row, column = np.divmod(np.arange(SIZE * SIZE), SIZE)
     camera = Camera(SIZE, max(2.0, float(caster.high[2]) + caster.diagonal / 100))
@@ -102,6 +114,7 @@ def visible(mesh: Mesh) -> np.ndarray:
 
 
 def kind(name: str, fabric: str) -> str:
+    """Returns the kind of a garment, by which roughness is averaged."""
     if name in group("bottoms"):
         return "denim trousers" if fabric == "denim" else "trousers"
     groups = {
@@ -115,57 +128,75 @@ def kind(name: str, fabric: str) -> str:
 
 
 def lights() -> list[np.ndarray]:
+    """Returns the luminance coefficients (9,) of ROOMS."""
     from relight.panoramas import Panorama, generate_room, project
 
     return [project(Panorama(generate_room(seed))) @ LUMINANCE for seed in ROOMS]
 
 
 def main() -> None:
+    """Prints a line for each garment and figure, and three tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="5000-5009")
     parser.add_argument("--detail", default="full", choices=dress.DETAILS)
     parser.add_argument("--texture", type=int, default=1024)
     parser.add_argument("--rays", type=int, default=144)
     args = parser.parse_args()
-    lit, shading, bare = defaultdict(list), defaultdict(list), defaultdict(list)
-    whole, seconds, sky = [], [], lights()
+    # Roughness of each garment, (3,) by band: by the kind of the garment, and of the albedo by its fabric.
+    by_kind_lit, by_kind_shading, by_fabric = defaultdict(list), defaultdict(list), defaultdict(list)
+    occlusion, seconds, rooms = [], [], lights()
     for seed in seeds_of(args.seeds):
         mesh, garments, spent = figure(seed, args.detail, args.texture)
         maps = bake(mesh, SIZE, args.rays, supersample=3)
         material = visible(mesh)
-        albedo = maps.albedo @ LUMINANCE
-        for name, fabric, mine in zip(mesh.info["garments"], mesh.info["fabrics"], garments):
-            mask = np.isin(material, list(mine))
-            alone = roughness(albedo, mask)
-            shades = [maps.transport @ light for light in sky]
-            pair = [
-                np.sqrt(np.mean([np.square(roughness(paint * shade, mask)) for shade in shades], axis=0))
-                for paint in (albedo, 1.0)
-            ]
-            for table, key, values in zip((lit, shading, bare), [kind(name, fabric)] * 2 + [fabric], [*pair, alone]):
-                table[key].append(values)
-            record = {"seed": seed, "garment": name, "fabric": fabric, "lit": pair[0].round(3).tolist()}
-            record |= {"shading": pair[1].round(3).tolist(), "albedo": np.round(alone, 3).tolist()}
-            print(json.dumps(record), flush=True)
+        albedo, shadings = maps.albedo @ LUMINANCE, [maps.transport @ light for light in rooms]
+        for name, fabric, materials in zip(mesh.info["garments"], mesh.info["fabrics"], garments):
+            mask = np.isin(material, list(materials))
+            measured = {
+                "lit": mean_roughness([albedo * shading for shading in shadings], mask),
+                "shading": mean_roughness(shadings, mask),
+                "albedo": np.array(roughness(albedo, mask)),
+            }
+            by_kind_lit[kind(name, fabric)].append(measured["lit"])
+            by_kind_shading[kind(name, fabric)].append(measured["shading"])
+            by_fabric[fabric].append(measured["albedo"])
+            rounded = {what: values.round(3).tolist() for what, values in measured.items()}
+            print(json.dumps({"seed": seed, "garment": name, "fabric": fabric, **rounded}), flush=True)
         lost = np.linalg.norm(maps.transport - unoccluded(maps.normal.astype(float)), axis=-1)[maps.mask]
         ao = maps.ao[maps.mask]
-        whole.append([ao.mean(), (ao < 0.5).mean(), np.sqrt((lost**2).mean())])
+        occlusion.append([ao.mean(), (ao < DARK).mean(), np.sqrt((lost**2).mean())])
         seconds.append(spent)
-        record = {"seed": seed, "ao": np.round(whole[-1], 3).tolist(), "CPU s": round(spent, 1)}
+        record = {"seed": seed, "ao": np.round(occlusion[-1], 3).tolist(), "CPU s": round(spent, 1)}
         print(json.dumps(record | {"vertices": len(mesh.vertices), "redrawn": mesh.info["redrawn"]}), flush=True)
-    for title, table, truth in (("lit", lit, PHOTOGRAPHS), ("shading alone", shading, {}), ("albedo alone", bare, {})):
-        print(f"\n| {title} | garments | 14 mm | 27 mm | 55 mm |\n|---|---|---|---|---|")
-        for name in sorted(table):
-            print(f"| {name} | {len(table[name])} | " + " | ".join(f"{x:.3f}" for x in middle(table[name])) + " |")
-        for name, values in truth.items():
-            print(f"| photograph: {name} | 1 | " + " | ".join(f"{x:.3f}" for x in values) + " |")
+    print_table("lit", by_kind_lit)
+    for name, values in PHOTOGRAPHS.items():
+        print(f"| photograph: {name} | 1 | {in_cells(values)} |")
+    print_table("shading alone", by_kind_shading)
+    print_table("albedo alone", by_fabric)
     print(f"| cloth of scans | | {SCANS[0]}-{SCANS[1]} | | |")
-    ao, dark, lost = np.mean(whole, axis=0)
+    ao, dark, lost = np.mean(occlusion, axis=0)
     print(f"\nAO {ao:.3f}, {100 * dark:.1f} % under .5, lost {lost:.3f}; {np.mean(seconds):.1f} CPU s a figure")
 
 
+def mean_roughness(pictures: list[np.ndarray], mask: np.ndarray) -> np.ndarray:
+    """Returns the root mean square (3,) over pictures (H,W) of their roughness in a mask, by band."""
+    return np.sqrt(np.mean([np.square(roughness(picture, mask)) for picture in pictures], axis=0))
+
+
+def print_table(title: str, rows: dict[str, list]) -> None:
+    """Prints the median roughness by band; `rows` are those of garments, (3,) each, by the name of the row."""
+    print(f"\n| {title} | garments | 14 mm | 27 mm | 55 mm |\n|---|---|---|---|---|")
+    for name in sorted(rows):
+        print(f"| {name} | {len(rows[name])} | {in_cells(middle(rows[name]))} |")
+
+
+def in_cells(values) -> str:
+    """Returns numbers as cells of a table."""
+    return " | ".join(f"{value:.3f}" for value in values)
+
+
 def middle(rows: list) -> np.ndarray:
-    """Returns the median (3,) over garments that are large enough, by band."""
+    """Returns the median (3,) over garments, by band; those too small for a band are NaN there, and left out."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # no garment of this kind was large enough
         return np.nanmedian(np.array(rows, float), axis=0)

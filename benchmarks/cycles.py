@@ -62,6 +62,18 @@ for number, path in enumerate(panoramas):
 """
 
 
+def relative_error(light: np.ndarray, normals: np.ndarray, traced: np.ndarray) -> float:
+    """Returns the RMS difference of irradiance / pi from the traced picture, over the RMS of the latter.
+
+    Args:
+        light: (K,3) radiance coefficients.
+        normals: (P,3) of the ball's pixels.
+        traced: (P,3).
+    """
+    ours = irradiance(light, normals) / np.pi
+    return float(np.sqrt(((ours - traced) ** 2).mean() / (traced**2).mean()))
+
+
 def blender_panoramas() -> Path:
     """Returns the folder of Blender's panoramas."""
     expression = "import bpy; print('AT', bpy.utils.resource_path('LOCAL'), bpy.utils.resource_path('SYSTEM'), sep='|')"
@@ -74,14 +86,15 @@ def blender_panoramas() -> Path:
 
 
 def main() -> None:
+    """Renders the ball under each panorama, and prints a row for each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, nargs="?")
     folder = parser.parse_args().folder or blender_panoramas()
     panoramas = sorted(p for p in folder.iterdir() if p.suffix in (".exr", ".hdr"))
     x, y = (np.arange(SIDE) + 0.5) / SIDE * 2 - 1, 1 - (np.arange(SIDE) + 0.5) / SIDE * 2
     x, y = np.meshgrid(x, y)
-    on = x**2 + y**2 < 0.98**2
-    normals = np.stack([x, y, np.sqrt(np.clip(1 - x**2 - y**2, 0, 1))], axis=-1)[on]
+    disc = x**2 + y**2 < 0.98**2  # without the rim, whose pixels the ball covers in part
+    normals = np.stack([x, y, np.sqrt(np.clip(1 - x**2 - y**2, 0, 1))], axis=-1)[disc]
     print(f"{'panorama':16}" + "".join(f"order {order:<4}" for order in ORDERS) + "mirrored  mean ratio R, G, B")
     with tempfile.TemporaryDirectory() as out:
         script = Path(out) / "scene.py"
@@ -90,16 +103,14 @@ def main() -> None:
         subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
         for number, path in enumerate(panoramas):
             channels = OpenEXR.File(f"{out}/{number}.exr").channels()
-            traced = next(channels[name] for name in ("RGBA", "RGB") if name in channels).pixels[..., :3][on]
+            traced = next(channels[name] for name in ("RGBA", "RGB") if name in channels).pixels[..., :3][disc]
             panorama = read_panorama(path, layout="latlong")
 
-            def relative_error(order: int, at: np.ndarray, traced: np.ndarray = traced, panorama=panorama) -> float:
-                ours = irradiance(project(panorama, order), at) / np.pi
-                return float(np.sqrt(((ours - traced) ** 2).mean() / (traced**2).mean()))
-
-            level = irradiance(project(panorama, ORDERS[-1]), normals).mean(axis=0) / np.pi / traced.mean(axis=0)
-            errors = "".join(f"{relative_error(order, normals):<10.4f}" for order in ORDERS)
-            mirrored = relative_error(ORDERS[-1], normals * [-1, 1, 1])
+            lights = {order: project(panorama, order) for order in ORDERS}
+            errors = "".join(f"{relative_error(light, normals, traced):<10.4f}" for light in lights.values())
+            light = lights[ORDERS[-1]]
+            mirrored = relative_error(light, normals * [-1, 1, 1], traced)
+            level = irradiance(light, normals).mean(axis=0) / np.pi / traced.mean(axis=0)
             print(f"{path.stem:16}{errors}{mirrored:<10.3f}" + " ".join(f"{value:.4f}" for value in level))
 
 

@@ -23,31 +23,33 @@ PARTS = {  # label: a function's module or class, and its name
 
 
 def main() -> None:
+    """Prints a line for each figure, and the summary, as JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", default="0-11")
     parser.add_argument("--detail", default="full", choices=dress.DETAILS)
     parser.add_argument("--texture", type=int, default=1024)
     options = parser.parse_args()
-    spent: dict[str, float] = dict.fromkeys(PARTS, 0.0)
+    spent = dict.fromkeys(PARTS, 0.0)  # CPU seconds of each part
 
-    def timed(module, name: str, part: str) -> None:
-        inner = getattr(module, name)
+    def add_timer(part: str, owner: object, name: str) -> None:
+        """Replaces the function `name` of a module or class by one that also adds its CPU time to `spent[part]`."""
+        function = getattr(owner, name)
 
-        def outer(*args):
+        def timed(*args):
             start = time.process_time()
-            result = inner(*args)
+            result = function(*args)
             spent[part] += time.process_time() - start
             return result
 
-        setattr(module, name, outer)
+        setattr(owner, name, timed)
 
-    for part, (owner, function) in PARTS.items():
-        timed(owner, function, part)
+    for part, (owner, name) in PARTS.items():
+        add_timer(part, owner, name)
     dress.colliders.init_warp()
     start = time.process_time()
-    dress.make_figure(0, "draft", 64)  # warm-up: compiles or loads the kernels, and reads the data
+    dress.make_figure(seed=0, detail="draft", texture=64)  # warm-up: compiles or loads kernels, and reads the data
     print(json.dumps({"warm-up, CPU s": round(time.process_time() - start, 1)}))
-    spent.update(dict.fromkeys(spent, 0.0))
+    spent.update(dict.fromkeys(PARTS, 0.0))
     seconds, redrawn = [], 0
     for seed in seeds_of(options.seeds):
         start = time.process_time()

@@ -33,29 +33,44 @@ from relight.figures.hair.styles import styles
 from relight.figures.paints import skin_material
 from relight.figures.pose.motion import build_motion
 from relight.figures.wear import DETAILS
+from relight.sh import UNOCCLUDED_T00
 from relight.srgb import LUMINANCE, encode, to_bytes
 from relight.transport.baker import Baker, pixel_corners, primary_hits
 from relight.transport.view import View
 
 CUT_BELOW_EYES = 0.17  # metres, where a head is cut off
-ROOM = 11
+HALF_WIDTH = 0.14  # metres, beyond which what is left of the shoulders is cut off
+JAW = 0.10  # metres below the head's centre
+HEIGHT = 1.9  # of a head in the aligned frame, where the picture has 2
+SKIN, SCALP, HAIR, OTHER = range(4)  # kinds of faces
+ROOM = 11  # seed of the light
+BLACK = 0.1  # ambient occlusion
 
 
 class Head:
     """The head of a seed, ready for baking, with the kind of each face."""
 
     def __init__(self, seed: int, style: str | None, detail: str, texture: int, rays: int):
-        draw = dress.sample(seed, 0, 1, 0.0)
+        """Generates the head of a figure.
+
+        Args:
+            seed: of the figure.
+            style: name of the hair style; None for that of the seed.
+            detail: draft or full.
+            texture: side of the largest texture, pixels.
+            rays: per pixel, of the maps.
+        """
+        draw = dress.sample(seed, attempt=0, per_subject=1, sits=0.0)
         outfit, detail = draw.outfit, dress.replace(DETAILS[detail], texture=texture)
         if style is not None:
             outfit = dress.replace(outfit, hair=styles()[style])
         body = build_body(draw.person, draw.expression)
-        motion = build_motion(body, draw.pose, 1)
+        motion = build_motion(body, draw.pose, frames=1)
         base = makehuman.base()
         faces, uv = base.faces["body"], base.uv[base.uv_faces["body"]]
         posed = motion.posed_skin
         eye = body.vertices[makehuman.EYES["L"]].mean(0)
-        near = (body.skin[:, 1] > eye[1] - CUT_BELOW_EYES) & (np.abs(body.skin[:, 0]) < 0.14)
+        near = (body.skin[:, 1] > eye[1] - CUT_BELOW_EYES) & (np.abs(body.skin[:, 0]) < HALF_WIDTH)
         shown = near[faces].all(1) & ~assembly.mouth_cavity()
         self.name, self.style, self.sex = f"g{seed:05d}", outfit.hair.name, draw.person.female > 0.5
         builder = Builder()
@@ -71,11 +86,11 @@ class Head:
         self.seconds = time.process_time() - start
         mesh = builder.mesh({"name": self.name}, [outfit])
         low, high = mesh.vertices.min(0), mesh.vertices.max(0)
-        self.scale = 1.9 / float((high - low).max())
+        self.scale = HEIGHT / float((high - low).max())
         mesh.vertices = ((mesh.vertices - (low + high) / 2) * self.scale).astype(np.float32)
-        kinds = {"skin": 0, "hair": 2}  # of faces; 1 is scalp, 3 is anything else
-        self.kind = np.array([kinds.get(material.name, 3) for material in mesh.materials])[mesh.material]
-        self.kind[: len(inside)] = inside
+        kinds = {"skin": SKIN, "hair": HAIR}
+        self.kind = np.array([kinds.get(material.name, OTHER) for material in mesh.materials])[mesh.material]
+        self.kind[: len(inside)] = np.where(inside, SCALP, SKIN)  # the body's faces come first
         self.faces = len(mesh.faces)
         centre = motion.transforms[-1, motion.bones["head"]]
         centre = centre[:, :3] @ head_centre(body) + centre[:, 3]
@@ -84,34 +99,48 @@ class Head:
         self.baker = Baker(mesh, rays)
 
     def seen(self, size: int, supersample: int, yaw: float) -> dict:
-        """Returns maps from one direction, the kind at each pixel (-1: none), the camera's side, and the pixel size."""
+        """Bakes the head from one direction.
+
+        Args:
+            size: side of the image, pixels.
+            supersample: k, maps are means over k x k points of a pixel.
+            yaw: rotation of the head, degrees.
+
+        Returns:
+            `maps`; `kind` (S,S) of the face at each pixel, -1 for none; `ahead` (S,S) bool, the pixels on the side of
+            the camera and above the jaw; `metres`, the size of a pixel.
+        """
         view = View(yaw)
         maps = self.baker.maps(size, supersample, view)
         camera = self.baker.camera(size, view)
         pixel, face, weights = primary_hits(self.baker.caster, camera, *pixel_corners(size) + 0.5)
         kind = np.full(size * size, -1)
         kind[pixel] = self.kind[face]
-        off = self.baker.caster.points(face, weights) - self.centre
+        from_centre = self.baker.caster.points(face, weights) - self.centre
         ahead = np.zeros(size * size, bool)
-        scale = 1.0 if camera.pose is None else camera.pose.scale
+        scale = 1.0 if camera.pose is None else camera.pose.scale  # by which the view enlarges the head
         toward = view.rotation[2]
-        ahead[pixel] = (off @ toward > 0) & (off[:, 1] > -0.10 * self.scale)
+        ahead[pixel] = (from_centre @ toward > 0) & (from_centre[:, 1] > -JAW * self.scale)
         metres = 2 / size / (scale * self.scale)
         return {"maps": maps, "kind": kind.reshape(size, size), "ahead": ahead.reshape(size, size), "metres": metres}
 
 
 def measured(view: dict) -> dict[str, tuple[float, float]]:
-    """Returns the numerators and denominators of the measures in one view."""
-    maps, kind, pixel = view["maps"], view["kind"], 1000 * view["metres"]
-    hair, outside = kind == 2, view["ahead"] & (kind == 2)
-    scalp = kind == 1
+    """Returns the measures in one view as (numerator, denominator), whose sums over views are divided.
+
+    Args:
+        view: as `Head.seen` returns it.
+    """
+    maps, kind, pixel = view["maps"], view["kind"], 1000 * view["metres"]  # millimetres
+    hair, scalp = kind == HAIR, kind == SCALP
+    outside = view["ahead"] & hair
     cover = maps.coverage.astype(float)
-    smooth = gaussian_filter(cover, 4 / pixel) > 0.5
-    outline = np.abs(np.diff(smooth.astype(float), axis=0)).sum() + np.abs(np.diff(smooth.astype(float), axis=1)).sum()
-    outline *= np.pi / 4  # mean ratio of the length of a line to that of its raster steps
+    smooth = (gaussian_filter(cover, 4 / pixel) > 0.5).astype(float)
+    raster_steps = sum(np.abs(np.diff(smooth, axis=axis)).sum() for axis in (0, 1))
+    outline = raster_steps * np.pi / 4  # mean ratio of the length of a line to that of its raster steps
     out = {
         "scalp": (scalp.sum(), (scalp | hair).sum()),
-        "black": ((outside & (maps.ao < 0.1)).sum(), outside.sum()),
+        "black": ((outside & (maps.ao < BLACK)).sum(), outside.sum()),
         "ao": (maps.ao[outside].sum(), outside.sum()),
         "edge": ((4 * cover * (1 - cover)).sum() * pixel, outline),
     }
@@ -120,8 +149,8 @@ def measured(view: dict) -> dict[str, tuple[float, float]]:
         log = np.log(np.maximum(values, 1e-3))
         weight = outside.astype(float)
         fine, coarse = (
-            gaussian_filter(log * weight, s / pixel) / np.maximum(gaussian_filter(weight, s / pixel), 1e-9)
-            for s in (1.0, 3.0)
+            gaussian_filter(log * weight, sigma / pixel) / np.maximum(gaussian_filter(weight, sigma / pixel), 1e-9)
+            for sigma in (1.0, 3.0)  # millimetres
         )
         out[f"grain of {name}"] = (np.square((fine - coarse)[outside]).sum(), outside.sum())
     return out
@@ -135,6 +164,7 @@ def lit(maps, light: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
+    """Prints a line for each head, as JSON, and the mean of each measure; draws the heads, if `--sheet` is given."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="20000-20011")
     parser.add_argument("--styles", nargs="*", help="hair styles instead of the seeds' own, one a seed, in turn")
@@ -150,7 +180,7 @@ def main() -> None:
     from relight.panoramas import Panorama, generate_room, project
 
     light = project(Panorama(generate_room(ROOM)))
-    light = light * (0.5 / (light[0] @ LUMINANCE * 0.8862))
+    light = light * (0.5 / (light[0] @ LUMINANCE * UNOCCLUDED_T00))  # its constant part gives a shading of .5
     rows, total = [], []
     for number, seed in enumerate(seeds_of(args.seeds)):
         style = args.styles[number % len(args.styles)] if args.styles else None
@@ -162,9 +192,9 @@ def main() -> None:
             for name, pair in measured(view).items():
                 sums[name] = sums.get(name, 0) + np.array(pair, float)
             pictures.append(lit(view["maps"], light))
-        rows.append(np.concatenate(pictures, 1))
-        values = {name: float(a / b) if b else None for name, (a, b) in sums.items()}
-        for name in values:
+        rows.append(np.concatenate(pictures, axis=1))
+        values = {name: float(above / below) if below else None for name, (above, below) in sums.items()}
+        for name in values:  # a standard deviation, of which squares were summed
             if name.startswith("grain") and values[name] is not None:
                 values[name] **= 0.5
         total.append(values)

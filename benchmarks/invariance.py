@@ -59,33 +59,46 @@ SPREAD = {
 
 
 def figures(cache: Path, seeds: range, per_subject: int = 1) -> list[Maps]:
-    """Returns baked figures, generated and baked if they are not in `cache`."""
+    """Returns the maps of generated figures, which are made unless they are in the cache.
+
+    Args:
+        cache: folder of maps.
+        seeds: of the figures.
+        per_subject: number of consecutive seeds that are one person in one outfit, in different poses.
+    """
     from transport import figure
 
     from relight.transport import bake
 
     cache.mkdir(parents=True, exist_ok=True)
-    for seed in progress(seeds, "figures"):
-        path = cache / f"v{GENERATOR}_{SIZE}px_{seed}.exr"
+    paths = {seed: cache / f"v{GENERATOR}_{SIZE}px_{seed}.exr" for seed in seeds}
+    for seed, path in progress(paths.items(), "figures", len(paths)):
         if not path.exists():
-            write_maps(path, bake(figure(None, seed, per_subject), SIZE, 256, supersample=2))
-    return [read_maps(cache / f"v{GENERATOR}_{SIZE}px_{seed}.exr") for seed in seeds]
+            mesh = figure(path=None, seed=seed, per_subject=per_subject)
+            write_maps(path, bake(mesh, SIZE, rays=256, supersample=2))
+    return [read_maps(path) for path in paths.values()]
 
 
 def take_photograph(maps: Maps, light: np.ndarray, gain: np.ndarray | float = 1.0) -> np.ndarray:
-    """Returns the 8-bit photograph (H,W,3) of a figure under a light (9,3), with a gain on channels before clipping."""
+    """Returns the photograph (H,W,3) uint8 of a figure before a plain background.
+
+    Args:
+        maps: of the figure.
+        light: (9,3) radiance coefficients.
+        gain: on the linear values before they are clipped, a number or (3,).
+    """
     linear = maps.albedo * np.maximum(maps.transport @ light, 0)
     coverage = maps.coverage[..., None]
     return to_bytes(encode(np.clip((linear * coverage + BACKGROUND * (1 - coverage)) * gain, 0, 1)))
 
 
 def truth(maps: Maps, light: np.ndarray, box: Crop) -> Intrinsics:
-    """Returns the true maps on the square."""
+    """Returns the true maps and light of a figure on a square of the picture; `light` is (9,3)."""
     return on_square(maps, np.maximum(maps.transport @ light, 0), light, box)
 
 
 def score(relighter: Relighter, maps: Maps, light: np.ndarray) -> dict[str, float]:
-    """Returns all rows of the table for one figure under one light."""
+    """Returns all rows of the table for one figure under one light (9,3), by name."""
     shots = variants(partial(take_photograph, maps, light), to_bytes(maps.coverage), relighter.network.size)
     inferred = {name: relighter.infer_person(shot.photo, shot.mask, shot.square) for name, shot in shots.items()}
     true = truth(maps, light, shots[""].square)
@@ -115,11 +128,17 @@ def lit_from_behind(transport: np.ndarray, true: Intrinsics) -> dict[str, float]
 
 
 def pose_spread(relighter: Relighter, poses: list[Maps], lights: list[np.ndarray], name: str) -> dict[str, float]:
-    """Returns how much the inferred light of one person changes with the pose, as coefficients of irradiance.
+    """Measures how much the inferred light of one person changes with the pose, as coefficients of irradiance.
+
+    Args:
+        relighter: the network.
+        poses: maps of the person in each pose.
+        lights: (9,3) each, under which all poses are seen.
+        name: of the network, for the progress.
 
     Returns:
         `poses`: the standard deviation over poses (as the norm of a vector), over the norm of their mean; mean over the
-        lights (9,3). `poses_relative`: the root mean square over the lights of the standard deviation over poses, over
+        lights. `poses_relative`: the root mean square over the lights of the standard deviation over poses, over
         the standard deviation over lights of the mean over poses.
     """
     means, variances = [], []
@@ -134,12 +153,16 @@ def pose_spread(relighter: Relighter, poses: list[Maps], lights: list[np.ndarray
 
 
 def main() -> None:
+    """Prints the table, with a column for each network and one for the truth."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("weights", type=Path, nargs="+")
     parser.add_argument("--cache", type=Path, default=Path("results/invariance"), help="of the figures' maps")
     args = parser.parse_args()
     people, poses = figures(args.cache, SEEDS), figures(args.cache, POSES, len(POSES))
-    lights = [Light(generated_light(f"room:{room}", 2), f"room:{room}").normalised().coefficients for room in ROOMS]
+    lights = []
+    for room in ROOMS:
+        source = f"room:{room}"
+        lights.append(Light(generated_light(source, order=2), source).normalised().coefficients)
     columns = {}
     for path in args.weights:
         relighter = load(path, threads=1)

@@ -41,15 +41,25 @@ EDGE = 2  # pixels along the mask's edge that are not compared
 
 
 def lamps(count: int) -> np.ndarray:
-    """Returns positions (L,3) on Vogel's spiral over the sphere."""
+    """Returns the positions (L,3) of lamps on Vogel's spiral over the sphere of RADIUS."""
     index = np.arange(count) + 0.5
     y, angle = 1 - 2 * index / count, index * np.pi * (3 - np.sqrt(5))
-    around = np.sqrt(1 - y * y)
-    return RADIUS * np.stack([around * np.cos(angle), y, around * np.sin(angle)], -1)
+    from_axis = np.sqrt(1 - y * y)
+    return RADIUS * np.stack([from_axis * np.cos(angle), y, from_axis * np.sin(angle)], -1)
 
 
 def render_frames(tracer: PathTracer, positions: np.ndarray, samples: int, bounces: int) -> Iterator[np.ndarray]:
-    """Yields the frame (S,S,3) uint8 of each lamp."""
+    """Renders the frames of a light stage, one lamp at a time.
+
+    Args:
+        tracer: of the figure.
+        positions: (L,3) of the lamps, in the camera's frame.
+        samples: paths per pixel.
+        bounces: of interreflection.
+
+    Yields:
+        (S,S,3) uint8 sRGB.
+    """
     film = {"type": "hdrfilm", "width": tracer.size, "height": tracer.size, "pixel_format": "rgb"}
     sampler = {"type": "multijitter", "sample_count": samples}
     scene = tracer.mi.load_dict(
@@ -80,8 +90,8 @@ def write_capture(folder: Path, mesh: Mesh, size: int, count: int, samples: int,
         bounces: of interreflection.
         gloss: whether glossy materials reflect.
     """
-    baker = Baker(mesh, 1024)
-    maps, camera = baker.maps(size, 4, VIEW), baker.camera(size, VIEW)
+    baker = Baker(mesh, rays=1024)
+    maps, camera = baker.maps(size, supersample=4, view=VIEW), baker.camera(size, VIEW)
     assert camera.pose is not None
     (folder / "frames").mkdir(parents=True)
     frames = render_frames(PathTracer(mesh, size, camera, gloss), lamps(count), samples, bounces)
@@ -102,21 +112,29 @@ def write_capture(folder: Path, mesh: Mesh, size: int, count: int, samples: int,
 
 
 def compare(measured: Maps, baked: Maps) -> dict[str, float]:
-    """Compares measured with baked maps; the keys are explained at the top of this file."""
+    """Compares measured with baked maps, both (S,S,...), EDGE pixels and more inside the mask.
+
+    Returns:
+        `pixels`: number of those compared; `length`: RMS length of baked transport; `difference`: that of measured
+        minus baked transport; `shape`: the same after the best factor for each pixel; `factor`: the best one for all
+        pixels; `albedo`: RMS of measured over true albedo, over its median, minus one; `normals`: median angle between
+        measured and baked normals, degrees.
+    """
     compared = binary_erosion(baked.mask & (baked.coverage == 1), iterations=EDGE) & measured.mask
-    found, true = (maps.transport[compared].astype(np.float64) for maps in (measured, baked))
-    product, square = (found * true).sum(1), np.maximum((found**2).sum(1), 1e-12)
+    inferred, true = (maps.transport[compared].astype(np.float64) for maps in (measured, baked))
+    product, square = (inferred * true).sum(1), np.maximum((inferred**2).sum(1), 1e-12)
     ratio = measured.albedo[compared] / np.maximum(baked.albedo[compared], 1e-3)
     cosine = np.clip((measured.normal[compared] * baked.normal[compared]).sum(1), -1, 1)
 
     def length(vectors: np.ndarray) -> float:
+        """Returns the RMS length of vectors (P,9)."""
         return float(np.sqrt((vectors**2).sum(1).mean()))
 
     return {
         "pixels": int(compared.sum()),
         "length": length(true),
-        "difference": length(found - true),
-        "shape": length((product / square)[:, None] * found - true),
+        "difference": length(inferred - true),
+        "shape": length((product / square)[:, None] * inferred - true),
         "factor": float(product.sum() / square.sum()),
         "albedo": float(np.sqrt(((ratio / np.median(ratio) - 1) ** 2).mean())),
         "normals": float(np.degrees(np.median(np.arccos(cosine)))),
@@ -124,6 +142,7 @@ def compare(measured: Maps, baked: Maps) -> dict[str, float]:
 
 
 def main() -> None:
+    """Prints a row for a figure without gloss and bounces, with a bounce, and with both."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--mesh", type=Path, help="a mesh instead of a generated figure")
     parser.add_argument("--seed", type=int, default=900_001, help="of the generated figure")
@@ -138,8 +157,9 @@ def main() -> None:
         with TemporaryDirectory() as folder:
             capture = Path(folder, name)
             baked = write_capture(capture, mesh, args.size, args.lamps, args.samples, bounces, gloss)
-            found = compare(measure_maps(read_capture(capture))[1], baked)
-        print(f"| {name} | {' | '.join(f'{value:.4g}' for value in found.values())} |", flush=True)
+            _, measured, _ = measure_maps(read_capture(capture))
+            values = compare(measured, baked).values()
+        print(f"| {name} | {' | '.join(f'{value:.4g}' for value in values)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import argparse
 import io
+import math
 import time
 from pathlib import Path
 
@@ -30,13 +31,22 @@ from relight.photos.compose.render import over
 from relight.photos.mask import selfie
 from relight.srgb import to_bytes
 
-SHAPE = 1250, 1000
+SHAPE = 1250, 1000  # height and width of a picture, pixels
+STRIP = 600, 250  # width and height of a picture with its masks in the sheet, pixels
 BLUR = 1.0  # of the background, degrees; generated rooms are sharper than real backgrounds
 GRAIN = 2.5  # standard deviation of the noise, in 8-bit codes
 
 
 def render_picture(path: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns a picture (H,W,3) uint8 of the figure in a file, and its true coverage (H,W) in [0,1]."""
+    """Renders a picture of a figure in front of a background.
+
+    Args:
+        path: maps of the figure (.exr).
+        number: of the picture, from which its lights and its framing are drawn.
+
+    Returns:
+        The picture (H,W,3) uint8, and the true coverage (H,W) in [0,1].
+    """
     rng = np.random.default_rng(number)
     maps, light = read_maps(path), load_light(f"room:{100 + number}")
     shading = np.maximum(maps.transport @ light.coefficients.astype(np.float32), 0)
@@ -48,6 +58,7 @@ def render_picture(path: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
     view = roll_off(view * rng.uniform(0.15, 0.5) / view.mean())
 
     def placed(image: np.ndarray) -> np.ndarray:
+        """Returns an image (S,S) of the figure at its place in the picture, (H,W) float32."""
         scale = len(image) / side
         box = (-left * scale, -top * scale, (SHAPE[1] - left) * scale, (SHAPE[0] - top) * scale)
         coefficients = (scale, 0, box[0], 0, scale, box[1])
@@ -55,61 +66,70 @@ def render_picture(path: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
         return np.asarray(moved.transform(SHAPE[::-1], Image.Transform.AFFINE, coefficients, Image.Resampling.BICUBIC))
 
     alpha = np.clip(placed(maps.coverage), 0, 1)
-    front = np.stack([placed(lit[..., c] * maps.coverage) for c in range(3)], -1) / np.maximum(alpha, 1e-3)[..., None]
-    picture = to_srgb8(over(roll_off(np.maximum(front, 0)), alpha, view)) + rng.normal(0, GRAIN, (*SHAPE, 3))
+    premultiplied = np.stack([placed(lit[..., c] * maps.coverage) for c in range(3)], -1)
+    front = premultiplied / np.maximum(alpha, 1e-3)[..., None]
+    picture = to_srgb8(over(roll_off(np.maximum(front, 0)), alpha, view)) + rng.normal(scale=GRAIN, size=(*SHAPE, 3))
     file = io.BytesIO()
     Image.fromarray(np.clip(picture, 0, 255).astype(np.uint8)).save(file, "JPEG", quality=88)
     return np.asarray(Image.open(file)), alpha
 
 
-def overlap(found: np.ndarray, true: np.ndarray) -> tuple[float, float, float]:
-    """Returns intersection over union, fraction of the figure missed, and fraction of the mask that is background."""
-    found, true = found > 0.5, true > 0.5
-    both = (found & true).sum()
-    return both / max((found | true).sum(), 1), 1 - both / true.sum(), 1 - both / max(found.sum(), 1)
+def overlap(mask: np.ndarray, true: np.ndarray) -> tuple[float, float, float]:
+    """Compares a mask with the true coverage, both at half.
+
+    Args:
+        mask, true: (H,W) in [0,1].
+
+    Returns:
+        Intersection over union, fraction of the figure missed, and fraction of the mask that is background.
+    """
+    inside, figure = mask > 0.5, true > 0.5
+    both = (inside & figure).sum()
+    return both / max((inside | figure).sum(), 1), 1 - both / figure.sum(), 1 - both / max(inside.sum(), 1)
 
 
 def masks(pixels: np.ndarray) -> dict[str, np.ndarray]:
     """Returns the mask (H,W) in [0,1] after each step."""
     whole = (0, 0, pixels.shape[1], pixels.shape[0])
-    once = selfie.predict(pixels, whole)
-    passes = selfie.segment_coarsely(pixels)
-    return {"one pass": once, "three passes": passes, "fitted to the photo": selfie.segment(pixels) / 255.0}
+    return {
+        "one pass": selfie.predict(pixels, whole),
+        "three passes": selfie.segment_coarsely(pixels),
+        "fitted to the photo": selfie.segment(pixels) / 255.0,
+    }
 
 
 def main() -> None:
+    """Prints a row for each step, and draws all masks if `--sheet` is given."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--sheet", type=Path, help="A picture of all masks, the worst first.")
     parser.add_argument("--count", type=int, default=24)
     args = parser.parse_args()
     torch.set_num_threads(1)
-    rows: dict[str, list] = {}
-    sheet, seconds = [], []
+    rows: dict[str, list] = {}  # by step, the measures of `overlap` for each picture
+    strips, seconds = [], []
     for number, path in enumerate(sorted(args.folder.glob("*.exr"))[: args.count]):
         pixels, true = render_picture(path, number)
         start = time.process_time()
         selfie.segment(pixels)
         seconds.append(time.process_time() - start)
-        found = masks(pixels)
-        for name, mask in found.items():
+        for name, mask in masks(pixels).items():
             rows.setdefault(name, []).append(overlap(mask, true))
-        last = list(found.values())[-1]
-        tint = np.where(last[..., None] > 0.5, pixels, pixels // 3)
-        sheet.append(
-            (overlap(last, true)[0], np.concatenate([pixels, tint, to_bytes(np.dstack([last, true, true]))], 1))
-        )
+        darkened = np.where(mask[..., None] > 0.5, pixels, pixels // 3)  # by the mask of the last step
+        errors = to_bytes(np.dstack([mask, true, true]))  # red where it is too large, cyan where it is too small
+        iou = rows[name][-1][0]
+        strips.append((iou, np.concatenate([pixels, darkened, errors], axis=1)))
     print("| mask | IoU, mean | least | missed | background in it |\n|---|---|---|---|---|")
     for name, values in rows.items():
         union, missed, extra = np.array(values).T
         print(f"| {name} | {union.mean():.3f} | {union.min():.3f} | {missed.mean():.3f} | {extra.mean():.3f} |")
     print(f"{len(seconds)} pictures; {np.median(seconds):.2f} CPU-seconds each")
     if args.sheet:
-        sheet.sort(key=lambda each: each[0])
-        strips = [Image.fromarray(strip).resize((600, 250)) for _, strip in sheet]
-        page = Image.new("RGB", (1200, 250 * -(-len(strips) // 2)))
-        for i, strip in enumerate(strips):
-            page.paste(strip, (600 * (i % 2), 250 * (i // 2)))
+        strips.sort(key=lambda pair: pair[0])
+        width, height = STRIP
+        page = Image.new("RGB", (2 * width, height * math.ceil(len(strips) / 2)))
+        for i, (_, strip) in enumerate(strips):
+            page.paste(Image.fromarray(strip).resize(STRIP), (width * (i % 2), height * (i // 2)))
         page.save(args.sheet)
 
 

@@ -23,7 +23,16 @@ SIZE = 720, 940
 
 
 def time_frames(photo: Path | None, mask: Path | None, frames: int, last_frames: Path) -> dict[str, float]:
-    """Returns the median CPU-seconds per frame, by background, and saves the last frames to an .npz."""
+    """Measures the frames of a photo whose light rotates.
+
+    Args:
+        photo, mask: files; None for the portrait of docs/photos.md.
+        frames: number of frames, of which the first is not counted.
+        last_frames: the .npz to which the last frame is saved, by background.
+
+    Returns:
+        Background -> median CPU-seconds per frame.
+    """
     import time
 
     import torch
@@ -67,7 +76,13 @@ def time_frames(photo: Path | None, mask: Path | None, frames: int, last_frames:
 
 
 def run_checkout(checkout: Path, words: list[str], last_frames: Path) -> dict[str, float]:
-    """Runs `time_frames` with the package in `checkout`."""
+    """Runs `time_frames` in a process with the package of another checkout.
+
+    Args:
+        checkout: folder of the repository.
+        words: options of this script.
+        last_frames: the .npz to which the last frames are saved.
+    """
     environment = os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, __file__, *words, "--child", str(last_frames)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
@@ -77,6 +92,7 @@ def run_checkout(checkout: Path, words: list[str], last_frames: Path) -> dict[st
 
 
 def main() -> None:
+    """Prints a row for each background: CPU-seconds per frame, and the largest difference of codes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--photo", type=Path)
     parser.add_argument("--mask", type=Path)
@@ -91,22 +107,17 @@ def main() -> None:
     words = ["--frames", str(args.frames)]
     words += ["--photo", str(args.photo), "--mask", str(args.mask)] if args.photo else []
     checkouts = [*([args.against.resolve()] if args.against else []), ROOT]
-    found = {checkout: [] for checkout in checkouts}
+    seconds = {checkout: [] for checkout in checkouts}  # those of each process, by background
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(args.pairs):
             for number, checkout in enumerate(checkouts):
-                found[checkout].append(run_checkout(checkout, words, Path(folder) / f"{number}.npz"))
+                seconds[checkout].append(run_checkout(checkout, words, Path(folder) / f"{number}.npz"))
         pictures = [np.load(Path(folder) / f"{number}.npz") for number in range(len(checkouts))]
-        print(
-            "| background | "
-            + " | ".join(map(str, checkouts))
-            + " | largest difference |\n|---|"
-            + "---|" * len(found)
-            + "---|"
-        )
+        print(f"| background | {' | '.join(map(str, checkouts))} | largest difference |")
+        print("|---|" + "---|" * len(checkouts) + "---|")
         for name in BACKGROUNDS:
-            values = [f"{np.median([each[name] for each in runs]):.3f}" for runs in found.values()]
-            difference = max(int(np.abs(each[name].astype(int) - pictures[-1][name]).max()) for each in pictures)
+            values = [f"{np.median([run[name] for run in runs]):.3f}" for runs in seconds.values()]
+            difference = max(int(np.abs(frames[name].astype(int) - pictures[-1][name]).max()) for frames in pictures)
             print(f"| {name} | " + " | ".join(values) + f" | {difference} |")
 
 

@@ -29,12 +29,21 @@ from relight.sh import UNOCCLUDED_T00, mean_direction
 
 OPEN, HOLLOW = 0.9, 0.6  # ambient occlusion above which a pixel is hardly occluded, and below which it is much
 PENALTY = 1e-5  # of the polynomial's coefficients, over their features' mean squares
-Figures = list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+Figures = list[tuple[np.ndarray, np.ndarray, np.ndarray]]  # inferred and true transport (P,9), normals (P,3)
 
 
 @torch.inference_mode()
 def pixels(network: torch.nn.Module, data: RelitSet, kind: list[str]) -> Figures:
-    """Returns inferred and true transport (P,9) and normals (P,3) of each figure, under one test light each."""
+    """Infers the transport of each figure under one test light.
+
+    Args:
+        network: for photographs.
+        data: figures and lights.
+        kind: settings of the pictures (`photographs.KINDS`).
+
+    Returns:
+        For each figure, inferred and true transport (P,9) and true normals (P,3) at its pixels.
+    """
     settings, test = OmegaConf.to_object(composed(kind).augment), np.flatnonzero(data.light_split == "test")
     figures = data.figures(sorted(set(data.figure_of)))
     rows = []
@@ -48,21 +57,28 @@ def pixels(network: torch.nn.Module, data: RelitSet, kind: list[str]) -> Figures
 
 
 def polynomial(transport: np.ndarray) -> np.ndarray:
-    """Returns all products (P,55) of up to two of the nine coefficients."""
+    """Returns all products (P,55) of up to two of the nine coefficients of transport (P,9)."""
     padded = np.concatenate([np.ones((len(transport), 1)), transport], 1)
     first, second = np.triu_indices(padded.shape[1])
     return padded[:, first] * padded[:, second]
 
 
 def corrected(rows: Figures) -> np.ndarray:
-    """Returns the normals (P,3) of all figures, each half by the polynomial that fits the other half."""
-    halves = [np.concatenate([polynomial(inferred) for inferred, _, _ in rows[i::2]]) for i in (0, 1)]
-    normals = [np.concatenate([normal for _, _, normal in rows[i::2]]) for i in (0, 1)]
-    moments = [half.T @ half + PENALTY * len(half) * np.eye(half.shape[1]) for half in halves]
-    weights = [np.linalg.solve(moments[i], halves[i].T @ normals[i]) for i in (0, 1)]
-    counts = [[len(normal) for _, _, normal in rows[i::2]] for i in (0, 1)]
-    parts = [np.split(halves[i] @ weights[1 - i], np.cumsum(counts[i])[:-1]) for i in (0, 1)]
-    return np.concatenate([parts[i % 2][i // 2] for i in range(len(rows))])
+    """Predicts the normals (P,3) of all figures from their inferred transport, by cross-validation.
+
+    Figures are in two halves, every second one. Each is predicted by the polynomial that fits the other half best
+    (ridge regression).
+    """
+
+    def fit(half: Figures) -> np.ndarray:
+        """Returns the weights (55,3) from the products of `polynomial` to normals."""
+        features = np.concatenate([polynomial(inferred) for inferred, _, _ in half])
+        normals = np.concatenate([normal for _, _, normal in half])
+        moments = features.T @ features + PENALTY * len(features) * np.eye(features.shape[1])
+        return np.linalg.solve(moments, features.T @ normals)
+
+    weights = fit(rows[0::2]), fit(rows[1::2])
+    return np.concatenate([polynomial(inferred) @ weights[1 - i % 2] for i, (inferred, _, _) in enumerate(rows)])
 
 
 def angles(directions: np.ndarray, normals: np.ndarray) -> np.ndarray:
@@ -73,6 +89,7 @@ def angles(directions: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
+    """Prints a row for each kind of pictures and each direction."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path)
     parser.add_argument("weights", type=Path)

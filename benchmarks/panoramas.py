@@ -21,9 +21,17 @@ import OpenEXR
 
 from relight.panoramas import Panorama, generate_room, generate_sky, project, read_panorama
 
+GENERATED = 50  # rooms, and skies, to time
+
 
 def hdr_bytes(height: int, width: int, runs: bool) -> bytes:
-    """Returns a Radiance picture of noise: literals of 128 bytes, or (slower) runs of 4 between literals of 4."""
+    """Returns the bytes of a Radiance .hdr picture of noise.
+
+    Args:
+        height, width: pixels; the width is a multiple of 128.
+        runs: whether it is coded as runs of 4 bytes between literals of 4, which are slower to read; else as literals
+            of 128 bytes.
+    """
     rng = np.random.default_rng(0)
     noise = rng.integers(100, 140, (height, 4, width), np.uint8)
     if runs:
@@ -39,13 +47,14 @@ def hdr_bytes(height: int, width: int, runs: bool) -> bytes:
 
 
 def write_exr(path: Path, height: int, width: int) -> None:
+    """Writes an OpenEXR picture of noise: half floats, compressed by ZIP."""
     pixels = np.random.default_rng(0).random((height, width, 3)).astype(np.float16)
-    OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, {"RGB": pixels}).write(
-        str(path)
-    )
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"RGB": pixels}).write(str(path))
 
 
 def report(what: str, start: float, count: int = 1) -> float:
+    """Prints and returns the CPU-seconds of each of `count` panoramas since `start` (time.process_time)."""
     seconds = (time.process_time() - start) / count
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"{what:44s} {seconds:8.3f} s CPU each   {memory:6.0f} MB at most")
@@ -53,31 +62,33 @@ def report(what: str, start: float, count: int = 1) -> float:
 
 
 def main() -> None:
+    """Prints a line for each kind of panorama."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--folder", type=int, default=64, help="number of 1k panoramas to read")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "small.hdr").write_bytes(hdr_bytes(512, 1024, runs=False))
+        (folder / "small.hdr").write_bytes(hdr_bytes(height=512, width=1024, runs=False))
         start = time.process_time()
         for _ in range(arguments.folder):
             project(read_panorama(folder / "small.hdr"))
         each = report("1024 x 512 .hdr", start, arguments.folder)
-        print(f"{'':44s} 2,144 of them on two cores: {2144 * each / 120:.1f} minutes")
+        minutes = 2144 * each / 2 / 60
+        print(f"{'':44s} 2,144 of them on two cores: {minutes:.1f} minutes")
         for kind, runs in (("literals", False), ("short runs", True)):
-            (folder / "large.hdr").write_bytes(hdr_bytes(2048, 4096, runs))
+            (folder / "large.hdr").write_bytes(hdr_bytes(height=2048, width=4096, runs=runs))
             start = time.process_time()
             project(read_panorama(folder / "large.hdr"))
             report(f"4096 x 2048 .hdr, {kind}", start)
-        write_exr(folder / "large.exr", 2048, 4096)
+        write_exr(folder / "large.exr", height=2048, width=4096)
         start = time.process_time()
         project(read_panorama(folder / "large.exr"))
         report("4096 x 2048 .exr, half, ZIP", start)
     for what, generate in (("room", generate_room), ("sky", generate_sky)):
         start = time.process_time()
-        for seed in range(50):
+        for seed in range(GENERATED):
             project(Panorama(generate(seed)))
-        report(f"{what} of 128 x 64", start, 50)
+        report(f"{what} of 128 x 64", start, GENERATED)
 
 
 if __name__ == "__main__":

@@ -45,19 +45,31 @@ DETAILS = ("albedo", "transport", "shading")
 
 @torch.inference_mode()
 def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: list[str]) -> np.ndarray:
-    """Returns the means of COLUMNS and of the energies of DETAILS over figures and lights."""
+    """Measures the errors of a network on pictures of a kind.
+
+    Args:
+        network: for photographs.
+        data: figures and lights.
+        figures: (F,) indices of the figures.
+        kind: settings of the pictures, a value of KINDS.
+
+    Returns:
+        Means over figures and lights: those of COLUMNS, then the energies of DETAILS.
+    """
     settings = OmegaConf.to_object(composed(kind).augment)
     test_lights = np.flatnonzero(data.light_split == "test")
     rows, energies = [], []
     for i, figure in enumerate(figures):
-        lit = test_lights[(i + np.arange(LIGHTS_PER_FIGURE) * len(test_lights) // LIGHTS_PER_FIGURE) % len(test_lights)]
+        spread = i + np.arange(LIGHTS_PER_FIGURE) * len(test_lights) // LIGHTS_PER_FIGURE
+        lit = test_lights[spread % len(test_lights)]
         generators = [np.random.default_rng([i, j]) for j in range(LIGHTS_PER_FIGURE)]
         batch = augment_batch(data.batch(np.full(LIGHTS_PER_FIGURE, figure), lit), settings, generators, network.size)
         outputs = network(batch.image, batch.mask)
         light = outputs.pop("light") / batch.exposure[:, None, None]
         maps = {name: batch.gather(dense) for name, dense in outputs.items()}
-        maps["shading"] = shade(maps["transport"], batch.light)
-        energies.append([detail(maps[name] - (true := getattr(batch, name)), true, batch) for name in DETAILS])
+        maps["shading"] = shade(maps["transport"], batch.light)  # under the true light, for its detail
+        true = {name: getattr(batch, name) for name in DETAILS}
+        energies.append([detail(maps[name] - true[name], true[name], batch) for name in DETAILS])
         maps["shading"] = shade(maps["transport"], light)
         for j in range(LIGHTS_PER_FIGURE):
             inside = batch.inside[j, :, 0] > 0
@@ -71,6 +83,7 @@ def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: 
 
 
 def main() -> None:
+    """Prints a row for each kind of pictures and each network."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path)
     parser.add_argument("weights", type=Path, nargs="+")

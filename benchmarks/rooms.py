@@ -18,7 +18,8 @@ from relight.panoramas import luminance, polyhaven
 from relight.sh import basis, sphere_spiral
 
 PERCENTILES = (10, 50, 90)
-MAPS = 16
+MAPS = 16  # measured indoor maps
+DRAWS = 20_000  # random sets of rooms
 # Percentiles of 13 indoor panoramas and the published lights of St. Peter's, Galileo and Kitchen.
 MEASURED = {
     "first": ("contrast, \\|L1\\| / L00", (0.57, 0.86, 1.16)),
@@ -46,16 +47,16 @@ REAL = {
 
 
 def measured(sources: Iterable[str]) -> dict[str, np.ndarray]:
-    """Measures lights by name: the statistics of REAL, (N,) each."""
+    """Returns the statistics of REAL of N lights, (N,) each; `sources` are their names (docs/lights.md)."""
     lights = np.stack([load_light(source).coefficients for source in sources])
     statistics = measure(lights)
-    radiance = luminance(lights) @ basis(sphere_spiral(1000), 2).T
+    radiance = luminance(lights) @ basis(sphere_spiral(count=1000), order=2).T  # (N,1000), in all directions
     mean = radiance.mean(1)
     return {**statistics, "darkest": statistics["least"] / statistics["mean"], "lobe": radiance.min(1) / mean}
 
 
 def print_real(count: int) -> None:
-    """Prints the table of real panoramas."""
+    """Prints the table of real panoramas, `count` rooms, and a quarter as many skies."""
     sets = {
         f"{len(polyhaven.NAMES)} real panoramas": measured(polyhaven.NAMES),
         f"{count} rooms": measured(f"room:{seed}" for seed in range(count)),
@@ -70,11 +71,12 @@ def print_real(count: int) -> None:
 
 
 def main() -> None:
+    """Prints both tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rooms", type=int, default=400)
     count = parser.parse_args().rooms
-    statistics = measure(np.stack([generated_light(f"room:{seed}", 2) for seed in range(count)]))
-    drawn = np.random.default_rng(0).integers(0, count, (20000, MAPS))
+    statistics = measure(np.stack([generated_light(f"room:{seed}", order=2) for seed in range(count)]))
+    drawn = np.random.default_rng(0).integers(count, size=(DRAWS, MAPS))  # random sets of as many rooms as maps
     print(f"| | {MAPS} measured maps | {count} rooms | {MAPS} of the rooms at random |\n|---|---|---|---|")
     for name, (title, measured) in MEASURED.items():
         values = statistics[name]

@@ -19,33 +19,40 @@ from transport import figure
 
 from relight.transport import bake
 
+FINER = 4  # size of the reference, over that of the maps
+SMOOTH = 0.05  # largest difference of transport from the mean in a smooth pixel
+BLACK = 0.02  # ambient occlusion
+
 
 def blocks(values: np.ndarray, k: int) -> np.ndarray:
+    """Returns an image (S,S,...) as blocks of k x k pixels, (S/k,S/k,k*k,...)."""
     n = len(values) // k
     return values.reshape(n, k, n, k, *values.shape[2:]).swapaxes(1, 2).reshape(n, n, k * k, *values.shape[2:])
 
 
 def main() -> None:
+    """Prints a row for each number of points and rays: errors, and time."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", type=int, default=256)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 4, 10], help="of the generated figures")
     parser.add_argument("--rays", type=int, default=256)
     args = parser.parse_args()
-    cases = [(1, args.rays), (2, args.rays), (4, args.rays), (1, 4 * args.rays)]
+    cases = [(1, args.rays), (2, args.rays), (4, args.rays), (1, 4 * args.rays)]  # supersampling k, rays
     errors, seconds = {case: [] for case in cases}, dict.fromkeys(cases, 0.0)
     for seed in args.seeds:
-        mesh = figure(None, seed)
-        reference = bake(mesh, 4 * args.size, 1024)
-        inside = blocks(reference.mask, 4).all(2)
-        subpixels = blocks(reference.transport, 4)[inside]
+        mesh = figure(path=None, seed=seed)
+        reference = bake(mesh, FINER * args.size, rays=1024)
+        inside = blocks(reference.mask, FINER).all(2)
+        subpixels = blocks(reference.transport, FINER)[inside]
         truth = subpixels.mean(1)
-        smooth = np.sqrt(((subpixels - truth[:, None]) ** 2).sum(-1)).max(1) < 0.05
+        smooth = np.sqrt(((subpixels - truth[:, None]) ** 2).sum(-1)).max(1) < SMOOTH
         for k, rays in cases:
             start = time.process_time()
             maps = bake(mesh, args.size, rays, supersample=k)
             seconds[k, rays] += time.process_time() - start
             squares = ((maps.transport[inside] - truth) ** 2).sum(-1)
-            errors[k, rays].append([squares.mean(), squares[smooth].mean(), (maps.ao[inside] < 0.02).sum()])
+            black = (maps.ao[inside] < BLACK).sum()
+            errors[k, rays].append([squares.mean(), squares[smooth].mean(), black])
     print(f"{args.size} px, figures {args.seeds}")
     print("| supersample | rays | RMSE | smooth pixels | black pixels a figure | CPU-s a figure |")
     print("|---|---|---|---|---|---|")

@@ -47,6 +47,8 @@ CASES = {
 }
 FULL = OmegaConf.to_object(composed(["loss=full"])).loss
 MASK_SHARE = 0.16  # of the image
+FIGURES, LIGHTS = 4, 40  # of the data set
+LEARNING_RATE = 1e-4  # any, since only time is measured
 TYPES = {"f32": torch.float32, "bf16": torch.bfloat16}
 
 
@@ -80,41 +82,56 @@ def multiply_adds(model: Model, size: int) -> float:
 
 
 def figure(size: int, name: str) -> Maps:
-    """Returns an ellipse with bulges that covers 16 % of the image, like a person."""
+    """Returns the maps of an ellipse with bulges that covers 16 % of an image, like a person.
+
+    Args:
+        size: side of the image, pixels.
+        name: of the figure.
+    """
     row, column = np.mgrid[:size, :size]
     x, y = (2 * column + 1) / size - 1, 1 - (2 * row + 1) / size
     mask = (x / 0.23) ** 2 + (y / 0.9) ** 2 < 1
     slope = np.stack([np.sin(20 * x), np.sin(20 * y), np.full_like(x, 1.5)], -1)
     normal = slope / np.linalg.norm(slope, axis=-1, keepdims=True)
-    maps = {"albedo": np.full((size, size, 3), 0.4), "normal": normal, "transport": unoccluded(normal, 2)}
+    maps = {"albedo": np.full((size, size, 3), 0.4), "normal": normal, "transport": unoccluded(normal, order=2)}
     maps = {key: (value * mask[..., None]).astype(np.float32) for key, value in maps.items()}
     flat = mask.astype(np.float32)
     return Maps(mask, flat, depth=flat, ao=flat, info={"name": name, "subject": name, "size": size, "order": 2}, **maps)
 
 
 def data_set(size: int, folder: Path, device: str) -> RelitSet:
-    """Writes and loads a data set of four figures and 40 lights."""
-    paths = [folder / f"{i}.exr" for i in range(4)]
+    """Writes and loads a data set of FIGURES figures and LIGHTS lights.
+
+    Args:
+        size: side of the images, pixels.
+        folder: an empty folder.
+        device: cpu or cuda.
+    """
+    paths = [folder / f"{i}.exr" for i in range(FIGURES)]
     for path in paths:
         write_maps(path, figure(size, path.stem))
     pack_maps(paths, folder / "packed.safetensors")
-    lights = np.random.default_rng(0).normal(0.3, 0.1, (40, 9, 3)).astype(np.float32)
-    np.savez(folder / "lights.npz", coefficients=lights, split=np.full(40, "train"), source=np.full(40, "room"))
-    return RelitSet(folder / "packed.safetensors", folder / "lights.npz", 2, "paper", device)
+    lights = np.random.default_rng(0).normal(0.3, 0.1, (LIGHTS, 9, 3)).astype(np.float32)
+    split, source = np.full(LIGHTS, "train"), np.full(LIGHTS, "room")
+    np.savez(folder / "lights.npz", coefficients=lights, split=split, source=source)
+    return RelitSet(folder / "packed.safetensors", folder / "lights.npz", order=2, color="paper", device=device)
 
 
 class Clock:
     """Measures the seconds of a call: the least CPU time on one thread, else the median of wall time."""
 
     def __init__(self, device: str, threads: int, seconds: float):
+        """Takes cpu or cuda, the number of torch's threads, and the seconds for which a call is repeated."""
         self.cuda, self.cpu_time, self.seconds = device == "cuda", device == "cpu" and threads == 1, seconds
 
     def now(self) -> float:
+        """Returns the time in seconds, when the GPU has finished."""
         if self.cuda:
             torch.cuda.synchronize()
         return time.process_time() if self.cpu_time else time.perf_counter()
 
     def __call__(self, call: Callable[[], object]) -> float:
+        """Returns the seconds of a call, which is made once to warm up, then at least three times."""
         call()
         times, deadline = [], time.perf_counter() + self.seconds
         while len(times) < 3 or time.perf_counter() < deadline:
@@ -128,20 +145,36 @@ class Case:
     """A training: network, data, and step."""
 
     def __init__(self, model: Model, size: int, count: int, precision: str, device: str, compiled: bool, folder: Path):
+        """Builds a network and a data set.
+
+        Args:
+            model: settings of the network.
+            size: side of the images, pixels.
+            count: images of a batch.
+            precision: a key of TYPES.
+            device: cpu or cuda.
+            compiled: whether the network is compiled.
+            folder: an empty folder for the data set.
+        """
         self.data, self.count = data_set(size, folder, device), count
         self.network = build(model, size).to(device).train()
         self.forward = torch.compile(self.network) if compiled else self.network
-        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=1e-4, fused=True)
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=LEARNING_RATE, fused=True)
         self.autocast = torch.autocast(device, torch.bfloat16) if precision == "bf16" else nullcontext()
         self.rng = np.random.default_rng(1)
 
     def draw(self) -> Batch:
-        return self.data.batch(self.rng.integers(0, 4, self.count), self.rng.integers(0, 40, self.count))
+        """Draws a batch of pairs at random, and relights it."""
+        figures = self.rng.integers(FIGURES, size=self.count)
+        lights = self.rng.integers(LIGHTS, size=self.count)
+        return self.data.batch(figures, lights)
 
     def total(self, outputs: dict, batch: Batch) -> torch.Tensor:
+        """Returns the sum of the 15 losses."""
         return losses(outputs, batch, FULL)[0]
 
     def step(self) -> None:
+        """Takes a step of the training: data, forward, losses, backward, Adam."""
         batch = self.draw()
         with self.autocast:
             outputs = self.forward(batch.image, batch.mask)
@@ -152,10 +185,26 @@ class Case:
 
 
 def measure(text: str, device: str, clock: Clock, compiled: bool) -> None:
+    """Prints a row: the measurements of one training.
+
+    Args:
+        text: the training, size:width:batch:precision.
+        device: cpu or cuda.
+        clock: returns the seconds of a call.
+        compiled: whether the network is compiled.
+    """
     size, width, count, precision = text.split(":")
     size, count = int(size), int(count)
     model = Model(
-        "ours", float(width), "instance" if count == 1 else "batch", 0.5, 2, "clip", "strided", False, "image"
+        name="ours",
+        width=float(width),
+        norm="instance" if count == 1 else "batch",
+        dropout=0.5,
+        order=2,
+        albedo="clip",
+        light_head="strided",
+        refine=False,
+        sees="image",
     )
     if device == "cuda":
         torch.cuda.reset_peak_memory_stats()
@@ -164,9 +213,10 @@ def measure(text: str, device: str, clock: Clock, compiled: bool) -> None:
     fixed = case.draw()
     with case.autocast, torch.no_grad():
         outputs = case.network(fixed.image, fixed.mask)
-        leaves = {name: value.detach().requires_grad_() for name, value in outputs.items()}
+        leaves = {name: value.detach().requires_grad_() for name, value in outputs.items()}  # to time losses alone
 
     def infer() -> None:
+        """Infers the maps of a single picture."""
         with case.autocast, torch.inference_mode():
             case.network(fixed.image[:1], fixed.mask[:1])
 
@@ -174,17 +224,20 @@ def measure(text: str, device: str, clock: Clock, compiled: bool) -> None:
     memory = peak(device)
     loss_time = clock(lambda: case.total(leaves, fixed).backward())
     case.network.eval()
-    inference_time, macs, rate = clock(infer), multiply_adds(model, size), matmul_rate(clock, device, precision)
+    inference_time = clock(infer)
+    inference_operations = 2 * multiply_adds(model, size)
+    step_operations = 3 * inference_operations * count  # forward, and backward for inputs and for weights
+    rate = matmul_rate(clock, device, precision)
     cells = [
         text,
         f"{1e3 * step_time:.1f}",
         f"{count / step_time:.2f}",
-        f"{6 * macs * count / step_time / 1e9:.0f}",
-        f"{6 * macs * count / step_time / rate:.0%}",
+        f"{step_operations / step_time / 1e9:.0f}",
+        f"{step_operations / step_time / rate:.0%}",
         f"{data_time / step_time:.1%}",
         f"{loss_time / step_time:.1%}",
         f"{1e3 * inference_time:.1f}",
-        f"{2 * macs / inference_time / rate:.0%}",
+        f"{inference_operations / inference_time / rate:.0%}",
         f"{memory / 2**30:.1f}",
     ]
     print("| " + " | ".join(cells) + " |", flush=True)
@@ -198,7 +251,12 @@ def peak(device: str) -> int:
 
 
 def memory(scale: str, device: str) -> str:
-    """Returns a row: the memory of two steps of a preset's training, in a new process."""
+    """Returns a row: the memory of two steps of a preset's training. To be called in a new process.
+
+    Args:
+        scale: name of the preset.
+        device: cpu or cuda.
+    """
     before = peak(device)
     cfg = OmegaConf.to_object(composed([f"scale={scale}"]))
     with tempfile.TemporaryDirectory() as folder:
@@ -236,22 +294,23 @@ def optimizer_times(clock: Clock, width: float, device: str) -> dict[str, float]
         Seconds of a step by optimizer; those of Muon are without Adam's for the other weights.
     """
     settings = OmegaConf.to_object(composed(["model=unet", f"model.width={width}", "train=photo"]))
-    network = build(settings.model, 128).to(device)
+    network = build(settings.model, size=128).to(device)
     for weight in network.parameters():
         weight.grad = torch.randn_like(weight)
     ours = make_optimizers(network, settings.train)["muon"]
-    ours.param_groups[0]["lr"] = 1e-4
-    matrices = [weight.detach().flatten(1).clone() for weight in ours.param_groups[0]["params"]]
+    ours.param_groups[0]["lr"] = LEARNING_RATE
+    matrices = [weight.detach().flatten(start_dim=1).clone() for weight in ours.param_groups[0]["params"]]
     for matrix in matrices:
         matrix.grad = torch.randn_like(matrix)
     return {
-        "Adam, all weights": clock(torch.optim.Adam(network.parameters(), 1e-4, fused=True).step),
+        "Adam, all weights": clock(torch.optim.Adam(network.parameters(), lr=LEARNING_RATE, fused=True).step),
         "Muon, float32 (ours)": clock(ours.step),
-        "torch.optim.Muon, bfloat16": clock(torch.optim.Muon(matrices, 1e-4, nesterov=True).step),
+        "torch.optim.Muon, bfloat16": clock(torch.optim.Muon(matrices, lr=LEARNING_RATE, nesterov=True).step),
     }
 
 
 def main() -> None:
+    """Prints the table that the options ask for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
     parser.add_argument("--threads", type=int, default=1, help="of the CPU; with more than one, wall time is measured")
@@ -265,14 +324,14 @@ def main() -> None:
         print("| preset | size, width, batch, precision | parameters | step, GiB | process, GiB | packed set, GiB |")
         print("|---" * 6 + "|")
         for scale in options.memory:
-            with ProcessPoolExecutor(1, get_context("spawn")) as fresh:
+            with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as fresh:
                 print(fresh.submit(memory, scale, options.device).result(), flush=True)
         return
     torch.set_num_threads(options.threads)
     torch.backends.cudnn.benchmark = True
     clock = Clock(options.device, options.threads, options.seconds)
     if options.optimizers:
-        for name, seconds in optimizer_times(clock, 0.5, options.device).items():
+        for name, seconds in optimizer_times(clock, width=0.5, device=options.device).items():
             print(f"{name}: {1e3 * seconds:.1f} ms a step")
         return
     for precision in ("f32", "bf16"):

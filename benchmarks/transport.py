@@ -19,13 +19,13 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is imported: idle threads of BLAS take CPU time
 
 import argparse
-import platform
 import time
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import qmc
 
+from relight.evaluation.report.provenance import processor
 from relight.meshes import Mesh, vertex_normals
 from relight.sh import basis, unoccluded
 from relight.transport.baker import primary_hits
@@ -34,6 +34,8 @@ from relight.transport.integrate import BATCH, integrate
 from relight.transport.raycaster import RayCaster
 from relight.transport.sampling import random_azimuths, tangent_frames, vogel_directions
 from relight.transport.surface import shading_normals
+
+FIRST_SEED = 0  # of the rays that are timed
 
 
 def figure(path: Path | None, seed: int, per_subject: int = 1) -> Mesh:
@@ -51,14 +53,24 @@ def figure(path: Path | None, seed: int, per_subject: int = 1) -> Mesh:
     if path is None:
         from relight.figures.dress import make_figure
 
-        mesh = make_figure(seed, "full", 512, per_subject)
+        mesh = make_figure(seed, detail="full", texture=512, per_subject=per_subject)
     else:
         mesh = Mesh.load(path) if path.suffix == ".npz" else read_mesh(path)
     return align(clean(mesh, cfg.clean), cfg.align)
 
 
 def pixels(mesh: Mesh, caster: RayCaster, size: int, every: int) -> tuple[np.ndarray, ...]:
-    """Returns points, shading normals and geometric normals of every `every`-th row of an image, in raster order."""
+    """Returns what the camera sees of a mesh at the pixels of some rows, in raster order.
+
+    Args:
+        mesh: aligned.
+        caster: of the mesh.
+        size: side of the image, pixels.
+        every: distance of the rows.
+
+    Returns:
+        Points, shading normals and geometric normals (P,3), which face the camera.
+    """
     row, column = np.divmod(np.arange(size * size), size)
     keep = row % every == every // 2
     _, face, weights = primary_hits(caster, Camera(size), column[keep] + 0.5, row[keep] + 0.5)
@@ -69,22 +81,49 @@ def pixels(mesh: Mesh, caster: RayCaster, size: int, every: int) -> tuple[np.nda
 
 
 def relight_baker(caster: RayCaster, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
+    """Computes the transport (P,9) by relight's own method.
+
+    Args:
+        caster: of the mesh.
+        points, normals, geometric: (P,3), with shading normals and geometric normals.
+        rays: per point.
+        seed: of the rays.
+    """
     return integrate(caster, points, normals, geometric, rays, seed=seed)[0]
 
 
 def local_rays(caster: RayCaster, points, normals, geometric, directions: np.ndarray, seed: int) -> np.ndarray:
-    """Returns rays (P,N,6) float32 with relight's offset and frames, of directions (N,3) or (P,N,3) about +z."""
+    """Returns rays with relight's offset and frames.
+
+    Args:
+        caster: of the mesh.
+        points, normals, geometric: (P,3).
+        directions: (N,3) or (P,N,3) about +z, which is turned to the normal of each point.
+        seed: of the rotation about each normal.
+
+    Returns:
+        (P,N,6) float32, in the frame of the caster.
+    """
     world = np.matmul(directions, tangent_frames(normals, random_azimuths(len(normals), seed)))
     start = caster.to_local(points + caster.offset * geometric)
     return np.concatenate([np.broadcast_to(start[:, None], world.shape), world], 2).astype(np.float32)
 
 
 def cosine_directions(uniform: np.ndarray) -> np.ndarray:
+    """Returns cosine-distributed directions (...,3) about +z of numbers (...,2) that are uniform in [0,1]."""
     radius, angle = np.sqrt(uniform[..., 0]), 2 * np.pi * uniform[..., 1]
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - uniform[..., 0])], -1)
 
 
 def cosine(caster: RayCaster, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
+    """Computes the transport (P,9) by independent cosine-distributed directions for each point: pi/N sum V Y.
+
+    Args:
+        caster: of the mesh.
+        points, normals, geometric: (P,3), with shading normals and geometric normals.
+        rays: N, per point.
+        seed: of the directions.
+    """
     rng = np.random.default_rng(seed)
     result = np.empty((len(points), 9))
     step = max(1, BATCH // rays)
@@ -98,13 +137,22 @@ def cosine(caster: RayCaster, points, normals, geometric, rays: int, seed: int) 
 
 
 def sphere_directions(uniform: np.ndarray) -> np.ndarray:
+    """Returns uniform directions (N,3) on the sphere of numbers (N,2) that are uniform in [0,1]."""
     z, angle = 1 - 2 * uniform[:, 0], 2 * np.pi * uniform[:, 1]
     radius = np.sqrt(1 - z * z)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], -1)
 
 
 def pifu(intersector, caster: RayCaster, points, normals, geometric, n: int, seed: int) -> np.ndarray:
-    """Computes transport as published: n slices of n directions, with all pairs of point and direction."""
+    """Computes the transport (P,9) as published: n slices of n directions, with all pairs of point and direction.
+
+    Args:
+        intersector: trimesh's, of the mesh.
+        caster: of the mesh, whose offset of rays is used.
+        points, normals, geometric: (P,3), with shading normals and geometric normals.
+        n: root of the number of directions, which all points share.
+        seed: of the directions.
+    """
     directions = sphere_directions(np.random.default_rng(seed).random((n * n, 2)))
     values = basis(directions)
     starts = np.repeat(points + caster.offset * geometric, n, 0)
@@ -120,28 +168,47 @@ def pifu(intersector, caster: RayCaster, points, normals, geometric, n: int, see
 
 
 def stratified(intersector, caster: RayCaster, points, normals, geometric, n: int, seed: int) -> np.ndarray:
-    """Computes transport by an improved form of `pifu`: a jittered n x n grid of directions, and matrix products."""
+    """Computes the transport (P,9) by an improved form of PIFu's method.
+
+    The directions are a jittered grid over the sphere, and sums are matrix products.
+
+    Args:
+        intersector: trimesh's, of the mesh.
+        caster: of the mesh, whose offset of rays is used.
+        points, normals, geometric: (P,3), with shading normals and geometric normals.
+        n: root of the number of directions, which all points share.
+        seed: of the directions.
+    """
     cell = np.indices((n, n)).reshape(2, -1).T
     directions = sphere_directions((cell + np.random.default_rng(seed).random((n * n, 2))) / n)
     values = basis(directions)
     starts = np.repeat(points + caster.offset * geometric, n, 0)
     result = np.zeros((len(points), 9))
     for i in range(0, n * n, n):
-        w = directions[i : i + n]
-        seen = ~intersector.intersects_any(starts, np.tile(w, (len(points), 1))).reshape(len(points), n)
-        result += (seen * np.clip(normals @ w.T, 0, None)) @ values[i : i + n]
+        part = directions[i : i + n]
+        seen = ~intersector.intersects_any(starts, np.tile(part, (len(points), 1))).reshape(len(points), n)
+        result += (seen * np.clip(normals @ part.T, 0, None)) @ values[i : i + n]
     return 4 * np.pi / n**2 * result
 
 
 def reference(caster: RayCaster, points, normals, geometric, power: int = 15) -> tuple[np.ndarray, float]:
-    """Returns transport by two independent sets of 2^power Sobol rays, and half the RMSE between the two."""
+    """Computes accurate transport by two independent sets of 2^power Sobol rays for each point.
+
+    Args:
+        caster: of the mesh.
+        points, normals, geometric: (P,3), with shading normals and geometric normals.
+        power: logarithm to base 2 of the number of rays.
+
+    Returns:
+        (P,9), the mean of the two; and half the RMSE between them, an estimate of its error.
+    """
     halves = []
     for seed in (1, 2):
-        directions = cosine_directions(qmc.Sobol(2, seed=seed).random_base2(power))
+        directions = cosine_directions(qmc.Sobol(d=2, seed=seed).random_base2(power))
         values = np.empty((len(points), 9))
         for p in range(len(points)):
-            one = slice(p, p + 1)
-            cast = local_rays(caster, points[one], normals[one], geometric[one], directions, seed * 1000 + p)
+            point = slice(p, p + 1)
+            cast = local_rays(caster, points[point], normals[point], geometric[point], directions, seed * 1000 + p)
             blocked = caster.occluded(cast.reshape(-1, 6))
             values[p] = unoccluded(normals[p]) - np.pi / len(directions) * basis(cast[0, blocked, 3:]).sum(0)
         halves.append(values)
@@ -149,23 +216,24 @@ def reference(caster: RayCaster, points, normals, geometric, power: int = 15) ->
 
 
 def rmse(values: np.ndarray, truth: np.ndarray) -> float:
+    """Returns the root of the mean squared difference over all elements."""
     return float(np.sqrt(((values - truth) ** 2).mean()))
 
 
 def cpu_seconds(function, *arguments) -> float:
+    """Returns the CPU time of a call, over all threads of this process."""
     start = time.process_time()
     function(*arguments)
     return time.process_time() - start
 
 
 def machine() -> str:
-    names = [
-        line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line
-    ]
-    return f"{names[0] if names else platform.processor()}, {len(names)} cores, one used"
+    """Returns the processor and its number of cores, in words."""
+    return f"{processor()}, {os.cpu_count()} cores, one used"
 
 
 def main() -> None:
+    """Prints a row for each method and number of rays: error and time; and draws them, if `--out` is given."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--mesh", type=Path, help="a mesh instead of a generated figure")
     parser.add_argument("--seed", type=int, default=0, help="of the generated figure")
@@ -183,10 +251,9 @@ def main() -> None:
     mesh = figure(options.mesh, options.seed)
     caster = RayCaster(mesh.vertices, mesh.faces, threads=1)
     intersector = RayMeshIntersector(trimesh.Trimesh(mesh.vertices, mesh.faces, process=False))
-    all_points = pixels(mesh, caster, 1024, 16)
-    sampled_points = tuple(
-        array[np.random.default_rng(0).permutation(len(array))[: options.points]] for array in all_points
-    )
+    all_points = pixels(mesh, caster, size=1024, every=16)
+    sample = np.random.default_rng(0).permutation(len(all_points[0]))[: options.points]
+    sampled_points = tuple(array[sample] for array in all_points)
     truth, reference_error = reference(caster, *sampled_points)
     print(
         f"{machine()}; {len(mesh.faces)} triangles, {len(all_points[0])} points timed, {len(truth)} points for errors"
@@ -204,29 +271,31 @@ def main() -> None:
     seconds = {key: [] for key in methods}
     for _ in range(options.rounds):
         for key, (function, parameter, _) in methods.items():
-            seconds[key].append(cpu_seconds(function, *all_points, parameter, 0) / len(all_points[0]) * 1e5)
+            of_all = cpu_seconds(function, *all_points, parameter, FIRST_SEED)
+            seconds[key].append(of_all / len(all_points[0]) * 1e5)
     rows = []
     for key, (function, parameter, seeds) in methods.items():
-        error = np.sqrt(
-            np.mean([rmse(function(*sampled_points, parameter, seed + 10), truth) ** 2 for seed in range(seeds)])
-        )
+        errors = [rmse(function(*sampled_points, parameter, seed + 10), truth) for seed in range(seeds)]
+        error = np.sqrt(np.mean(np.square(errors)))
         rows.append((*key, error, min(seconds[key])))  # the least time, since other load only adds to it
 
     print("| baker | rays | RMSE | CPU-s per 100k points | Mray per CPU-s |\n|---|---|---|---|---|")
     for name, rays, error, cost in rows:
         print(f"| {name} | {rays} | {error:.1e} | {cost:.2f} | {rays / cost / 10:.2f} |")
-    curve = np.log(sorted((error, cost) for name, _, error, cost in rows if name == "ours"))
+    curve = np.log(sorted((error, cost) for name, _, error, cost in rows if name == "ours"))  # time by error
     for name in ("PIFu", "stratified"):
         error, cost = next(row[2:] for row in rows if row[:2] == (name, 1600))
         ratio = cost / np.exp(np.interp(np.log(error), *curve.T))
         print(f"\nAt the error of {name} with 1600 rays, {error:.1e}: {ratio:.0f} times less CPU time")
 
-    cast = local_rays(caster, *all_points, vogel_directions(256), 0).reshape(-1, 6)
-    ratios = []
+    rays = 256
+    cast = local_rays(caster, *all_points, vogel_directions(rays), FIRST_SEED).reshape(-1, 6)
+    measured = []
     for _ in range(max(options.rounds, 9)):
         raw = cpu_seconds(lambda: [caster.occluded(cast[i : i + BATCH]) for i in range(0, len(cast), BATCH)])
-        ratios.append((raw / cpu_seconds(relight_baker, caster, *all_points, 256, 0), len(cast) / raw * 1e-6))
-    share, rate = np.median(ratios, 0)
+        baker = cpu_seconds(relight_baker, caster, *all_points, rays, FIRST_SEED)
+        measured.append((raw / baker, len(cast) / raw * 1e-6))
+    share, rate = np.median(measured, axis=0)
     print(
         f"Raw test_occlusions on the same rays: {rate:.1f} Mray per CPU-s; the baker reaches {100 * share:.0f} % of it"
     )
@@ -235,6 +304,7 @@ def main() -> None:
 
 
 def plot(rows: list[tuple], path: Path) -> None:
+    """Draws error over time, a curve per method; `rows` are (method, rays, RMSE, CPU-seconds per 100,000 points)."""
     import matplotlib
 
     matplotlib.use("agg")
@@ -247,7 +317,7 @@ def plot(rows: list[tuple], path: Path) -> None:
         for _, rays, error, cost in series:
             ax.annotate(str(rays), (cost, error), (4, 4), textcoords="offset points", fontsize=8, color=color)
     ax.set(xlabel="CPU seconds per 100,000 points", ylabel="RMSE of the nine coefficients")
-    ax.grid(True, which="major", alpha=0.3)
+    ax.grid(visible=True, which="major", alpha=0.3)
     ax.spines[["top", "right"]].set_visible(False)
     ax.legend(frameon=False, title="rays per point at the marks")
     path.parent.mkdir(parents=True, exist_ok=True)

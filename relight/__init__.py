@@ -6,7 +6,8 @@ __version__ = "0.3.0.dev0"
 
 
 def __getattr__(name: str) -> Any:
-    if name == "load":  # imports torch on first use, not with the package
+    """Imports `load` and `load_light` on first use (PEP 562), since importing them takes long."""
+    if name == "load":
         from relight.photos.api import load
 
         return load

@@ -22,7 +22,7 @@ CACHE = Path(".snakemake", "relight.code.json")
 
 
 class Source(NamedTuple):
-    """What counts of a file: a hash of its content, and the modules of relight that it imports."""
+    """What counts of a file: a hash of its content without comments, and the modules of relight that it imports."""
 
     hash: str
     imports: list[str]
@@ -36,6 +36,9 @@ def code_hash(stage: str, words: frozenset[str] = frozenset()) -> str:
     Args:
         stage: name of a module in `relight.stages`.
         words: words of its settings. Those that name extensions add the code of these.
+
+    Returns:
+        16 hexadecimal digits.
     """
     files = {file for name in closure(f"{PACKAGE}.stages.{stage}") for file in files_of(name)}
     files |= {file for name in words & {*extensions.names()} if (file := extension_file(name))}
@@ -46,7 +49,13 @@ def code_hash(stage: str, words: frozenset[str] = frozenset()) -> str:
 
 
 def closure(name: str) -> set[str]:
-    """Returns the modules that a module imports, in functions too, and those that these import, with itself."""
+    """Returns a module and all modules of relight that it imports, also inside functions or through other modules.
+
+    Those WITHOUT_RESULTS are left out, with what only they import.
+
+    Args:
+        name: full name of the module, such as relight.stages.bake.
+    """
     modules: set[str] = set()
     pending = [name]
     while pending:
@@ -59,13 +68,19 @@ def closure(name: str) -> set[str]:
 
 
 def _has_no_results(module: str) -> bool:
+    """Returns whether no result depends on a module: the package itself, and WITHOUT_RESULTS with their submodules."""
     return module == PACKAGE or any(f"{module}.".startswith(f"{PACKAGE}.{name}.") for name in WITHOUT_RESULTS)
 
 
 @cache
 def source(path: Path) -> Source:
-    """Returns what counts of a file. It is kept in the cache, since 250 files take seconds, until the file changes."""
-    entries, key, state = cached(), str(path), [path.stat().st_mtime_ns, path.stat().st_size]
+    """Returns what counts of a file, from the cache unless the file has changed, since parsing 250 files takes seconds.
+
+    Args:
+        path: a Python file, or data, all of whose bytes count.
+    """
+    entries, key = cached(), str(path)
+    state = [path.stat().st_mtime_ns, path.stat().st_size]
     if key in entries:
         known_state, content_hash, modules = entries[key]
         if known_state == state:
@@ -81,7 +96,12 @@ def source(path: Path) -> Source:
 
 @cache
 def cached() -> dict[str, list]:
-    """Returns the entries of the cache, by file: date and size, hash, and imports; those of a damaged one are none."""
+    """Reads the cache of `source`, once; `source` adds to the same dictionary, and `save_cache` writes it.
+
+    Returns:
+        path of a file -> [[date in ns, size in bytes], hash, imported modules]; empty if there is no cache or it is
+        damaged.
+    """
     with suppress(OSError, ValueError):
         if isinstance(entries := json.loads((ROOT / CACHE).read_text()), dict):
             return entries
@@ -89,14 +109,14 @@ def cached() -> dict[str, list]:
 
 
 def save_cache() -> None:
-    """Writes the cache, where the folder exists and can be written."""
+    """Writes the cache of `source`, where its folder exists and can be written."""
     if (ROOT / CACHE).parent.is_dir():
         with suppress(UserError), atomic_write(ROOT / CACHE) as tmp:
             tmp.write_text(json.dumps(cached()))
 
 
 def _imported(tree: ast.AST) -> Iterator[str]:
-    """Yields the modules of relight that code imports; not those for type checkers only."""
+    """Yields the full names of the modules of relight that code imports, except imports for type checkers only."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING"):
             continue
@@ -108,7 +128,11 @@ def _imported(tree: ast.AST) -> Iterator[str]:
 
 
 def _defining_module(module: str, name: str) -> str:
-    """Returns the module that `from module import name` runs: itself, a module in it, or the one its stub names."""
+    """Returns the module that defines what `from module import name` imports.
+
+    That is a module of this name in the package, or the module that the package's stub (.pyi) imports the name from,
+    since packages import lazily, or else `module` itself.
+    """
     if path_of(f"{module}.{name}"):
         return f"{module}.{name}"
     path = path_of(module)
@@ -133,8 +157,10 @@ def files_of(name: str) -> list[Path]:
     Folders in it that hold no Python count too, such as those of templates; hidden files and packages of npm do not.
     """
     path = path_of(name)
-    if not path or path.parent == ROOT / PACKAGE:  # whose other folders, such as weights, are inputs of rules
-        return [path] if path else []
+    if path is None:
+        return []
+    if path.parent == ROOT / PACKAGE:  # whose other folders, such as weights, are inputs of rules
+        return [path]
     files = [path]
     for item in sorted(path.parent.iterdir()):
         if item.is_file():

@@ -42,12 +42,12 @@ class Crop:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(h, w) of `window`."""
+        """The height and width (h, w) of `window`, in pixels of the photo."""
         return self.rows[1] - self.rows[0], self.columns[1] - self.columns[0]
 
     @property
     def window(self) -> tuple[slice, slice]:
-        """The part of the photo that `place` fills, as an index."""
+        """The rows and columns of the photo that `place` fills, as an index of its pixels."""
         return slice(*self.rows), slice(*self.columns)
 
     def extract(self, image: np.ndarray) -> np.ndarray:
@@ -59,22 +59,20 @@ class Crop:
         Returns:
             (S,S) or (S,S,C) float32; 0 outside of the photo.
         """
-        top, left = int(np.floor(self.top)) - 1, int(np.floor(self.left)) - 1  # an integer canvas around the square
+        # A canvas of whole pixels that holds the square, with a pixel to spare on each side; zero outside of the photo.
+        top, left = int(np.floor(self.top)) - 1, int(np.floor(self.left)) - 1
         reach = int(np.ceil(self.side)) + 3
+        canvas = np.zeros((reach, reach), np.float32)
         rows = slice(max(top, 0), min(top + reach, image.shape[0]))
         columns = slice(max(left, 0), min(left + reach, image.shape[1]))
-        canvas = np.zeros((reach, reach), np.float32)
+        on_canvas = slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left)
         box = (self.left - left, self.top - top, self.left - left + self.side, self.top - top + self.side)
         kind = Image.Resampling.BILINEAR  # a tent as wide as two of the coarser pixels: no ringing, hardly any shift
         image = image if image.ndim == 3 else image[..., None]
         out = np.empty((self.size, self.size, image.shape[2]), np.float32)
         for channel in range(image.shape[2]):
-            canvas[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = image[
-                rows, columns, channel
-            ]
-            out[..., channel] = np.asarray(
-                Image.fromarray(canvas).resize((self.size, self.size), kind, box, reducing_gap=None)
-            )
+            canvas[on_canvas] = image[rows, columns, channel]
+            out[..., channel] = np.asarray(Image.fromarray(canvas).resize((self.size, self.size), kind, box))
         return out[..., 0] if out.shape[2] == 1 else out
 
     def place(
@@ -97,26 +95,33 @@ class Crop:
             (h,w[,C]) float32 at the pixels of `window` or its `rows`, or (N[,C]).
         """
         first, last = rows or self.rows
-        scale = self.size / self.side
+        scale = self.size / self.side  # pixels of the square per pixel of the photo
         margin = self._margin(scale)
         kind = Image.Resampling.BICUBIC if scale < 1 and cubic else Image.Resampling.BILINEAR
-        down, across = (
-            _resampling(self.size, margin, ((a - start) * scale, (b - start) * scale), b - a, kind)
-            for (a, b), start in (((first, last), self.top), (self.columns, self.left))
-        )
+
+        def weights(start: int, stop: int, origin: float) -> list[tuple[slice, slice, np.ndarray]]:
+            span = (start - origin) * scale, (stop - origin) * scale
+            return _resampling(self.size, margin, span, stop - start, kind)
+
+        down, across = weights(first, last, self.top), weights(*self.columns, self.left)
         shape = (last - first, self.columns[1] - self.columns[0])
         maps = (maps if maps.ndim == 3 else maps[..., None]).astype(np.float32, copy=False)
-        out = np.empty((maps.shape[2], *(shape if where is None else where.shape)), np.float32)  # as filled and read
-        wide, whole = np.empty((shape[1], self.size), np.float32), np.empty(shape, np.float32)
+        # Channels come first in memory, as they are filled here and read by most callers.
+        out = np.empty((maps.shape[2], *(shape if where is None else where.shape)), np.float32)
+        columns_placed, whole = np.empty((shape[1], self.size), np.float32), np.empty(shape, np.float32)
         for channel, placed in enumerate(out):
-            _resample(across, maps[..., channel].T, wide)
-            _resample(down, wide.T, placed if where is None else whole)
+            _resample(across, maps[..., channel].T, columns_placed)
+            _resample(down, columns_placed.T, placed if where is None else whole)
             if where is not None:
                 np.take(whole, where, out=placed)
         return out[0] if len(out) == 1 else np.moveaxis(out, 0, -1)
 
     def _margin(self, scale: float) -> int:
-        """Returns how far the window reaches past the square at most, in pixels of the square."""
+        """Returns how far the window reaches past the square at most, in pixels of the square, and two to spare.
+
+        Args:
+            scale: pixels of the square per pixel of the photo.
+        """
         low = min(self.rows[0] - self.top, self.columns[0] - self.left)
         high = max(self.rows[1] - self.top, self.columns[1] - self.left) - self.side
         return max(int(np.ceil(max(-low, high) * scale)), 0) + 2
@@ -151,17 +156,26 @@ def _resampling(
 
 
 def _resample(blocks: list[tuple[slice, slice, np.ndarray]], lines: np.ndarray, out: np.ndarray) -> None:
-    """Writes the product of a band matrix, from `_resampling`, and `lines` (S,N) to `out` (count,N)."""
+    """Resamples N lines at once.
+
+    Args:
+        blocks: a band matrix (count,S) of weights in blocks: their rows, their columns, and their weights.
+        lines: (S,N), a line in each column.
+        out: (count,N), which gets the product.
+    """
     for rows, columns, weights in blocks:
         np.matmul(weights, lines[columns], out=out[rows])
 
 
 def crop_around(coverage: np.ndarray, size: int) -> Crop:
-    """Finds the square around a person.
+    """Finds the square around a person, whose box is that of the pixels that reach MASK_THRESHOLD.
 
     Args:
-        coverage: (H,W) uint8.
+        coverage: (H,W) uint8, of the photo's pixels by the person.
         size: side of the network's image, pixels.
+
+    Returns:
+        The square; `rows` and `columns` also hold soft edges, to half of its side past it.
 
     Raises:
         UserError: if no pixel reaches MASK_THRESHOLD.
@@ -170,12 +184,13 @@ def crop_around(coverage: np.ndarray, size: int) -> Crop:
     height, width = rows[1] - rows[0], columns[1] - columns[0]
     side = max(height, width) / (1 - 2 * PADDING)
     top, left = (sum(rows) - side) / 2, (sum(columns) - side) / 2
-    rows, columns = extent(coverage > 0)
+    covered_rows, covered_columns = extent(coverage > 0)
 
-    def near(span: tuple[int, int], start: float) -> tuple[int, int]:
-        return max(span[0], int(start - side / 2)), min(span[1], int(start + 1.5 * side) + 1)
+    def near_square(covered: tuple[int, int], start: float) -> tuple[int, int]:
+        """Limits a half-open range to half of the square's side before `start`, where it begins, and after its end."""
+        return max(covered[0], int(start - side / 2)), min(covered[1], int(start + 1.5 * side) + 1)
 
-    return Crop(top, left, side, near(rows, top), near(columns, left), size)
+    return Crop(top, left, side, near_square(covered_rows, top), near_square(covered_columns, left), size)
 
 
 def figure_means(
@@ -193,10 +208,10 @@ def figure_means(
     """
     inside = box.extract(to_bytes(coverage)) >= MASK_THRESHOLD
     weight = coverage * mask
-    total = np.maximum(box.extract(weight), 1e-3)[..., None]
+    total = np.maximum(box.extract(weight), 1e-3)[..., None]  # not 0, by which it divides
 
     def mean(values: np.ndarray) -> np.ndarray:
-        sums = box.extract(values * weight[..., None]).reshape(*inside.shape, -1)  # it drops a single channel
+        sums = box.extract(values * weight[..., None]).reshape(*inside.shape, -1)  # `extract` drops a single channel
         return sums / total * inside[..., None]
 
     return inside, mean

@@ -29,7 +29,7 @@ def data_folder() -> Path:
 
 @contextmanager
 def _file_system_errors(path: Path) -> Iterator[None]:
-    """Converts errors of the file system while `path` is written to UserError."""
+    """Converts errors of the file system (FILE_SYSTEM_ERRORS) in the block, which writes `path`, to UserError."""
     try:
         yield
     except UserError:
@@ -138,7 +138,7 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
         _try_lock(handle)  # shows other processes that the writer of this file is alive
         with _file_system_errors(path):
             yield temporary
-        mask = os.umask(0)
+        mask = os.umask(0)  # it can be read only by setting it
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)  # mkstemp creates private files; outputs get the user's usual permissions
         os.replace(temporary, path)
@@ -149,11 +149,11 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: Path | str) -> Iterator[Path]:
-    """Writes a folder atomically: yields an empty folder that replaces `path` if the block succeeds."""
+    """Writes a folder atomically: yields an empty folder beside `path` that replaces it if the block succeeds."""
     path = Path(path).absolute()
     with temporary_folder(path) as temporary:
         yield temporary
-        temporary.chmod(0o755)
+        temporary.chmod(0o755)  # mkdtemp creates private folders
         if path.exists():
             shutil.rmtree(path)
         os.replace(temporary, path)
@@ -176,8 +176,14 @@ def temporary_folder(path: Path | str) -> Iterator[Path]:
 
 
 def _remove_stale(folder: Path, prefix: str, suffix: str = "") -> None:
-    """Removes temporary files and folders of a name that are not locked, since their writers are dead."""
-    for stale in folder.glob(glob.escape(prefix) + 8 * "?" + glob.escape(suffix)):
+    """Removes temporary files and folders that are not locked, since their writers are dead.
+
+    Args:
+        folder: that holds them.
+        prefix, suffix: the beginning and the end of their names, as given to `tempfile`.
+    """
+    random_part = 8 * "?"  # the characters between them, which `tempfile` draws
+    for stale in folder.glob(glob.escape(prefix) + random_part + glob.escape(suffix)):
         try:
             handle = os.open(stale, os.O_RDONLY if stale.is_dir() else os.O_RDWR)  # NFS locks only writable files
         except OSError:  # its writer has just finished, or it belongs to another user

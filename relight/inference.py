@@ -35,11 +35,19 @@ class PhotoNetwork:
 
     @property
     def order(self) -> int:
-        """Of the spherical harmonics."""
+        """The order of the spherical harmonics of transport and light: K = (order + 1)^2."""
         return int(self.config["model"]["order"])
 
     def infer(self, image: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Infers albedo (S,S,3), transport (S,S,K) and light (K,3), float32, of an image (S,S,3) and a mask (S,S)."""
+        """Infers the maps of one image.
+
+        Args:
+            image: (S,S,3) linear in [0,1].
+            mask: (S,S) in [0,1].
+
+        Returns:
+            Albedo (S,S,3), transport (S,S,K) and light (K,3), float32.
+        """
         planes = np.ascontiguousarray(np.moveaxis(image, -1, 0)[None], np.float32)
         albedo, transport, light = self.run(planes, np.asarray(mask, np.float32)[None, None])
         return np.moveaxis(albedo[0], 0, -1), np.moveaxis(transport[0], 0, -1), light[0]
@@ -74,6 +82,10 @@ def open_session(path: Path, threads: int = 0) -> Any:
 
     Idle threads sleep: by default onnxruntime's wait in a loop, which costs CPU time and gains nothing here.
 
+    Args:
+        path: the file.
+        threads: number of threads; 0 for one per core.
+
     Raises:
         UserError: if it is damaged, or of a version that onnxruntime does not know.
     """
@@ -81,7 +93,7 @@ def open_session(path: Path, threads: int = 0) -> Any:
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
-    options.log_severity_level = 4
+    options.log_severity_level = 4  # fatal errors only
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])

@@ -15,6 +15,7 @@ from relight.errors import UserError
 from relight.files import existing_file
 
 REGISTRY = "https://registry.npmjs.org"
+TIMEOUT = 60  # seconds without an answer of the registry
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,7 @@ def fetch(package: Package, file: Path | str | None = None) -> bytes:
 
 
 def _pack(package: Package) -> bytes:
+    """Downloads the .tgz of a package by `npm pack`. Raises OSError with npm's message if that fails."""
     with tempfile.TemporaryDirectory() as folder:
         command = ["npm", "pack", "--silent", f"{package.name}@{package.version}"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
@@ -82,7 +84,8 @@ def _pack(package: Package) -> bytes:
 
 
 def _download(package: Package) -> bytes:
+    """Downloads the .tgz of a package from the registry. Raises OSError, ValueError or HTTPException if that fails."""
     registry = os.environ.get("NPM_CONFIG_REGISTRY") or REGISTRY
     address = f"{registry.rstrip('/')}/{package.name}/-/{package.name.split('/')[-1]}-{package.version}.tgz"
-    with urllib.request.urlopen(address, timeout=60) as answer:
+    with urllib.request.urlopen(address, timeout=TIMEOUT) as answer:
         return bytes(answer.read())

@@ -1,6 +1,5 @@
 """Plans a workflow for the Snakefile: its figures, trainings, experiments and settings."""
 
-import hashlib
 import json
 import os
 import platform
@@ -9,9 +8,8 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cached_property, partial
-from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,28 +17,19 @@ from typing import TYPE_CHECKING, Any
 import yaml
 from omegaconf import OmegaConf
 
-from relight import config as schema
-from relight.code import code_hash, save_cache
-from relight.config import CONF, READS, ROOT, Experiment, check_name, composed, flat, view
+from relight.config import ROOT, Experiment, check_name, composed
 from relight.errors import UserError
 from relight.files import atomic_write, remove_folder
 from relight.processes import end_with_parent, git
+from relight.rows import RowSettings
 from relight.training_name import TrainingName
 
 if TYPE_CHECKING:
     from relight.meshes.scans import Scan
 
-HEAD = """\
-defaults: [schema, _self_, override hydra/job_logging: none, override hydra/hydra_logging: none]
-hydra: {run: {dir: .}, output_subdir: null, job: {chdir: false}}
-"""
 USUAL_CONDITION = ("test", "test")  # the figures and lights of the tables
 MAX_TAG = 5000  # characters of a tag in MLflow
 MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead
-LISTS = ("figures.txt", "maps.txt", "experiments.json")  # files of results/<name>/config beside the settings
-# The groups that rows may change; of the split only its kind.
-ROW_GROUPS = ("model", "loss", "train", "augment", "split", "timing", "track")
-SETTINGS_CACHE = Path(".snakemake", "relight.settings.json")  # settings of rows, by the hash of their sources
 FAILED_VARIABLE = "RELIGHT_FAILED"  # environment variable with Plan.failed as JSON
 
 
@@ -65,9 +54,9 @@ class Plan:
         """Composes the settings.
 
         Args:
-            config: Snakemake's. `hydra` contains overrides, as a list or one string of words. `rows`, if given,
+            config: that of Snakemake. `hydra` contains overrides, as a list or one string of words. `rows`, if given,
                 replaces the rows, and all experiments by one table of them.
-            failed: see the attributes.
+            failed: experiments to leave out -> their missing files.
 
         Raises:
             UserError: if a setting or a name is invalid.
@@ -90,8 +79,7 @@ class Plan:
         self.failed = failed or {}
         self.experiments = {name: experiment for name, experiment in self.requested.items() if name not in self.failed}
         self.gpus = int(self.cfg.train.device == "cuda")  # requested by each training on a cluster
-        self._by_row: dict[str, dict[str, Any]] = {}
-        self._by_training: dict[str, dict[str, Any]] = {}
+        self.row_settings = RowSettings(self.overrides, self.rows, self.shared)
 
     def check(self) -> None:
         """Checks the settings of all rows and the user's folders, so that errors are reported before anything runs.
@@ -129,24 +117,10 @@ class Plan:
             )
 
     def _check_rows(self) -> None:
-        """Checks the settings of all rows. They are cached, since composing them takes seconds."""
-        keys = {row: self._cache_key(row) for row in self.rows}
-        try:
-            cached = json.loads((ROOT / SETTINGS_CACHE).read_text())
-        except (OSError, ValueError):
-            cached = {}
-        for row, key in keys.items():
-            if isinstance(settings := cached.get(key), dict):
-                self._by_row[row] = settings
-            self._row_settings(row)
-        if not set(keys.values()) <= set(cached) and (ROOT / SETTINGS_CACHE).parent.is_dir():
-            try:
-                with atomic_write(ROOT / SETTINGS_CACHE) as tmp:
-                    tmp.write_text(json.dumps({key: self._by_row[row] for row, key in keys.items()}))
-            except UserError:  # a read-only folder: settings are composed again next time
-                pass
+        """Checks the settings of all rows, and that those of a table can be compared with its baselines."""
+        self.row_settings.compose_all()
         for row in dict.fromkeys(row for name in self.tables for row in self.experiments[name].rows):
-            train = self._row_settings(row)["train"]
+            train = self.row_settings.of(row)["train"]
             if train["color"] != self.cfg.train.color:
                 raise UserError(
                     f"row {row} has train.color={train['color']}, and the baselines {self.cfg.train.color}: their "
@@ -183,27 +157,32 @@ class Plan:
         Args:
             outputs: files of all jobs.
         """
-        for network in filter(outputs.__contains__, map(self.network, self.trainings)):
-            remove_folder(Path(network).parent / "state" / Path(network).stem)
+        for training in self.trainings:
+            network = Path(self.network(training))
+            if str(network) in outputs:
+                remove_folder(network.parent / "state" / training)
         report = Path(self.out, "report", "report.html")
         page = report.with_name("snakemake.html")
         if page.exists() and report.exists() and page.stat().st_mtime < report.stat().st_mtime:
             page.unlink()
 
     def _requested(self) -> dict[str, Experiment]:
+        """Returns the experiments by name with the rows to train; see the attribute `requested`.
+
+        Raises:
+            UserError: if `sweep.only` names an unknown row.
+        """
         selected = set(self.cfg.sweep.only or self.rows)
         if unknown := selected - set(self.rows):
             raise UserError(f"sweep.only: no row {min(unknown)}; there are {', '.join(self.rows)}")
         if self.is_sweep:
             return {"sweep": Experiment(rows=list(self.rows), plates=True)}
         given: Any = OmegaConf.to_object(self.cfg.experiments)
-        experiments = {
-            name: replace(
-                experiment, rows=self._without_duplicates([row for row in experiment.rows if row in selected])
-            )
-            for name, experiment in given.items()
-        }
-        return {name: experiment for name, experiment in experiments.items() if experiment.rows}
+        experiments = {}
+        for name, experiment in given.items():
+            if rows := self._without_duplicates([row for row in experiment.rows if row in selected]):
+                experiments[name] = replace(experiment, rows=rows)
+        return experiments
 
     def _without_duplicates(self, rows: list[str]) -> list[str]:
         """Returns the rows without duplicates, which differ from another row only in overrides that have no effect."""
@@ -215,7 +194,13 @@ class Plan:
         ]
 
     def _has_no_effect(self, word: str) -> bool:
-        """Returns whether an override requests all figures, or the width of the scale."""
+        """Returns whether an override of a row has no effect on its training.
+
+        That is so for as many training figures as there are figures, or more, and for the width of the scale.
+
+        Args:
+            word: the override, `key=value`.
+        """
         key, _, value = word.partition("=")
         if key == "train.figures" and value.isdigit():
             return int(value) >= len(self.figures)
@@ -228,7 +213,7 @@ class Plan:
         return [training for training, name in self.trainings.items() if name.row in rows]
 
     def condition_folder(self, experiment: str) -> str:
-        """Returns the folder of an experiment's scores in evaluate/: "" for the usual condition, or sitting-test/."""
+        """Returns the folder of an experiment's scores in evaluate/: "" for USUAL_CONDITION, or "sitting-test/"."""
         figures, lights = self.experiments[experiment].figures, self.experiments[experiment].lights
         return "" if (figures, lights) == USUAL_CONDITION else f"{figures}-{lights}/"
 
@@ -318,52 +303,25 @@ class Plan:
         return [name for name, experiment in self.experiments.items() if experiment.table and experiment.plates]
 
     def settings(self, training: str) -> dict[str, Any]:
-        """Returns the ROW_GROUPS of a training; a row in `train.start` is replaced by the file of its network.
+        """Returns the settings of a training: those of its row, with its seed.
+
+        If `train.start` names a row, the network of that row with the same seed takes its place.
+
+        Args:
+            training: name, a key of `trainings`.
+
+        Returns:
+            group -> setting -> value, for the groups `relight.rows.ROW_GROUPS`.
 
         Raises:
-            UserError: as `composed`, or if the row changes a shared setting.
+            UserError: if a setting is invalid, or the row changes one that all rows share.
         """
-        if training not in self._by_training:
-            name = self.trainings[training]
-            groups = self._row_settings(name.row)
-            start = groups["train"]["start"]
-            own_settings = {
-                "seed": name.seed,
-                "start": self.network(f"{start}.s{name.seed}") if start in self.rows else start,
-            }
-            self._by_training[training] = {**groups, "train": {**groups["train"], **own_settings}}
-        return self._by_training[training]
-
-    def _row_settings(self, row: str) -> dict[str, Any]:
-        """Returns the ROW_GROUPS of a row as plain values. Raises UserError if they are invalid."""
-        if row not in self._by_row:
-            for word in (*self.overrides, *self.rows[row]):
-                if word.lstrip("+").startswith("train.seed="):
-                    raise UserError(f"{word}: give the seeds of all trainings, sweep.seeds=[{word.partition('=')[2]}]")
-            cfg: Any = OmegaConf.to_container(composed([*self.overrides, *self.rows[row]]))
-            split_kind = {"kind": cfg["split"]["kind"]}
-            for group, shared in {**self.shared, "split": {**self.shared["split"], **split_kind}}.items():
-                if (group not in ROW_GROUPS or group == "split") and cfg[group] != shared:
-                    raise UserError(
-                        f"row {row} changes {group}, which all rows share: change it for all, under a new name"
-                    )
-            if cfg["train"]["start"] == row:
-                raise UserError(f"row {row}: train.start={row} is the row itself: name another row")
-            self._by_row[row] = {group: cfg[group] for group in ROW_GROUPS}
-        return self._by_row[row]
-
-    def _cache_key(self, row: str) -> str:
-        """Returns a hash of everything on which the settings of a row depend."""
-        parts = [self._sources, json.dumps([row, self.overrides, list(self.rows[row])])]
-        return hashlib.sha256("\0".join(parts).encode()).hexdigest()
-
-    @cached_property
-    def _sources(self) -> str:
-        """A hash of the code and the files from which settings are composed."""
-        digest = hashlib.sha256("\0".join(map(version, ("hydra-core", "omegaconf", "PyYAML"))).encode())
-        for file in [Path(__file__), *sorted(Path(schema.__file__).parent.glob("*.py")), *sorted(CONF.rglob("*.yaml"))]:
-            digest.update(f"\0{file.name}\0".encode() + file.read_bytes())
-        return digest.hexdigest()
+        name = self.trainings[training]
+        groups = self.row_settings.of(name.row)
+        start = groups["train"]["start"]
+        if start in self.rows:
+            start = self.network(f"{start}.s{name.seed}")
+        return {**groups, "train": {**groups["train"], "seed": name.seed, "start": start}}
 
     @property
     def clone(self) -> str:
@@ -371,14 +329,20 @@ class Plan:
         return f"{platform.node()}:{ROOT}"
 
     def tracking(self) -> dict[str, Any]:
-        """Returns what MLflow's runs of the trainings tell of the workflow (`relight.tracking.run.WORKFLOW`)."""
-        commit, changes = (git(ROOT, *words) for words in (("rev-parse", "HEAD"), ("status", "--porcelain")))
+        """Returns what MLflow records of the workflow with each training (`relight.tracking.run.WORKFLOW`).
+
+        Returns:
+            `track`: the settings of the group `track`. `tags`: row -> name of a tag -> text.
+        """
         tags = {"workflow": self.cfg.name, "settings": shlex.join(self.overrides)[:MAX_TAG], "clone": self.clone}
-        if commit:
-            tags |= {"mlflow.source.git.commit": commit, "git.dirty": str(bool(changes)).lower()}
-        experiments = {row: [name for name, e in self.experiments.items() if row in e.rows] for row in self.rows}
-        by_row = {row: {**tags, "experiment": ", ".join(names)} for row, names in experiments.items()}
-        return {"track": self.shared["track"], "tags": by_row}
+        if commit := git(ROOT, "rev-parse", "HEAD"):
+            has_changes = bool(git(ROOT, "status", "--porcelain"))
+            tags |= {"mlflow.source.git.commit": commit, "git.dirty": str(has_changes).lower()}
+        tags_by_row = {}
+        for row in self.rows:
+            names = [name for name, experiment in self.experiments.items() if row in experiment.rows]
+            tags_by_row[row] = {**tags, "experiment": ", ".join(names)}
+        return {"track": self.shared["track"], "tags": tags_by_row}
 
     @property
     def networks(self) -> dict[str, str]:
@@ -390,24 +354,31 @@ class Plan:
         return f"{self.out}/train/{training}.safetensors"
 
     def start_network(self, training: str) -> list[str]:
-        """Returns the network of this workflow from which a training starts, if any."""
+        """Returns the file of the network of this workflow from which a training starts, in a list; or []."""
         start = self.settings(training)["train"]["start"]
         return [start] if start in map(self.network, self.trainings) else []
 
     def split_kind(self, experiment: str) -> str:
-        """Returns the split of an experiment's scores; rows with different splits must have the same test figures."""
-        return self.settings(self.trainings_of(self.experiments[experiment].rows[0])[0])["split"]["kind"]
+        """Returns the kind of split (`split.kind`) of an experiment's scores.
+
+        It is that of the first row: rows with different splits must have the same test figures.
+        """
+        kind: str = self.row_settings.of(self.experiments[experiment].rows[0])["split"]["kind"]
+        return kind
 
     def trainings_of(self, row: str) -> list[str]:
         """Returns the trainings of a row, one per seed."""
         return [training for training, name in self.trainings.items() if name.row == row]
 
     def scores(self, experiment: str, usual: bool = False) -> dict[str, list[str]]:
-        """Returns the files of scores of an experiment's rows, and of its baselines under "".
+        """Returns the files of an experiment's scores, relative to `out`.
 
         Args:
             experiment: name.
             usual: for the usual figures and lights instead of the experiment's own.
+
+        Returns:
+            row -> a file for each of its trainings; "" -> the file of the baselines.
         """
         folder = "evaluate/" if usual else f"evaluate/{self.condition_folder(experiment)}"
         rows = self.experiments[experiment].rows
@@ -481,114 +452,10 @@ class Plan:
                 lacking[name] = absent
         return {} if missing(shared) or len(lacking) == len(self.experiments) else lacking
 
-    def settings_file(self, stage: str) -> str:
-        """Returns the text of the settings file of a stage, in YAML: its settings, and the hash of its code.
-
-        A stage in `pin` keeps the hash that its file has.
-
-        Args:
-            stage: `stage`, `stage.training` or `split.kind`.
-        """
-        full_name = stage
-        stage, _, of = stage.partition(".")
-        if stage == "split":
-            tree = {**self.shared, "split": {**self.shared["split"], "kind": of}}
-        elif of and of not in self.trainings:
-            raise UserError(f"no training {of}; there are {', '.join(self.trainings)}")
-        else:
-            tree = self.settings(of) if of else self.shared
-        settings = view(tree, stage)
-        code = self.recorded(full_name).get("code") if stage in self.cfg.pin else None
-        settings["code"] = code or code_hash(stage, words_of(settings))
-        return HEAD + OmegaConf.to_yaml(settings)
-
     @property
     def map_names(self) -> list[str]:
         """The maps of all figures and their views."""
         return [name for figure in self.figures for name in self.maps(figure)]
-
-    def config_text(self, file: str) -> str:
-        """Returns the text of a file of results/<name>/config: a stage's settings, a list, or the experiments."""
-        if file == "figures.txt":
-            return "".join(f"{figure}\n" for figure in self.figures)
-        if file == "maps.txt":
-            return "".join(f"{name}\n" for name in self.map_names)
-        return self.experiments_json() if file == "experiments.json" else self.settings_file(file.removesuffix(".yaml"))
-
-    def update_config(self) -> None:
-        """Writes the existing files of results/<name>/config that differ, so that what reads them is made again.
-
-        Snakemake compares with its records, and has none of a folder that was copied or moved: there, dates decide.
-        """
-        for file in sorted((ROOT / self.out / "config").glob("*")):
-            stage, _, of = file.stem.partition(".")
-            if not (file.name in LISTS or (file.suffix == ".yaml" and self.is_read(stage, of))):
-                continue
-            if file.read_bytes() != (text := self.config_text(file.name).encode()):
-                with atomic_write(file) as tmp:
-                    tmp.write_bytes(text)
-
-    def is_read(self, stage: str, of: str) -> bool:
-        """Returns whether this plan has such a stage and, if one is given, the training `of`."""
-        return stage in READS and (not of or stage == "split" or of in self.trainings)
-
-    def recorded(self, stage: str) -> dict[str, Any]:
-        """Returns the settings with which the results of a stage were made; empty if there is no such record."""
-        try:
-            recorded = yaml.safe_load((ROOT / self.out / "config" / f"{stage}.yaml").read_text(encoding="utf-8"))
-        except (OSError, ValueError, yaml.YAMLError):
-            return {}
-        return recorded if isinstance(recorded, dict) else {}
-
-    def changes(self) -> dict[str, list[str]]:
-        """Returns what differs from the settings with which existing results were made.
-
-        Returns:
-            stage -> keys of settings, such as loss.albedo, and "code" for its code.
-        """
-        differing: dict[str, set[str]] = {}
-        for file in sorted((ROOT / self.out / "config").glob("*.yaml")):
-            stage, _, of = file.stem.partition(".")
-            if self.is_read(stage, of):
-                before, now = flat(self.recorded(file.stem)), flat(yaml.safe_load(self.settings_file(file.stem)))
-                keys = {key for key in before.keys() | now.keys() if before.get(key) != now.get(key)}
-                differing.setdefault(stage, set()).update(keys)
-        save_cache()
-        return {stage: sorted(keys) for stage, keys in differing.items() if keys}
-
-    def experiments_json(self) -> str:
-        """Returns the experiments as JSON, for the report.
-
-        Each has its fields, and its `trainings` by row. Tables also have files in results/<name>: their
-        `scores`, those on the `usual` figures and lights, and the `splits` of their rows. An experiment that is
-        left out has its missing files in `failed`.
-        """
-        described = {}
-        for name, experiment in self.requested.items():
-            described[name] = {
-                **asdict(experiment),
-                "trainings": {row: self.trainings_of(row) for row in experiment.rows},
-            }
-            if name in self.failed:
-                described[name] |= {"failed": self.failed[name]}
-            elif experiment.table:
-                kinds = {row: self.settings(self.trainings_of(row)[0])["split"]["kind"] for row in experiment.rows}
-                splits = {row: f"split/{kind}.json" for row, kind in kinds.items()}
-                described[name] |= {
-                    "scores": self.scores(name),
-                    "usual": self.scores(name, usual=True),
-                    "splits": splits,
-                }
-        return json.dumps(described, indent=1)
-
-
-def words_of(settings: Any) -> frozenset[str]:
-    """Returns the keys and texts of a tree of settings."""
-    if isinstance(settings, dict):
-        return frozenset(settings).union(*map(words_of, settings.values()))
-    if isinstance(settings, list):
-        return frozenset().union(*map(words_of, settings))
-    return frozenset({settings} if isinstance(settings, str) else ())
 
 
 def report_completed(plan: Plan) -> None:

@@ -20,7 +20,7 @@ def count_cores() -> int:
 
 
 def git(folder: Path, *words: str) -> str:
-    """Returns the output of a git command in a folder; empty without git or a repository."""
+    """Returns the output of a git command, `words`, in a folder, stripped; empty without git or a repository."""
     try:
         return subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True).stdout.strip()
     except OSError:
@@ -42,7 +42,11 @@ def has_semaphores() -> bool:
 
 
 def end_with_parent(parent: int) -> None:
-    """Makes Linux kill this process as soon as its parent ends; `parent` is the parent's process number."""
+    """Makes Linux kill this process as soon as its parent ends.
+
+    Args:
+        parent: process number of the parent, which may have ended already.
+    """
     if LIBC:
         LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # the parent has already ended

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sized
 from typing import TypeVar
 
 T = TypeVar("T")
+TERMINAL_INTERVAL = 0.25  # seconds between updates of the line on a terminal
 
 
 def duration(seconds: float) -> str:
@@ -30,22 +31,27 @@ def progress(items: Iterable[T], what: str, total: int | None = None, every: flo
         what: their name.
         total: number of items; by default their length, if they have one.
         every: seconds between lines in a log, which stays empty if the whole loop takes less. On a terminal the line is
-            updated four times a second.
+            updated every TERMINAL_INTERVAL seconds.
     """
     total = len(items) if total is None and isinstance(items, Sized) else total
+    of_total = f"/{total}" if total else ""
     terminal = sys.stderr.isatty()
     start = last = time.monotonic()
     shown = False
     done = 0
+
+    def show(time_words: str, end: str) -> None:
+        line = f"{what} {done}{of_total}{time_words}"
+        replaced = f"\r\x1b[K{line}"  # to the start of the line, and clear it
+        print(replaced if terminal else line, end=end, file=sys.stderr, flush=True)
+
     for done, item in enumerate(items, 1):
         yield item
         now = time.monotonic()
-        if now - last < (0.25 if terminal else every):
+        if now - last < (TERMINAL_INTERVAL if terminal else every):
             continue
         last, shown = now, True
         left = f", {duration((now - start) / done * (total - done))} left" if total else ""
-        line = f"{what} {done}{f'/{total}' if total else ''}{left}"
-        print(f"\r\x1b[K{line}" if terminal else line, end="" if terminal else "\n", file=sys.stderr, flush=True)
+        show(left, end="" if terminal else "\n")
     if shown:
-        line = f"{what} {done}{f'/{total}' if total else ''}, took {duration(time.monotonic() - start)}"
-        print(f"\r\x1b[K{line}" if terminal else line, file=sys.stderr, flush=True)
+        show(f", took {duration(time.monotonic() - start)}", end="\n")

@@ -20,6 +20,7 @@ import yaml
 
 from relight.config import CONF, MAX_NAME_LENGTH, ROOT
 from relight.config.composition import quoted
+from relight.config_folder import ConfigFolder
 from relight.errors import UserError
 from relight.files import atomic_write, writable_folder
 from relight.plan import Plan
@@ -74,7 +75,7 @@ def run(
             return snakemake([*command, "--configfile", file.name, "--dry-run"])
     with lock_folder():
         fix_future_dates(ROOT / plan.out)
-        plan.update_config()
+        ConfigFolder(plan).update()
         command += ["--configfile", str(plan.write_record(ROOT))]
         code = snakemake(command)
         if code == 0 and targets == ["all"]:
@@ -90,8 +91,12 @@ def run(
 
 
 def change_lines(plan: Plan) -> list[str]:
-    """Returns what to say before existing results are made again: why, by which stages, and how to keep them."""
-    changes = plan.changes()
+    """Returns what to say before existing results are made again: why, by which stages, and how to keep them.
+
+    Returns:
+        A line about changed settings, and one about changed code; none of what has not changed.
+    """
+    changes = ConfigFolder(plan).changes()
     settings = sorted({key for keys in changes.values() for key in keys} - {"code"})
     lines = []
     if settings:
@@ -116,13 +121,15 @@ def snakemake(command: list[str], stdout: int | None = None) -> int:
     kernel kills Snakemake, and the jobs end themselves (`relight.processes`).
 
     Args:
-        command: the arguments.
-        stdout: as for `subprocess.Popen`.
+        command: the program and its arguments, such as python -m snakemake all.
+        stdout: file descriptor for its output, or `subprocess.DEVNULL`; by default that of this process.
 
     Returns:
         The exit code.
     """
-    paths = [str(ROOT / "workflow" / "plugins"), *filter(None, [os.environ.get("PYTHONPATH")])]
+    paths = [str(ROOT / "workflow" / "plugins")]
+    if "PYTHONPATH" in os.environ:
+        paths.append(os.environ["PYTHONPATH"])
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) == signal.SIG_DFL:  # with nohup, HUP stays ignored
             signal.signal(number, signal.default_int_handler)
@@ -181,7 +188,12 @@ def stop(process: subprocess.Popen[bytes]) -> None:
 
 
 def suspend(process: subprocess.Popen[bytes], *_: Any) -> None:
-    """Handles Ctrl-Z: suspends the jobs, and resumes them together with this process."""
+    """Handles Ctrl-Z (SIGTSTP): suspends Snakemake and its jobs, and resumes them together with this process.
+
+    Args:
+        process: Snakemake, the leader of its own process group.
+        _: number of the signal and stack frame, which Python passes to handlers.
+    """
     os.killpg(process.pid, signal.SIGSTOP)
     try:
         os.kill(os.getpid(), signal.SIGSTOP)
@@ -193,7 +205,7 @@ def expand_sweep(overrides: list[str]) -> tuple[list[str], dict[str, list[str]]]
     """Expands a sweep to rows: one for each combination of the overrides with several values.
 
     Args:
-        overrides: settings to override, as for Hydra; several values are written as train.lr=1e-4,2e-4.
+        overrides: settings to override, in the syntax of Hydra; several values are written as train.lr=1e-4,2e-4.
 
     Returns:
         The overrides with one value, and the overrides of each row by its name.
@@ -231,7 +243,8 @@ def expand_sweep(overrides: list[str]) -> tuple[list[str], dict[str, list[str]]]
         name = "-".join(f"{key.lstrip('+').rpartition('.')[2]}_{value}" for key, value in choice)
         safe_name = re.sub(r"[^A-Za-z0-9._+-]+", "_", name)
         if len(safe_name) > MAX_NAME_LENGTH or rows.get(safe_name, words) != words:
-            safe_name = f"{safe_name[: MAX_NAME_LENGTH - 9]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+            ending = f"-{hashlib.sha256(name.encode()).hexdigest()[:8]}"  # makes a cut or an ambiguous name unique
+            safe_name = safe_name[: MAX_NAME_LENGTH - len(ending)] + ending
         rows[safe_name] = words
     return fixed, rows
 
@@ -287,7 +300,7 @@ def kill_orphans() -> None:
         words, environment = process.info["cmdline"] or [], process.info["environ"] or {}
         if process.info["cwd"] != str(ROOT) or process.info["pid"] in callers:
             continue
-        if "snakemake" in (Path(word).name for word in words[:3]):
+        if "snakemake" in (Path(word).name for word in words[:3]):  # also `python -m snakemake`
             if RUN_VARIABLE not in environment:
                 number = process.info["pid"]
                 raise UserError(f"Snakemake is running in {ROOT} (process {number}): wait for it, or end it")

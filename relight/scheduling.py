@@ -20,6 +20,7 @@ def limit_scheduler_timers() -> None:
     JobScheduler.relight_timer = pending = threading.Event()
 
     def wake_once(self: Any, delay: float) -> None:
+        """Stands for the scheduler's method, which makes it examine all jobs in `delay` seconds."""
         if pending.is_set():
             return
         pending.set()
@@ -30,4 +31,4 @@ def limit_scheduler_timers() -> None:
 
         threading.Timer(delay, wake).start()
 
-    JobScheduler._schedule_reevalutation = wake_once  # sic
+    JobScheduler._schedule_reevalutation = wake_once  # Snakemake's own spelling

@@ -12,13 +12,13 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec. 709
 
 
 def encode(linear: np.ndarray) -> np.ndarray:
-    """Returns the codes in [0,1] of linear values of any shape, which are clipped to [0,1]."""
+    """Returns the sRGB codes in [0,1] (IEC 61966-2-1) of linear values of any shape, which are clipped to [0,1]."""
     linear = np.clip(linear, 0, 1)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def decode(code: np.ndarray) -> np.ndarray:
-    """Returns the linear values of codes of any shape; the function is extrapolated beyond [0,1]."""
+    """Returns the linear values of sRGB codes (IEC 61966-2-1) of any shape, extrapolated beyond [0,1]."""
     return np.where(code <= 0.04045, code / 12.92, ((np.maximum(code, 0.04045) + 0.055) / 1.055) ** 2.4)
 
 
@@ -29,6 +29,7 @@ def to_bytes(code: np.ndarray) -> np.ndarray:
 
 @cache
 def _linear_16() -> np.ndarray:
+    """Returns the linear value (65536,) float32 of each 16-bit code."""
     return decode(np.arange(65536) / 65535).astype(np.float32)
 
 

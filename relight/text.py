@@ -19,22 +19,23 @@ MARKS = {
     codecs.BOM_UTF16_BE: "utf-16",
 }  # fmt: skip
 CONTROL = re.compile(r"[\x00-\x08\x0e-\x19\x1b-\x1f]")  # no text has these; 1A ends files of DOS
-Table = tuple[list[str], list[dict[str, str]]]
+START = 4096  # bytes at the start of a file from which its code and its line ends are told
+Table = tuple[list[str], list[dict[str, str]]]  # names of the columns, and the rows: column -> cell
 
 
 def spellings(name: bytes) -> list[str]:
-    """Returns what the bytes of a file's name may say, the likeliest first.
+    """Returns what the bytes of a file's name may say, the likeliest first, each once.
 
     UTF-8, then the bytes as they are, as Linux keeps them in names, then each other code page that has such bytes.
     """
-    found = [*decodings(name)]
-    return list(dict.fromkeys([*found[:1], os.fsdecode(name), *found[1:]]))
+    likeliest, *others = decodings(name)
+    return list(dict.fromkeys([likeliest, os.fsdecode(name), *others]))
 
 
 def decodings(data: bytes) -> Iterator[str]:
-    """Yields what bytes say in Unicode, if they begin with a byte order mark, or else in each code page."""
-    if wide := _wide(data):
-        yield data.decode(wide, "replace")
+    """Yields what bytes may say: in UTF-16 or UTF-32 if they begin so, else in each of CODE_PAGES that has them."""
+    if encoding := _wide_encoding(data):
+        yield data.decode(encoding, "replace")
         return
     data = data.removeprefix(codecs.BOM_UTF8)
     for page in CODE_PAGES:
@@ -44,11 +45,18 @@ def decodings(data: bytes) -> Iterator[str]:
             continue
 
 
-def _wide(start: bytes) -> str | None:
-    """Returns the name of a code of two or four bytes a character, from the first bytes of a text; None for others."""
-    marked = next((name for mark, name in MARKS.items() if start.startswith(mark)), None)
-    without_mark = {(True, False): "utf-16-be", (False, True): "utf-16-le"}  # the first character is of ASCII
-    return marked or without_mark.get((start[:1] == b"\0", start[1:2] == b"\0"))
+def _wide_encoding(start: bytes) -> str | None:
+    """Returns UTF-16 or UTF-32, by Python's name, if a text is in it by its first bytes; None for other encodings.
+
+    Without a byte order mark, UTF-16 is told by the zero byte of a first character that is of ASCII.
+    """
+    for mark, encoding in MARKS.items():
+        if start.startswith(mark):
+            return encoding
+    first_is_zero, second_is_zero = start[:1] == b"\0", start[1:2] == b"\0"
+    if first_is_zero == second_is_zero:
+        return None
+    return "utf-16-be" if first_is_zero else "utf-16-le"
 
 
 def decode(data: bytes) -> str:
@@ -70,10 +78,10 @@ def open_lines(path: Path) -> BinaryIO:
     A byte order mark is skipped, UTF-16 and UTF-32 become UTF-8, and lines that end in a lone CR end in LF.
     """
     file = open(path, "rb")
-    start = file.read(4096)
-    if wide := _wide(start):
+    start = file.read(START)
+    if encoding := _wide_encoding(start):
         file.close()
-        return io.BytesIO(path.read_bytes().decode(wide, "replace").encode())
+        return io.BytesIO(path.read_bytes().decode(encoding, "replace").encode())
     if b"\r" in start[:-1] and b"\n" not in start:
         file.close()
         return io.BytesIO(path.read_bytes().removeprefix(codecs.BOM_UTF8).replace(b"\r", b"\n"))
@@ -106,12 +114,17 @@ def read_table(path: Path, is_right: Callable[[Table], bool] = lambda table: Tru
 
 
 def _parse_table(text: str) -> Table:
-    if match := re.match(r"sep=(.)\r?\n", text):  # Excel's own line
+    """Parses CSV; see `read_table`. The separator is that of Excel's first line `sep=`, else the commonest in the head.
+
+    Raises:
+        csv.Error: if it is not CSV.
+    """
+    if match := re.match(r"sep=(.)\r?\n", text):
         separator, text = match[1], text[match.end() :]
     else:
-        head = re.sub(r'"[^"]*"', "", text.lstrip().split("\n", 1)[0])
-        separator = max(",;\t", key=head.count)
+        head_without_quoted = re.sub(r'"[^"]*"', "", text.lstrip().split("\n", 1)[0])
+        separator = max(",;\t", key=head_without_quoted.count)
     reader = csv.DictReader(io.StringIO(text.rstrip("\x1a"), newline=None), delimiter=separator)
-    names = [name.strip().lower() for name in reader.fieldnames or []]
-    rows = [{name: (row[key] or "").strip() for name, key in zip(names, reader.fieldnames or [])} for row in reader]
-    return names, [row for row in rows if any(row.values())]
+    name_by_head = {head: head.strip().lower() for head in reader.fieldnames or []}
+    rows = [{name: (row[head] or "").strip() for head, name in name_by_head.items()} for row in reader]
+    return list(name_by_head.values()), [row for row in rows if any(row.values())]

@@ -7,6 +7,7 @@ import pytest
 
 from relight import code
 from relight.config import READS, ROOT, composed
+from relight.config_folder import ConfigFolder
 from relight.errors import UserError
 from relight.plan import Plan
 from relight.run import change_lines
@@ -128,11 +129,11 @@ def test_every_stage_imports_what_it_runs():
 @pytest.fixture
 def made(tmp_path, monkeypatch):
     """The settings of results that were made with the smoke scale."""
-    monkeypatch.setattr("relight.plan.ROOT", tmp_path)
+    monkeypatch.setattr("relight.config_folder.ROOT", tmp_path)
     config = tmp_path / "results" / "smoke" / "config"
     config.mkdir(parents=True)
     for stage in ("figure", "bake", "tables"):
-        (config / f"{stage}.yaml").write_text(Plan({"hydra": ["scale=smoke"]}).settings_file(stage))
+        (config / f"{stage}.yaml").write_text(ConfigFolder(Plan({"hydra": ["scale=smoke"]})).stage_settings(stage))
     return config
 
 
@@ -150,10 +151,10 @@ def test_update_config_dates_the_settings_that_differ(made):
     """Snakemake has no records of a folder that was copied: the dates of these files alone tell it what to make."""
     (made / "bake.yaml~").write_bytes(b"an editor's copy \xff")
     dates = {file.name: file.stat().st_mtime_ns for file in made.iterdir()}
-    plan = Plan({"hydra": ["scale=smoke", "bake.rays=64"]})
-    plan.update_config()
+    folder = ConfigFolder(Plan({"hydra": ["scale=smoke", "bake.rays=64"]}))
+    folder.update()
     assert {file.name for file in made.iterdir() if file.stat().st_mtime_ns > dates[file.name]} == {"bake.yaml"}
-    assert (made / "bake.yaml").read_text() == plan.settings_file("bake")
+    assert (made / "bake.yaml").read_text() == folder.stage_settings("bake")
 
 
 @pytest.mark.slow
@@ -165,7 +166,7 @@ def test_changed_code_is_named_and_pin_keeps_its_results(made):
     (line,) = change_lines(Plan({"hydra": ["scale=smoke"]}))
     assert line.startswith("the code of bake has changed") and line.endswith("pin=[bake] keeps their results")
     pinned = Plan({"hydra": ["scale=smoke", "pin=[bake]"]})
-    assert change_lines(pinned) == [] and "code: older" in pinned.settings_file("bake")
+    assert change_lines(pinned) == [] and "code: older" in ConfigFolder(pinned).stage_settings("bake")
 
 
 def test_pin_of_no_stage_is_refused():

@@ -16,10 +16,13 @@ from relight.benchmark.files import BenchmarkSet, read_arrays
 from relight.benchmark.score import read_scores
 from relight.config import ROOT
 
-COUNT, SIDE, PAPER = 6, 200, 242
+COUNT = 6  # pictures
+SIDE = 200  # pixels of a tile
+PAPER = 242  # code of the background
 
 
 def main() -> None:
+    """Draws a column for each picture: the photo, relit by ratio, rendered from maps, and the truth."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("truth", type=Path)
     parser.add_argument("answers", type=Path)
@@ -32,17 +35,18 @@ def main() -> None:
     for rank in np.linspace(0, len(entries) - 1, COUNT).round().astype(int):
         entry = entries[order[rank]]
         answer, shot = read_arrays(args.answers / f"{entry.name}.npz"), entry.shot()
-        pictures = [answer["ratio"][0], answer["full"][0], benchmark.truth(entry)[1][0]]
-        inside = shot.mask[..., None] / 255
-        on_paper = [np.uint8(one * inside + PAPER * (1 - inside) + 0.5) for one in pictures]
+        _, true_pictures = benchmark.truth(entry)
+        relit = [answer["ratio"][0], answer["full"][0], true_pictures[0]]
+        coverage = shot.mask[..., None] / 255
+        on_paper = [np.uint8(picture * coverage + PAPER * (1 - coverage) + 0.5) for picture in relit]  # rounded
         top, left, side = (round(value) for value in (shot.square.top, shot.square.left, shot.square.side))
-        tiles = [Image.new("RGB", (side, side), (PAPER,) * 3) for _ in range(4)]
-        for tile, pixels in zip(tiles, (shot.photo, *on_paper)):
+        tiles = []
+        for pixels in (shot.photo, *on_paper):
+            tile = Image.new("RGB", (side, side), (PAPER,) * 3)
             tile.paste(Image.fromarray(pixels), (-left, -top))
-        columns.append(
-            np.concatenate([np.asarray(one.resize((SIDE, SIDE), Image.Resampling.LANCZOS)) for one in tiles])
-        )
-    Image.fromarray(np.concatenate(columns, 1)).save(args.out, quality=88, optimize=True)
+            tiles.append(np.asarray(tile.resize((SIDE, SIDE), Image.Resampling.LANCZOS)))
+        columns.append(np.concatenate(tiles))
+    Image.fromarray(np.concatenate(columns, axis=1)).save(args.out, quality=88, optimize=True)
 
 
 if __name__ == "__main__":

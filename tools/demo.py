@@ -16,11 +16,12 @@ FRAME = """
 
 
 def _folder(config) -> Path:
+    """Returns the folder of the demo from MkDocs' configuration."""
     return Path(config.config_file_path).parent / config.extra["demo"]
 
 
 def on_page_markdown(markdown: str, *, page, config, **_) -> str:
-    """Inserts the demo below the title of its page."""
+    """Inserts the demo below the title of its page (MkDocs' event for the text of each page)."""
     if page.file.src_uri != PAGE or not (_folder(config) / "index.html").is_file():
         return markdown
     title, rest = markdown.split("\n", 1)
@@ -28,6 +29,6 @@ def on_page_markdown(markdown: str, *, page, config, **_) -> str:
 
 
 def on_post_build(*, config, **_) -> None:
-    """Copies the demo into the site."""
+    """Copies the demo into the site (MkDocs' event after it has written all pages)."""
     if _folder(config).is_dir():
         shutil.copytree(_folder(config), Path(config.site_dir) / "demo", dirs_exist_ok=True)

@@ -18,7 +18,7 @@ of torch bring NVIDIA's libraries (`nvidia-*`, under NVIDIA's own terms) and tri
 |---|---|---|---|
 """
 TORCH = ("torch", "filelock", "fsspec")  # with what it alone needs; uv.lock is without
-TEXTS = {
+TEXTS = {  # words of a licence -> its name
     "Apache License": "Apache-2.0",
     "Permission is hereby granted, free of charge": "MIT",
     "Redistributions in binary form": "BSD",
@@ -27,27 +27,29 @@ TEXTS = {
 }
 
 
-def licence(found: metadata.Distribution) -> str:
+def licence(package: metadata.Distribution) -> str:
     """Returns the licence of a package: from its metadata, its classifiers, or the text of its licence files."""
-    stated = found.metadata.get("License-Expression") or found.metadata.get("License") or ""
+    stated = package.metadata.get("License-Expression") or package.metadata.get("License") or ""
     if stated and "\n" not in stated and stated.upper() != "UNKNOWN":
         return stated
-    classified = [
-        line.rpartition(" :: ")[2] for line in found.metadata.get_all("Classifier", []) if line.startswith("License ::")
-    ]
+    classifiers = package.metadata.get_all("Classifier", [])  # such as License :: OSI Approved :: MIT License
+    classified = [line.rpartition(" :: ")[2] for line in classifiers if line.startswith("License ::")]
     if named := [line for line in classified if line != "OSI Approved"]:
         return "; ".join(named)
-    files = [file for file in found.files or [] if re.match(r"(licen[sc]e|copying)", file.name, re.IGNORECASE)]
+    files = [file for file in package.files or [] if re.match(r"(licen[sc]e|copying)", file.name, re.IGNORECASE)]
     texts = [stated, *(file.read_text() for file in files)]
-    return next((name for sign, name in TEXTS.items() if any(sign in text for text in texts)), "not stated")
+    return next((name for words, name in TEXTS.items() if any(words in text for text in texts)), "not stated")
 
 
-def home(found: metadata.Distribution) -> str:
-    """Returns the address of a package's home page or repository."""
-    links = [line.partition(", ") for line in found.metadata.get_all("Project-URL", [])]
-    ranked = {name.lower(): link for name, _, link in links}
-    named = next((ranked[n] for n in ("homepage", "home", "source", "source code", "repository") if n in ranked), None)
-    return named or found.metadata.get("Home-page") or (links[0][2] if links else "")
+def home(package: metadata.Distribution) -> str:
+    """Returns the address of a package's home page or repository; empty if it states none."""
+    links = {}  # name in small letters -> address
+    for line in package.metadata.get_all("Project-URL", []):
+        name, _, address = line.partition(", ")
+        links[name.lower()] = address
+    preferred = ("homepage", "home", "source", "source code", "repository")
+    named = next((links[name] for name in preferred if name in links), None)
+    return named or package.metadata.get("Home-page") or next(iter(links.values()), "")
 
 
 def locked() -> set[str]:
@@ -58,16 +60,16 @@ def locked() -> set[str]:
 
 
 def main() -> None:
-    names = locked()
+    """Writes the page."""
     rows, not_installed = [], []
-    for name in sorted(names, key=str.lower):
+    for name in sorted(locked(), key=str.lower):
         try:
-            found = metadata.distribution(name)
+            package = metadata.distribution(name)
         except metadata.PackageNotFoundError:
             not_installed.append(name)
             continue
-        version = found.version.partition("+")[0]
-        rows.append(f"| {found.metadata['Name']} | {version} | {licence(found)} | {home(found)} |\n")
+        version = package.version.partition("+")[0]  # without the part of local builds, such as +cpu
+        rows.append(f"| {package.metadata['Name']} | {version} | {licence(package)} | {home(package)} |\n")
     footer = f"\nOn other platforms or versions of Python only: {', '.join(not_installed)}.\n" if not_installed else ""
     Path("docs/licences.md").write_text(HEAD + "".join(rows) + footer)
 

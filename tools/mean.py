@@ -14,15 +14,16 @@ from relight.learning.checkpoint import load_network, save_network
 
 
 def main(start: Path, end: Path, out: Path) -> None:
-    (first, _), (last, made_with) = load_network(start), load_network(end)
-    weights = last.state_dict()
-    for name, other in first.state_dict().items():
-        if other.is_floating_point():  # the others are counts of batches
-            weights[name] = (weights[name] + other) / 2
-    last.load_state_dict(weights)
-    model = config.Model(**made_with.pop("model"))
-    rest = {key: value for key, value in made_with.items() if key in ("loss", "train", "augment", "stages")}
-    save_network(out, last, model, **rest, note="the mean of the weights before and after the last training")
+    """Writes the mean of two networks of the same form to `out`, with the settings of `end`."""
+    (before, _), (after, settings) = load_network(start), load_network(end)
+    weights = after.state_dict()
+    for name, weight_before in before.state_dict().items():
+        if weight_before.is_floating_point():  # the others are counts of batches
+            weights[name] = (weights[name] + weight_before) / 2
+    after.load_state_dict(weights)
+    model = config.Model(**settings.pop("model"))
+    kept = {key: value for key, value in settings.items() if key in ("loss", "train", "augment", "stages")}
+    save_network(out, after, model, **kept, note="the mean of the weights before and after the last training")
 
 
 if __name__ == "__main__":

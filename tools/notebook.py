@@ -1,7 +1,6 @@
 """Runs the code blocks of docs/first_hour.md as one program, and inserts their output and pictures into the page."""
 
 import re
-import sys
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from io import StringIO
@@ -31,9 +30,9 @@ def run(page: str, pictures: Path) -> Iterator[tuple[re.Match[str], str]]:
     count = 0
     for cell in CELL.finditer(page):
         printed = StringIO()
-        line = page[: cell.start("code")].count("\n")
+        lines_above = page[: cell.start("code")].count("\n")  # so that errors name the line of the page
         with redirect_stdout(printed):
-            exec(compile("\n" * line + cell["code"], str(PAGE), "exec"), names)
+            exec(compile("\n" * lines_above + cell["code"], str(PAGE), "exec"), names)
         for number in plt.get_fignums():
             count += 1
             plt.figure(number).savefig(pictures / f"first_hour_{count}.jpg", dpi=100, pil_kwargs={"quality": 88})
@@ -42,10 +41,12 @@ def run(page: str, pictures: Path) -> Iterator[tuple[re.Match[str], str]]:
 
 
 def main() -> None:
+    """Rewrites the page with the output of its code blocks, and the pictures beside it."""
     page = PAGE.read_text(encoding="utf-8")
     outputs = {cell.start(): output for cell, output in run(page, ROOT / "docs" / "images")}
 
     def with_output(cell: re.Match[str]) -> str:
+        """Returns a code block with its new output, if the page shows one."""
         shown = f"```text\n{outputs[cell.start()]}```\n" if cell["output"] is not None else ""
         return f"```python\n{cell['code']}```\n{shown}"
 
@@ -53,4 +54,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

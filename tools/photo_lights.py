@@ -23,27 +23,32 @@ from relight.lights.table import LightSet
 HELD_OUT = ("city", "forest", "lobby", "sky", "sunset", "workshop")  # every third of the eighteen, for the benchmark
 FIRST_SEED = 5000  # of skies and studios: apart from those of the benchmark
 GENERATED = {"sky": (600, 120), "lamps": (600, 120)}  # panoramas drawn, lights selected
+ROOM_LIGHTS = 410  # lights selected from generated rooms
+ORDER = 2  # of the spherical harmonics
 HEADINGS = 12  # lights of each real panorama
 
 
 def exposed(lights: LightSet) -> LightSet:
     """Returns the training and test lights, dimmed as a camera would expose: no brighter than usual lights may be."""
-    return darkened(lights.rows(np.isin(lights.split, ("train", "test"))), RULES["rooms"].channel)
+    chosen = lights.rows(np.isin(lights.split, ("train", "test")))
+    return darkened(chosen, RULES["rooms"].channel)
 
 
 def main() -> None:
+    """Writes the lights, and prints how many of each kind there are."""
     folder, out = Path(sys.argv[1]), Path(sys.argv[2])
     usual = read_preset("lights")
     strong = replace(usual, test=1, rules="strong")
-    lights, _ = build_light_set(read_preset("panoramas", "generated"), replace(usual, clusters=410), 2)
+    rooms = read_preset("panoramas", "generated")
+    lights, _ = build_light_set(rooms, replace(usual, clusters=ROOM_LIGHTS), ORDER)
     for kind, (drawn, count) in GENERATED.items():
         sources = [f"{kind}:{FIRST_SEED + i}" for i in range(drawn)]
-        table = np.stack(list(parallel_map(partial(generated_light, order=2), sources)))
-        chosen, _ = select_lights(table, sources, replace(strong, clusters=count))
+        coefficients = np.stack(list(parallel_map(partial(generated_light, order=ORDER), sources)))  # (N,9,3)
+        chosen, _ = select_lights(coefficients, sources, replace(strong, clusters=count))
         lights = concatenate(lights, exposed(chosen))
     names = [path.stem for path in sorted(folder.glob("*.exr"))]
-    panoramas = Panoramas("folder", str(folder), 0, 0, "auto", False)
-    real, _ = build_light_set(panoramas, replace(strong, clusters=HEADINGS * len(names), split="random"), 2)
+    panoramas = Panoramas(source="folder", folder=str(folder), count=0, skies=0, layout="auto", flip=False)
+    real, _ = build_light_set(panoramas, replace(strong, clusters=HEADINGS * len(names), split="random"), ORDER)
     real = exposed(real)
     held_out = np.isin([Path(source).stem for source in real.source], HELD_OUT)
     real.split[:] = np.where(held_out, "test", "train")

@@ -32,8 +32,8 @@ def page() -> str:
             parts += [f"## {group.name}", paragraph(group.type)]
             if len(presets().get(group.name, ())) > 1:
                 parts.append(listed_presets(group.name, [chosen[group.name]]))
-            own = {key: item for key, item in FIELDS.items() if key.startswith(f"{group.name}.")}
-            parts.append(table(own, cfg))
+            of_group = {key: item for key, item in FIELDS.items() if key.startswith(f"{group.name}.")}
+            parts.append(table(of_group, cfg))
             nested = [item for item in fields(group.type) if is_dataclass(item.type)]
             parts += [f"`{group.name}.{item.name}`: {paragraph(item.type)}" for item in nested]
             stages = [f"`{name}`" for name, read in READS.items() if group.name in read]
@@ -44,10 +44,13 @@ def page() -> str:
 def scales(default: str) -> list[str]:
     """Returns the section of the presets of `scale`, with the settings of each."""
     files = {name: OmegaConf.load(CONF / "scale" / f"{name}.yaml") for name in presets()["scale"]}
-    found = {name: flat(OmegaConf.to_container(file)) for name, file in files.items()}
-    keys = dict.fromkeys(key for values in found.values() for key in values)
-    rows = [[f"`{key}`", *(shown(values[key]) if key in values else "" for values in found.values())] for key in keys]
-    names = [f"`{name}`" for name in found]
+    by_scale = {name: flat(OmegaConf.to_container(file)) for name, file in files.items()}
+    keys = dict.fromkeys(key for settings in by_scale.values() for key in settings)
+    rows = []
+    for key in keys:
+        cells = [shown(settings[key]) if key in settings else "" for settings in by_scale.values()]
+        rows.append([f"`{key}`", *cells])
+    names = [f"`{name}`" for name in by_scale]
     return ["## scale", listed_presets("scale", [default], overrides=False), markdown(["", *names], rows)]
 
 
@@ -59,26 +62,39 @@ def protocols(default: str) -> list[str]:
 def experiments(default: list[str]) -> list[str]:
     """Returns the section of the presets of `experiment`, and the settings of an experiment."""
     about = paragraph(Experiment)
-    return ["## experiment", about, listed_presets("experiment", default, overrides=False), table(EXPERIMENT, None)]
+    listed = listed_presets("experiment", default, overrides=False)
+    return ["## experiment", about, listed, table(EXPERIMENT, cfg=None)]
 
 
 def listed_presets(group: str, default: list[str], overrides: bool = True) -> str:
-    """Returns a list of the presets of a group: the comment at the top of each file and, with `overrides`, its
-    differences from the preset on which it is based."""
+    """Returns a list of the presets of a group in Markdown, with the comment at the top of each file.
+
+    Args:
+        group: folder in conf/.
+        default: the presets that are chosen by default.
+        overrides: whether the differences of a preset from that on which it is based are listed, too.
+    """
     lines = []
     for name in presets()[group]:
         text = (CONF / group / f"{name}.yaml").read_text(encoding="utf-8")
         comment = [line[2:] for line in text.splitlines() if line.startswith("# ") and "@package" not in line]
         content = yaml.safe_load(text) or {}
-        based = [base for base in content.pop("defaults", []) if base != "_self_"]
-        given = ", ".join(f"`{key}={shown(value)}`" for key, value in content.items()) if overrides and based else ""
-        above = f" ({f'`{based[0]}` with ' if based else ''}{given})" if given else ""
-        lines.append(f"- `{group}={name}`{' (default)' if name in default else ''}: {' '.join(comment)}{above}")
+        bases = [base for base in content.pop("defaults", []) if base != "_self_"]
+        difference = ""
+        if overrides and bases and content:
+            given = ", ".join(f"`{key}={shown(value)}`" for key, value in content.items())
+            difference = f" (`{bases[0]}` with {given})"
+        lines.append(f"- `{group}={name}`{' (default)' if name in default else ''}: {' '.join(comment)}{difference}")
     return "\n".join(lines)
 
 
 def table(items: dict[str, Field[Any]], cfg: DictConfig | None) -> str:
-    """Returns a table of settings; their values are those of `cfg`, or the defaults of the schema."""
+    """Returns a table of settings in Markdown.
+
+    Args:
+        items: key -> field of the schema.
+        cfg: the tree with the default values; None for the defaults of the schema.
+    """
     rows = []
     for key, item in items.items():
         value = default_of(item) if cfg is None else OmegaConf.select(cfg, key)
@@ -95,12 +111,14 @@ def default_of(item: Field[Any]) -> Any:
 
 
 def values(item: Field[Any]) -> str:
-    """Returns the type and the domain of a field."""
+    """Returns the values that a field allows, in words: its choices, or its type and its domain."""
     if choices := setting_of(item).choices:
         return ("a list of " if get_origin(item.type) is list else "") + ", ".join(f"`{name}`" for name in choices)
     kind, null, _ = type_in_words(item.type).partition(", or null")
-    among = domain_in_words(item)
-    return (among if get_origin(item.type) is list and among else f"{kind}, {among}" if among else kind) + null
+    domain = domain_in_words(item)
+    if not domain:
+        return kind + null
+    return (domain if get_origin(item.type) is list else f"{kind}, {domain}") + null
 
 
 def paragraph(schema: type) -> str:

@@ -17,7 +17,7 @@ LIBRARIES = {
     "libidn2.so.0": "libidn2-0",
     "libusb-1.0.so.0": "libusb-1.0-0",
 }
-PYTHONS = ((3, 11), (3, 13))
+PYTHONS = ((3, 11), (3, 13))  # the oldest and the newest that relight runs on
 
 
 def missing() -> list[str]:
@@ -37,10 +37,11 @@ def missing() -> list[str]:
 
 
 def main() -> None:
-    found = sys.version_info[:2]
-    if not PYTHONS[0] <= found <= PYTHONS[1]:
+    """Ends with what is missing, and exit code 1, if Python has another version or system packages are missing."""
+    major, minor = sys.version_info[:2]
+    if not PYTHONS[0] <= (major, minor) <= PYTHONS[1]:
         names = " to ".join(".".join(map(str, version)) for version in PYTHONS)
-        sys.exit(f"relight needs Python {names}, and {sys.executable} is {found[0]}.{found[1]}: make PYTHON=python3.12")
+        sys.exit(f"relight needs Python {names}, and {sys.executable} is {major}.{minor}: make PYTHON=python3.12")
     if packages := missing():
         line = f"apt-get install -y --no-install-recommends {' '.join(packages)}"
         sys.exit(f"relight needs system packages; on Debian or Ubuntu, type:\n    sudo {line}")

@@ -16,28 +16,32 @@ from relight.lights import lit_ball, load_light
 from relight.meshes import align, clean
 from relight.transport import bake
 
-SIZE, WIDTH = 448, 224
-PAPER = 0.97
+SIZE, WIDTH = 448, 224  # height and width of a picture, pixels
+PAPER = 0.97  # sRGB code of the background
+BRIGHTNESS = 0.8  # reference brightness of the lights
+MAX_BAND_1 = 1.03  # of transport: its value where nothing is occluded and the normal points along the axis
 LIGHTS = ("room:7", "sky:5:40", "key:#a9c6ff@-75,10", "key:#ffd9b0@60,20")
 
 
 def main(seeds: list[int]) -> None:
+    """Draws a row for the figure of each seed: lit, albedo, AO, band 1 of transport, and in three more lights."""
     settings = OmegaConf.to_object(composed())
-    lights = [load_light(text).normalised(0.8).coefficients for text in LIGHTS]
+    lights = [load_light(text).normalised(BRIGHTNESS).coefficients for text in LIGHTS]
     rows = []
     for seed in seeds:
-        mesh = make_figure(seed, "full", 1024)
+        mesh = make_figure(seed, detail="full", texture=1024)
         mesh.info.update(name=f"g{seed:04d}", axes={"up": "+y", "front": "+z"})
-        maps = bake(align(clean(mesh, settings.clean), settings.align), 2 * SIZE, 256)
-        views = [srgb.encode(maps.albedo * (maps.transport @ lights[0])), srgb.encode(maps.albedo)]
-        views += [maps.ao[..., None].repeat(3, -1), (maps.transport[..., [3, 1, 2]] / 1.03 + 1) / 2]
-        views += [srgb.encode(maps.albedo * (maps.transport @ light)) for light in lights[1:]]
+        maps = bake(align(clean(mesh, settings.clean), settings.align), 2 * SIZE, rays=256)
+        relit = [srgb.encode(maps.albedo * (maps.transport @ light)) for light in lights]
+        ao = maps.ao[..., None].repeat(3, -1)
+        band_1 = (maps.transport[..., [3, 1, 2]] / MAX_BAND_1 + 1) / 2  # x, y, z as red, green, blue
+        views = [relit[0], srgb.encode(maps.albedo), ao, band_1, *relit[1:]]
         middle = SIZE // 2
         shown = slice(middle - WIDTH // 2, middle + WIDTH // 2)
         pictures = [halved(np.where(maps.mask[..., None], view, PAPER))[:, shown] for view in views]
-        for picture, light in zip([pictures[0], *pictures[4:]], lights):
+        for picture, light in zip([pictures[0], *pictures[4:]], lights):  # the relit ones
             add_ball(picture, light)
-        rows.append(np.concatenate(pictures, 1))
+        rows.append(np.concatenate(pictures, axis=1))
     sheet = np.concatenate(rows)
     path = ROOT / "docs" / "images" / "teaser.jpg"
     path.parent.mkdir(exist_ok=True)
@@ -51,7 +55,7 @@ def halved(picture: np.ndarray) -> np.ndarray:
 
 
 def add_ball(picture: np.ndarray, light: np.ndarray) -> None:
-    """Draws the ball of a light into the lower right corner of a picture."""
+    """Draws a ball in a light (9,3) into the lower right corner of a picture (H,W,3), in place."""
     size = SIZE // 9
     drawn = lit_ball(light, size)
     corner = picture[-size:, -size:]

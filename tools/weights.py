@@ -19,7 +19,8 @@ from relight.learning.export import export
 from relight.lights import read_light_set
 
 OUT = Path(config.ROOT) / "relight" / "weights"
-LIMIT = 16 * 2**20
+LIMIT = 16 * 2**20  # bytes of the weights
+SCORES = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")  # that the card tells
 CARD = """\
 ---
 license: cc0-1.0
@@ -99,43 +100,41 @@ changes with framing, mask and white balance: `python benchmarks/invariance.py r
 """
 
 
-def main(results: Path, run: str) -> None:
-    network, made_with = load_network(results / "train" / f"{run}.safetensors")
-    chosen = read_light_set(results / "lights" / "lights.npz")
-    training = np.concatenate([chosen.of(mark).coefficients for mark in made_with["train"]["lights"]])
-    model = config.Model(**made_with["model"])
-    out = OUT / "photo.onnx"
+def main(results: Path, training: str) -> None:
+    """Writes the weights and their card.
+
+    Args:
+        results: folder of the run.
+        training: name of the training.
+    """
+    network, settings = load_network(results / "train" / f"{training}.safetensors")
+    light_set = read_light_set(results / "lights" / "lights.npz")
+    lights = np.concatenate([light_set.of(split).coefficients for split in settings["train"]["lights"]])
     split = json.loads((results / "split" / "subject.json").read_text())
     infos = json.loads((results / "figures.json").read_text())["figures"]
     generator = sorted({info["generator"] for info in infos.values() if "left_out" not in info})
-    stages = lineage(made_with, {"figures": len(split["train"]), "generator": generator})
-    rest = {key: made_with[key] for key in ("loss", "train", "augment", "note") if key in made_with}
-    rest["train"] = {**rest["train"], "start": None}  # a path of this machine
+    stages = lineage(settings, {"figures": len(split["train"]), "generator": generator})
+    kept = {key: settings[key] for key in ("model", "loss", "train", "augment", "note") if key in settings}
+    kept["train"] = {**kept["train"], "start": None}  # a path of this machine
+    out = OUT / "photo.onnx"
     new = out.with_suffix(".new.onnx")
-    lights = np.round(training, 5).ravel().tolist()
-    export(network, new, {"model": made_with["model"], **rest, "stages": stages, "lights": lights})
+    export(network, new, {**kept, "stages": stages, "lights": np.round(lights, 5).ravel().tolist()})
     if (size := new.stat().st_size) > LIMIT:
         new.unlink()
         sys.exit(f"the weights have {size / 2**20:.1f} MiB, over {LIMIT / 2**20:.0f}: give a smaller model.width")
-    with open(results / "evaluate" / f"{run}.csv", newline="") as file:
+    with open(results / "evaluate" / f"{training}.csv", newline="") as file:
         rows = list(csv.DictReader(file))
-    names = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")
     facts = {
-        "note": f"; {made_with['note']}" if "note" in made_with else "",
-        "parameters": sum(p.numel() for p in network.parameters()) / 1e6,
-        "model": made_with["model"]["name"],
-        "width": model.width,
+        "note": f"; {settings['note']}" if "note" in settings else "",
+        "parameters": sum(weights.numel() for weights in network.parameters()) / 1e6,
+        "model": settings["model"]["name"],
+        "width": config.Model(**settings["model"]).width,
         "size": network.size,
-        "lights": len(training),
-        "training": "\n".join(
-            f"{number}. {stage['steps']:,} steps of {stage['batch']} images at {stage['size']} px, of "
-            f"{stage['figures']} figures (generator {', '.join(map(str, stage['generator']))})"
-            f"{', by Muon' if stage.get('optimizer') == 'muon' else ''}, in {stage['precision']}"
-            for number, stage in enumerate(stages, 1)
-        ),
+        "lights": len(lights),
+        "training": "\n".join(f"{number}. {stage_in_words(stage)}" for number, stage in enumerate(stages, 1)),
         "test_figures": len({row["figure"] for row in rows}),
         "test_lights": len({row["light"] for row in rows}),
-        **{name: np.mean([float(row[name]) for row in rows]) for name in names},
+        **{name: np.mean([float(row[name]) for row in rows]) for name in SCORES},
     }
     with atomic_write(OUT / "README.md") as tmp:
         tmp.write_text(CARD.format(**facts))
@@ -143,21 +142,33 @@ def main(results: Path, run: str) -> None:
     print(f"{out}: {size / 2**20:.1f} MiB")
 
 
-def lineage(config: dict, data: dict) -> list[dict]:
-    """The trainings that led to a network, oldest first.
+def stage_in_words(stage: dict) -> str:
+    """Returns a line of the card about a stage of `lineage`."""
+    return (
+        f"{stage['steps']:,} steps of {stage['batch']} images at {stage['size']} px, of {stage['figures']} figures "
+        f"(generator {', '.join(map(str, stage['generator']))})"
+        f"{', by Muon' if stage.get('optimizer') == 'muon' else ''}, in {stage['precision']}"
+    )
+
+
+def lineage(settings: dict, data: dict) -> list[dict]:
+    """Returns the trainings that led to a network, oldest first.
 
     Args:
-        config: of the network.
-        data: facts on the figures that it was trained on; the networks that it went on from are taken to have seen the
-            same, unless their own config tells.
+        settings: of the network, by group.
+        data: number of training `figures`, and versions of their `generator`; the networks that it went on from are
+            taken to have seen the same, unless their own settings tell.
+
+    Returns:
+        `steps`, `batch`, `optimizer`, `precision`, `size`, `figures` and `generator` of each training.
     """
-    if "stages" in config:
-        return config["stages"]
-    train = config["train"]
+    if "stages" in settings:
+        return settings["stages"]
+    train = settings["train"]
     before = lineage(load_network(train["start"])[1], data) if train["start"] else []
-    own = {key: train[key] for key in ("steps", "batch", "optimizer", "precision")}
+    stage = {key: train[key] for key in ("steps", "batch", "optimizer", "precision")}
     figures = min(data["figures"], train["figures"] or data["figures"])
-    return [*before, {**own, "size": config["size"], **data, "figures": figures}]
+    return [*before, {**stage, "size": settings["size"], **data, "figures": figures}]
 
 
 if __name__ == "__main__":

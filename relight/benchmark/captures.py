@@ -68,8 +68,9 @@ def import_capture(capture: Capture, with_variants: bool) -> tuple[dict, Picture
     """
     mask, inside = capture.mask, capture.mask >= MASK_THRESHOLD
     square = crop_around(mask, SQUARE_SIZE)
-    recipe = draw_recipe(FIRST_SEED + zlib.crc32(capture.name.encode()) % FIRST_SEED, 1)
-    sharp = [panorama(light, 0.0, BRIGHTNESS * 2**recipe.stops).pixels for light in (recipe.light, *recipe.new)]
+    recipe = draw_recipe(FIRST_SEED + zlib.crc32(capture.name.encode()) % FIRST_SEED, number=1)
+    brightness = BRIGHTNESS * 2**recipe.stops
+    sharp = [panorama(light, pitch=0.0, brightness=brightness).pixels for light in (recipe.light, *recipe.new)]
     lights = blur_to_spacing(np.stack(sharp), len(capture.lamps)).astype(np.float32)
     measured, maps, scale = measure_maps(capture, UpsampledPanoramas(lights).radiance)
     linear, *relit = np.moveaxis(to_image(measured.pictures / scale, inside), 2, 0)
@@ -77,11 +78,12 @@ def import_capture(capture: Capture, with_variants: bool) -> tuple[dict, Picture
     scene = linear + (1 - maps.coverage[..., None]) * np.pi * camera_view(light, mask.shape)
 
     def expose(gain: np.ndarray | float) -> np.ndarray:
+        """Returns the photograph (H,W,3) uint8 at a gain, a number or (3,)."""
         return to_bytes(encode(scene * gain))
 
-    shots = variants(expose, mask, SQUARE_SIZE) if with_variants else {"": Shot(expose(1.0), mask, square)}
+    shots = variants(expose, mask, SQUARE_SIZE) if with_variants else {"": Shot(expose(gain=1.0), mask, square)}
     shading = linear / np.maximum(maps.albedo, MIN_ALBEDO) * inside[..., None]
-    truth = on_square(maps, shading, project(light, 2), square)
+    truth = on_square(maps, shading, project(light, order=2), square)
     picture = Picture(shots, light, new, maps, np.stack([to_bytes(encode(image)) for image in relit]), truth)
     return {**asdict(recipe), "name": capture.name, **maps.info["measured"]}, picture
 
@@ -95,7 +97,7 @@ class UpsampledPanoramas:
     """
 
     def __init__(self, panoramas: Iterable[np.ndarray] = ()):
-        """Takes panoramas (64,128,3), laid out like `relight.panoramas.radiosity.view_directions`."""
+        """Takes lat-long panoramas (HEIGHT,WIDTH,3): -z is at their centre, and +x to the right."""
         height, width = UPSAMPLING * HEIGHT, UPSAMPLING * WIDTH
         axes = latlong_directions(height, width)
         layers = [lookup(Panorama(pixels), axes) for pixels in panoramas]
@@ -116,12 +118,17 @@ def blur_to_spacing(panoramas: np.ndarray, lamps: int) -> np.ndarray:
 
     Each texel becomes the mean about it with a von Mises-Fisher kernel, whose standard deviation is BLUR times the
     distance between lamps. Along the rows this is a convolution, computed as a product of Fourier coefficients.
+
+    Args:
+        panoramas: lat-long.
+        lamps: their number.
     """
     theta = (np.arange(HEIGHT) + 0.5) / HEIGHT * np.pi
     azimuth = np.arange(WIDTH) / WIDTH * 2 * np.pi
     sine, cosine = np.sin(theta), np.cos(theta)
+    # Cosine of the angle between texels, by the row of each and the difference of their azimuths.
     between = np.outer(cosine, cosine)[..., None] + np.outer(sine, sine)[..., None] * np.cos(azimuth)
-    variance = BLUR**2 * 4 * np.pi / lamps
+    variance = BLUR**2 * 4 * np.pi / lamps  # a lamp has 4 pi / lamps steradians, the square of the distance
     kernel = np.exp((between - 1) / variance) * sine[:, None]  # sine: proportional to a texel's solid angle
     kernel /= kernel.sum((1, 2), keepdims=True)
     spectrum = np.einsum("ijf,...jfc->...ifc", np.fft.rfft(kernel), np.fft.rfft(panoramas, axis=-2), optimize=True)

@@ -100,12 +100,16 @@ def report(
         write_tables((out or answers[0].parent) / name, table.title, table.note, table.grid)
 
 
-def show(rows: list) -> dict:
-    """Prints tables that compare methods, and returns them."""
+def show(scores: list) -> dict:
+    """Prints tables that compare methods by their scores (`relight.benchmark.score.read_scores`).
+
+    Returns:
+        stem of a file -> `relight.benchmark.tables.ComparisonTable`.
+    """
     from relight.benchmark.tables import MethodComparison
     from relight.evaluation.report.formats import to_markdown
 
-    made = MethodComparison(rows).tables()
-    for table in made.values():
+    tables = MethodComparison(scores).tables()
+    for table in tables.values():
         print(f"## {table.title}\n\n{table.note}\n\n{to_markdown(table.grid)}\n")
-    return made
+    return tables

@@ -50,7 +50,7 @@ class Entry:
 
     @property
     def variant(self) -> str:
-        """The name of the variant, such as `mirror`; "" for the picture itself."""
+        """The part of the name after "+", such as "mirror"; "" for the picture itself."""
         return self.name.partition("+")[2]
 
     def shot(self) -> Shot:
@@ -64,7 +64,13 @@ class Entry:
 
 
 def make_square(mask: np.ndarray, square: tuple[float, float, float], side: int) -> Crop:
-    """Returns the square with this (top, left, side) in a photograph, to be sampled with `side` pixels."""
+    """Returns a square of a photograph, with the range of pixels that the person covers.
+
+    Args:
+        mask: (H,W) uint8 of the person.
+        square: top, left and side in the photograph, pixels.
+        side: pixels with which it is sampled.
+    """
     top, left, length = square
     return replace(crop_around(mask, side), top=top, left=left, side=length)
 
@@ -103,17 +109,18 @@ class BenchmarkSet:
     def entries(self) -> list[Entry]:
         """The pictures of the set and their variants, in the order of the index."""
         inputs = self.folder / "inputs"
+        side = self.index["settings"]["size"] // 2  # as of `picture.Settings.side`
         return [
             Entry(
-                inputs / picture["name"],
-                picture["name"],
-                picture["figure"],
-                picture["of"],
-                picture["files"][f"inputs/{picture['name']}/photo.png"],
-                tuple(picture["size"]),
-                self.index["settings"]["size"] // 2,
-                tuple(picture["square"]),
-                picture["new"],
+                folder=inputs / picture["name"],
+                name=picture["name"],
+                figure=picture["figure"],
+                of=picture["of"],
+                photo=picture["files"][f"inputs/{picture['name']}/photo.png"],
+                size=tuple(picture["size"]),
+                side=side,
+                square=tuple(picture["square"]),
+                new=picture["new"],
             )
             for picture in self.index["pictures"]
         ]

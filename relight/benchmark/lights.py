@@ -33,9 +33,12 @@ class Lamplight:
 
 
 def panorama(light: Lamplight, pitch: float, brightness: float) -> Panorama:
-    """Returns a light as a lat-long panorama in the frame of a camera that looks down by `pitch` degrees.
+    """Returns a light as a lat-long panorama in the frame of a camera.
 
-    Its radiance is scaled so that the reference brightness (`Light.normalised`) is `brightness`.
+    Args:
+        light: the light.
+        pitch: angle by which the camera looks down, degrees.
+        brightness: reference brightness (`Light.normalised`) to which the radiance is scaled.
 
     Raises:
         UserError: if the light is a real one and the panoramas are not set up.
@@ -45,8 +48,8 @@ def panorama(light: Lamplight, pitch: float, brightness: float) -> Panorama:
     gains = np.exp([RED_PER_BLUE * light.tint, 0, light.tint])
     pixels = np.maximum(radiance * gains, 0).reshape(HEIGHT, WIDTH, 3)
     source = f"{light.kind}:{light.seed}"
-    before = project(Panorama(pixels), 2)
-    scale = Light(before, source).normalised(brightness).coefficients[0, 1] / before[0, 1]
+    unscaled = project(Panorama(pixels), order=2)
+    scale = Light(unscaled, source).normalised(brightness).coefficients[0, 1] / unscaled[0, 1]
     return Panorama((pixels * scale).astype(np.float32), source=source)
 
 

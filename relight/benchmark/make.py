@@ -35,6 +35,7 @@ from relight.progress import progress
 from relight.transport.tracer import import_mitsuba
 
 FORMAT = 1  # version of the file format
+ATTEMPTS = 3  # seeds that are tried for a figure
 BYTES_PER_PICTURE = 5e6  # at 512 px, approximately
 
 
@@ -72,7 +73,15 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
 
 
 def check_plan(folder: Path, plan: dict) -> None:
-    """Writes `plan` to the folder, or raises UserError if the folder holds another one."""
+    """Writes plan.json to a folder, so that its set is not continued with other settings.
+
+    Args:
+        folder: of the set.
+        plan: JSON values on which all pictures of the set depend.
+
+    Raises:
+        UserError: if the folder holds another plan.
+    """
     path = folder / "plan.json"
     if not path.is_file():
         with atomic_write(path) as tmp:
@@ -82,7 +91,16 @@ def check_plan(folder: Path, plan: dict) -> None:
 
 
 def render_missing(missing: list[PictureRecipe], folder: Path, settings: Settings) -> Iterator[PictureRecipe]:
-    """Renders and saves pictures; yields each recipe when its picture is saved."""
+    """Renders and saves pictures.
+
+    Args:
+        missing: recipes, those of a figure one after the other, so that its mesh is made once.
+        folder: of the set.
+        settings: of the pictures.
+
+    Yields:
+        Each recipe when its picture is saved.
+    """
     for seed, group in groupby(missing, lambda recipe: recipe.seed):
         mesh = with_gloss(make_mesh(seed, settings), seed)
         for recipe in group:
@@ -94,11 +112,15 @@ def render_missing(missing: list[PictureRecipe], folder: Path, settings: Setting
 
 
 def make_mesh(seed: int, settings: Settings) -> Mesh:
-    """Generates the aligned figure of a seed, or of a spare seed if the generator refuses it. Raises UserError."""
+    """Generates the aligned figure of a seed, or of a spare one if the generator refuses it.
+
+    Raises:
+        UserError: if it refuses all ATTEMPTS.
+    """
     from relight.figures.dress import make_figure
 
     facing = Align(up="+y", front="+z")
-    for spare in range(3):
+    for spare in range(ATTEMPTS):
         try:
             return align(make_figure(seed + spare * SPARE_OFFSET, settings.detail, settings.texture), facing)
         except UserError as error:
@@ -107,7 +129,15 @@ def make_mesh(seed: int, settings: Settings) -> Mesh:
 
 
 def save_picture(folder: Path, name: str, figure: str, recipe: dict, picture: Picture) -> None:
-    """Writes one picture. Its folder of inputs is written last, so its presence means that the picture is complete."""
+    """Writes one picture. Its folder of inputs is written last, so its presence means that the picture is complete.
+
+    Args:
+        folder: of the set.
+        name: of the picture.
+        figure: name of the person.
+        recipe: how the picture was made, JSON values.
+        picture: the photograph with its variants and its ground truth.
+    """
     truth, inputs = folder / "truth", folder / "inputs"
     write_maps(truth / f"{name}.exr", picture.maps)
     for variant, shot in sorted(picture.shots.items(), reverse=True):  # the picture itself, "", comes last
@@ -134,14 +164,25 @@ def save_picture(folder: Path, name: str, figure: str, recipe: dict, picture: Pi
 
 
 def write_panorama(path: Path, panorama: Panorama) -> None:
-    """Writes a lat-long panorama as OpenEXR, its centre toward -z and +x to the right, as `relight light` reads it."""
+    """Writes a lat-long panorama as OpenEXR. Its centre is toward -z, away from the camera, and +x is to the right."""
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with atomic_write(path) as tmp:
         OpenEXR.File(header, {"RGB": np.ascontiguousarray(panorama.pixels, np.float32)}).write(str(tmp))
 
 
 def write_index(folder: Path, kind: str, names: list[str], settings: dict, **extra: str) -> str:
-    """Writes index.json: the pictures, the hash of each file, and the hash of the set, which is returned."""
+    """Writes index.json: the pictures, the hash of each of their files, and the hash of the set.
+
+    Args:
+        folder: of the set.
+        kind: name of the set.
+        names: of its pictures, whose variants follow each.
+        settings: of the pictures.
+        **extra: further entries.
+
+    Returns:
+        The hash of the set: the SHA-256 of all hashes of files.
+    """
     pictures = []
     for name in names:
         for path in sorted(folder.glob(f"inputs/{name}")) + sorted(folder.glob(f"inputs/{name}+*")):

@@ -10,11 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_erosion
 
+from relight.benchmark.shots import SHIFTS, WARM_RED_PER_BLUE
 from relight.evaluation.scoring.metrics import MaskBox, irradiance_error, rmse, scaled_irradiance_error, scaled_rmse
 
 MIRROR = np.ones(9)
 MIRROR[[3, 4, 7]] = -1  # coefficients of functions odd in x
 EPSILON = 1e-12  # lower bound of denominators
+BLACK = 1e-3  # added to values of which a ratio is taken, so that black pixels count as unchanged
+MARGIN = 4  # pixels from the mask's outline, where leaks are measured
+DARKEST = 0.02  # linear value below which albedo and shading count as this, since logarithms of noise are large
 
 # The descriptions of the invariances; most have the name of a variant of the picture (`relight.benchmark.shots`).
 INVARIANCES = {
@@ -103,25 +107,38 @@ def leaks(inferred: Intrinsics) -> dict[str, float]:
     """
     if inferred.albedo is None or inferred.shading is None:
         return {}
-    inside = binary_erosion(inferred.mask, iterations=4)
-    albedo, shading = (np.log(np.maximum(x.mean(-1), 0.02)) for x in (inferred.albedo, inferred.shading))
-    da, ds = (np.concatenate([differences(x, inside, axis) for axis in (0, 1)]) for x in (albedo, shading))
-    if not len(da):
+    inside = binary_erosion(inferred.mask, iterations=MARGIN)
+    albedo, shading = (np.log(np.maximum(x.mean(-1), DARKEST)) for x in (inferred.albedo, inferred.shading))
+    d_albedo, d_shading = (
+        np.concatenate([differences(values, inside, axis) for axis in (0, 1)]) for values in (albedo, shading)
+    )
+    if not len(d_albedo):
         return {}
-    strong = np.abs(da) > np.quantile(np.abs(da), 0.95)
+    strong = np.abs(d_albedo) > np.quantile(np.abs(d_albedo), 0.95)
     by_phase = [[np.abs(differences(shading, inside, axis, phase)).mean() for phase in (0, 1)] for axis in (0, 1)]
-    centred = da - da.mean(), ds - ds.mean()
-    norms = np.prod([np.linalg.norm(x) for x in centred])
+    centred = d_albedo - d_albedo.mean(), d_shading - d_shading.mean()
+    norms = np.prod([np.linalg.norm(values) for values in centred])
+    slope = (d_albedo[strong] * d_shading[strong]).sum() / max((d_albedo[strong] ** 2).sum(), EPSILON)
     return {
         "edges": float((centred[0] * centred[1]).sum() / max(norms, EPSILON)),
-        "transfer": float((da[strong] * ds[strong]).sum() / max((da[strong] ** 2).sum(), EPSILON)),
-        "gradient": float(np.abs(ds).mean()),
+        "transfer": float(slope),
+        "gradient": float(np.abs(d_shading).mean()),
         "stripes": float(np.mean([(max(means) - min(means)) / max(np.mean(means), EPSILON) for means in by_phase])),
     }
 
 
 def differences(values: np.ndarray, inside: np.ndarray, axis: int, phase: int | None = None) -> np.ndarray:
-    """Returns differences between neighbours inside the mask; with a phase, from even (0) or odd (1) pixels."""
+    """Returns the differences between neighbouring pixels, the second minus the first, where both are inside.
+
+    Args:
+        values: (S,S).
+        inside: (S,S) bool.
+        axis: 0 for neighbours one above the other, 1 for those side by side.
+        phase: 0 or 1 for pairs whose first pixel is even or odd along the axis; None for all pairs.
+
+    Returns:
+        (N,), of the N pairs.
+    """
     both = inside[1:] & inside[:-1] if axis == 0 else inside[:, 1:] & inside[:, :-1]
     if phase is not None:
         both = both & (np.indices(both.shape)[axis] % 2 == phase)
@@ -145,7 +162,7 @@ def invariances(inferred: Mapping[str, Intrinsics]) -> dict[str, float]:
     shadings = {name: intrinsics.shading for name, intrinsics in inferred.items() if intrinsics.shading is not None}
     if "" in lights:
         changes = {name: irradiance_error(light, lights[""]) for name, light in lights.items() if name != "mirror"}
-        for pixels in (4, 8):
+        for pixels in SHIFTS:
             measured[f"shift_{pixels}"] = (changes[f"down_{pixels}"] + changes[f"right_{pixels}"]) / 2
         measured |= {name: changes[name] for name in ("larger", "smaller", "fatter", "thinner", "knee", "waist")}
         measured["mirror_light"] = irradiance_error(lights["mirror"] * MIRROR[:, None], lights[""])
@@ -156,10 +173,10 @@ def invariances(inferred: Mapping[str, Intrinsics]) -> dict[str, float]:
             measured[f"mirror_{name}"] = float(rmse(mirrored[both], original[both]))
     for name in ("albedo", "shading"):
         if (original := getattr(picture, name)) is not None:
-            change = (getattr(inferred["dark"], name) + 1e-3) / (original + 1e-3)
+            change = (getattr(inferred["dark"], name) + BLACK) / (original + BLACK)
             measured[f"dark_{name}"] = float(np.median(change[picture.mask]))
     if "" in shadings:
         warm, plain = (shadings[name][picture.mask].mean(0) for name in ("warm", "plain"))
         tint = np.log(warm / plain)
-        measured["tint"] = float((tint[0] - tint[2]) / np.log(1.44))
+        measured["tint"] = float((tint[0] - tint[2]) / np.log(WARM_RED_PER_BLUE))
     return measured

@@ -22,7 +22,7 @@ from relight.photos.infer import Person
 from relight.progress import progress
 from relight.srgb import LINEAR, decode
 
-Method = Callable[[BenchmarkSet, Entry], dict[str, np.ndarray]]
+Method = Callable[[BenchmarkSet, Entry], dict[str, np.ndarray]]  # to the arrays of an answer (`files.KEYS`)
 RECORD = "answers.json"  # in a folder of answers: what made them
 
 
@@ -70,12 +70,14 @@ def check_answers(out: Path, record: dict[str, str]) -> None:
 
 
 def network(relighter: Relighter) -> Method:
-    """Answers with a network, as `relight photo` infers and relights; lights keep their exposure."""
+    """Returns the method that infers by a network and relights, like `relight photo`; lights keep their exposure."""
 
     def apply(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
+        """Returns albedo, shading and transport (side,side,C), light (9,3), and the relit pictures (N,H,W,3) uint8."""
         shot = entry.shot()
         person = relighter.infer_person(shot.photo, shot.mask, replace(shot.square, size=relighter.network.size))
         inside = square_mask(entry)
+        # A network of train.color=paper, whose gamma is not 1, infers coded values.
         albedo = person.albedo if person.gamma == 1 else decode(person.albedo)
         maps = {"albedo": albedo, "shading": person.shading**person.gamma, "transport": person.transport[..., :9]}
         arrays = {name: resize_to_square(values, person, inside) for name, values in maps.items()}
@@ -90,7 +92,16 @@ def network(relighter: Relighter) -> Method:
 
 
 def resize_to_square(values: np.ndarray, person: Person, inside: np.ndarray) -> np.ndarray:
-    """Returns maps (S,S,C) of a network's square, resampled to that of `inside` (side,side) and zero outside it."""
+    """Resamples maps of a network's square to the square on which the benchmark compares maps.
+
+    Args:
+        values: (S,S,C) of the network's square.
+        person: whose mask (S,S) tells where they are known.
+        inside: (side,side) bool, the mask on the benchmark's square.
+
+    Returns:
+        (side,side,C) float32, zero outside the mask.
+    """
     side = len(inside)
     if side != len(values):
         whole = fill_outside(values, person.mask)
@@ -101,17 +112,21 @@ def resize_to_square(values: np.ndarray, person: Person, inside: np.ndarray) -> 
 
 
 def as_it_is() -> Method:
-    """Answers with the photograph itself for every light."""
+    """Returns the method that answers with the photograph itself for every light."""
     return lambda benchmark, entry: {"ratio": np.repeat(entry.shot().photo[None], entry.new, 0)}
 
 
 def mean_light() -> Method:
-    """Answers with the true maps, and the mean of the lights that the package's network was trained on."""
+    """Returns the method that relights by true transport, and takes the mean training light for the old one.
+
+    It is the mean of the lights that the package's network was trained on.
+    """
     lights = load().lights
     assert lights is not None  # the package's weights hold them
     light = lights[:, :9].mean(0).astype(np.float64)
 
     def apply(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
+        """Returns the mean light (9,3), the shading by it (S,S,3), and the relit pictures (N,H,W,3) uint8."""
         ratio = relight_by_ratio(benchmark, entry, light)
         truth, _ = benchmark.truth(entry)
         assert truth.transport is not None  # a set with true maps has it
@@ -121,15 +136,19 @@ def mean_light() -> Method:
 
 
 def true_maps() -> Method:
-    """Answers with the true maps and the true light in nine coefficients: its errors are those of the formulation."""
+    """Returns the method that answers with the true maps and the true light.
+
+    Light and transport have nine coefficients, and relit pictures are computed from them: their errors are those of
+    the formulation.
+    """
 
     def apply(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
+        """Returns the true maps (S,S,C) and light (9,3), and the relit pictures (N,H,W,3) uint8 in both modes."""
         maps = read_maps(benchmark.maps(entry))
         truth, _ = benchmark.truth(entry)
         full = [to_srgb8(maps.albedo * shading(maps.transport, light)) for light in new_lights(entry)]
-        assert (
-            truth.albedo is not None and truth.transport is not None and truth.light is not None
-        )  # a set with true maps has them
+        # A set with true maps has all of them.
+        assert truth.albedo is not None and truth.transport is not None and truth.light is not None
         return {
             "albedo": truth.albedo,
             "transport": truth.transport,
@@ -143,12 +162,17 @@ def true_maps() -> Method:
 
 
 def new_lights(entry: Entry) -> list[np.ndarray]:
-    """Returns the coefficients (9,3) of each new light of a picture."""
-    return [project(read_panorama(path), 2) for path in entry.panoramas()]
+    """Returns the radiance coefficients (9,3) of each new light of a picture."""
+    return [project(read_panorama(path), order=2) for path in entry.panoramas()]
 
 
 def relight_by_ratio(benchmark: BenchmarkSet, entry: Entry, light: np.ndarray) -> np.ndarray:
-    """Relights a photograph by the ratio of new to old shading, by true transport; `light` (9,3) is the old light.
+    """Relights a photograph by the ratio of new to old shading, both by true transport.
+
+    Args:
+        benchmark: the set, whose true maps are read.
+        entry: the picture.
+        light: (9,3) radiance coefficients that are taken for the light of the photograph.
 
     Returns:
         (N,H,W,3) uint8, in each new light.

@@ -76,7 +76,16 @@ class Picture:
 
 
 def render_picture(recipe: PictureRecipe, mesh: Mesh, settings: Settings) -> Picture:
-    """Renders one picture of an aligned mesh. Raises UserError without Mitsuba."""
+    """Renders one picture with its variants and its ground truth.
+
+    Args:
+        recipe: view, lights and exposure.
+        mesh: the recipe's figure, aligned.
+        settings: size and quality.
+
+    Raises:
+        UserError: without Mitsuba.
+    """
     size = settings.size
     baker = Baker(mesh, settings.rays)
     maps = baker.maps(size, SUPERSAMPLE, recipe.view)
@@ -86,35 +95,41 @@ def render_picture(recipe: PictureRecipe, mesh: Mesh, settings: Settings) -> Pic
     tracer = PathTracer(mesh, size, camera, gloss=True)
 
     def render(source: Panorama, seed: int) -> np.ndarray:
+        """Returns the figure (S,S,3), linear, in a panorama: pi times the radiance, so that white shows the shading."""
         return math.pi * tracer.radiance(resampled(source), settings.samples, BOUNCES, seed)
 
     coverage = maps.coverage[..., None]
     background = math.pi * camera_view(light, (size, size))  # as bright as a white diffuse surface that faces it
-    linear = render(light, 1) + (1 - coverage) * background
-    relit = [to_bytes(encode(render(source, 2 + i))) for i, source in enumerate(new)]
+    linear = render(light, seed=1) + (1 - coverage) * background
+    relit = [to_bytes(encode(render(source, seed=2 + i))) for i, source in enumerate(new)]
     # `PathTracer.irradiance` would divide by the albedo of the same samples, but takes six times as long.
-    diffuse = math.pi * PathTracer(mesh, size, camera).radiance(resampled(light), settings.samples, BOUNCES, 0)
+    diffuse_tracer = PathTracer(mesh, size, camera)
+    diffuse = math.pi * diffuse_tracer.radiance(resampled(light), settings.samples, BOUNCES, seed=0)
     shading = diffuse / np.maximum(maps.albedo * coverage, MIN_ALBEDO)
     window = crop_window(maps.mask, recipe.cut)
 
     def expose(gain: np.ndarray | float) -> np.ndarray:
-        """Returns the photograph at a gain; the noise is always the same."""
+        """Returns the photograph (H,W,3) uint8 at a gain, a number or (3,); the noise is always the same."""
         image = torch.from_numpy(np.moveaxis(linear * gain, -1, 0)[None].astype(np.float32))
-        photo = simulate_camera(
-            image, CAMERA, [np.random.default_rng([recipe.seed, int(recipe.name[-1]), CAMERA_STREAM])]
-        )
+        noise = np.random.default_rng([recipe.seed, int(recipe.name[-1]), CAMERA_STREAM])
+        photo = simulate_camera(image, CAMERA, [noise])
         return to_bytes(encode(np.moveaxis(photo[0].numpy(), 0, -1)))[window]
 
     maps = crop_maps(maps, window)
     shots = variants(expose, to_bytes(maps.coverage), settings.side)
     shots = {name: shot for name, shot in shots.items() if recipe.varied or not name}
-    coefficients = project(light, 2)
+    coefficients = project(light, order=2)
     truth = on_square(maps, shading[window], coefficients, shots[""].square)
     return Picture(shots, light, new, maps, np.stack([source[window] for source in relit]), truth)
 
 
 def crop_window(mask: np.ndarray, cut: float | None) -> tuple[slice, slice]:
-    """Returns the rows and columns to keep: all, or those around the fraction `cut` of the figure from the top."""
+    """Returns the rows and the columns of a picture to keep.
+
+    Args:
+        mask: (S,S) bool of the figure.
+        cut: fraction of its height that is kept, from the top, with a MARGIN around it; None for the whole picture.
+    """
     if cut is None:
         return slice(None), slice(None)
     (top, bottom), _ = extent(mask)
@@ -125,7 +140,7 @@ def crop_window(mask: np.ndarray, cut: float | None) -> tuple[slice, slice]:
 
 
 def crop_maps(maps: Maps, window: tuple[slice, slice]) -> Maps:
-    """Returns maps cropped to a window (rows, columns)."""
+    """Returns maps cropped to a window: its rows and its columns."""
     arrays = {name: value[window] for name, value in vars(maps).items() if isinstance(value, np.ndarray)}
     return Maps(**arrays, info=maps.info)
 
@@ -134,9 +149,9 @@ def on_square(maps: Maps, shading: np.ndarray, light: np.ndarray, box: Crop) -> 
     """Returns the ground truth on a square: means over the figure in each of its pixels.
 
     Args:
-        maps: (H,W).
-        shading: (H,W,3).
-        light: (9,3).
+        maps: (H,W,...) at the photograph's pixels.
+        shading: (H,W,3) linear, at the same.
+        light: (9,3) radiance coefficients.
         box: the square in the picture.
     """
     inside, mean = figure_means(maps.coverage, maps.mask, box)

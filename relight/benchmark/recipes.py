@@ -27,6 +27,8 @@ TINT = 0.15  # standard deviation of ln(B/G) of the white balance
 STOPS = (-0.7, 0.5)  # range of the exposure
 HALF_SHARE = 0.5  # share of the second pictures that show the upper half
 VARIANT_EVERY = 2  # the first picture of every second figure has variants
+ROUGHNESS, SPECULAR = (0.4, 0.8), (0.2, 1.0)  # ranges of the gloss of materials
+RECIPE_STREAM, REAL_STREAM, GLOSS_STREAM = 0xB3, 0x5EA1, 0xC0A7  # of random numbers, independent of each other
 
 REAL = "real"  # kind of the lights of the set of this name: panoramas by Poly Haven
 
@@ -75,16 +77,21 @@ def draw_recipes(kind: str, count: int | None = None) -> list[PictureRecipe]:
 
 
 def draw_recipe(seed: int, number: int) -> PictureRecipe:
-    """Returns the recipe of picture `number`, from 1, of the figure of a seed."""
+    """Draws the recipe of a picture.
+
+    Args:
+        seed: of the figure.
+        number: of the picture among those of the figure, from 1.
+    """
     name = f"g{seed}.{number}"
-    rng = np.random.default_rng([seed, number, 0xB3])
+    rng = np.random.default_rng([seed, number, RECIPE_STREAM])
     lights = []
     for index in range(NEW_LIGHTS + 1):
         kind = str(rng.choice(list(LIGHT_KINDS), p=list(LIGHT_KINDS.values())))
-        light_seed = (seed * VIEWS + number - 1) * (NEW_LIGHTS + 1) + index
-        lights.append(
-            Lamplight(kind, light_seed, round(float(rng.normal(0, TINT)), 3), round(float(rng.uniform(-180, 180)), 1))
-        )
+        light_seed = (seed * VIEWS + number - 1) * (NEW_LIGHTS + 1) + index  # of its own for each light of each picture
+        tint = round(float(rng.normal(scale=TINT)), 3)
+        yaw = round(float(rng.uniform(-180, 180)), 1)
+        lights.append(Lamplight(kind, light_seed, tint, yaw))
     is_half = number > 1 and rng.random() < HALF_SHARE
     cut = round(float(rng.uniform(*CUT_HEIGHT)), 3) if is_half else None
     stops = round(float(rng.uniform(*STOPS)), 3)
@@ -93,25 +100,25 @@ def draw_recipe(seed: int, number: int) -> PictureRecipe:
 
 
 def under_real_lights(recipe: PictureRecipe) -> PictureRecipe:
-    """Returns a recipe with as many different real panoramas, by their index in NAMES, in place of generated lights."""
+    """Returns a recipe with different real panoramas in place of its generated lights; tints and yaws stay."""
     generated = (recipe.light, *recipe.new)
-    rng = np.random.default_rng([recipe.seed, int(recipe.name[-1]), 0x5EA1])
+    rng = np.random.default_rng([recipe.seed, int(recipe.name[-1]), REAL_STREAM])
     chosen = rng.permutation(len(NAMES))[: len(generated)]
-    light, *new = (replace(one, kind=REAL, seed=int(index)) for one, index in zip(generated, chosen))
+    light, *new = (replace(source, kind=REAL, seed=int(index)) for source, index in zip(generated, chosen))
     return replace(recipe, light=light, new=tuple(new))
 
 
 def with_gloss(mesh: Mesh, seed: int) -> Mesh:
     """Returns a figure with gloss drawn anew from a seed for each material, from satin to nearly matt."""
-    rng = np.random.default_rng([seed, 0xC0A7])
+    rng = np.random.default_rng([seed, GLOSS_STREAM])
     materials = []
     for material in mesh.materials:
-        roughness, specular = (round(float(rng.uniform(*ends)), 3) for ends in ((0.4, 0.8), (0.2, 1.0)))
+        roughness, specular = (round(float(rng.uniform(*ends)), 3) for ends in (ROUGHNESS, SPECULAR))
         materials.append(replace(material, roughness=roughness, specular=specular))
     return replace(mesh, materials=materials)
 
 
 def digest(drawn: list[PictureRecipe]) -> str:
-    """Returns the SHA-256 of recipes."""
+    """Returns the SHA-256 of recipes, in hexadecimal."""
     text = json.dumps([asdict(recipe) for recipe in drawn], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

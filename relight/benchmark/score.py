@@ -16,7 +16,8 @@ from relight.progress import progress
 from relight.srgb import LINEAR, encode
 
 KEYS = ["set", "picture", "figure"]
-READINGS = {"": "RMSE", "_factor": "RMSE*", "_psnr": "PSNR", "_ssim": "SSIM"}  # of relit pictures
+# Of relit pictures: ending of the column -> its head.
+READINGS = {"": "RMSE", "_factor": "RMSE*", "_psnr": "PSNR", "_ssim": "SSIM"}
 PICTURE_COLUMNS = tuple(f"{mode}{reading}" for mode in PICTURES for reading in READINGS)
 MAP_COLUMNS = (
     "albedo", "albedo_factor", "albedo_ssim", "shading", "shading_factor", "shading_ssim",
@@ -138,7 +139,7 @@ def mean_scores(name: str, trainings: list[pd.DataFrame]) -> pd.DataFrame:
 
     Args:
         name: name of the network.
-        trainings: one or more.
+        trainings: the scores of each (`read_scores`), one or more.
 
     Returns:
         The scores of the network.
@@ -147,9 +148,8 @@ def mean_scores(name: str, trainings: list[pd.DataFrame]) -> pd.DataFrame:
         UserError: if the trainings were scored on different sets.
     """
     require_one_set(trainings)
-    frame = pd.DataFrame(
-        np.mean([training.to_numpy() for training in trainings], 0), trainings[0].index, trainings[0].columns
-    )
+    means = np.mean([training.to_numpy() for training in trainings], axis=0)
+    frame = pd.DataFrame(means, trainings[0].index, trainings[0].columns)
     frame.attrs["method"] = name
     return frame
 

@@ -12,6 +12,7 @@ SHIFTS = (4, 8)  # pixels of the square
 LARGER, SMALLER = 1.15, 0.93  # factors on the side of the square
 KNEE, WAIST = 0.72, 0.5  # fractions of a standing figure's height, from the top
 DARK = 0.5  # exposure
+WARM_RED_PER_BLUE = 1.44  # of WARM
 WARM = np.array([1.2, 1.0, 1 / 1.2]) / 1.44  # white balance; dark enough to clip no further pixels
 PLAIN = 1 / 1.44  # neutral, at the exposure of WARM
 
@@ -32,7 +33,13 @@ class Shot:
 
 
 def shift_and_scale(box: Crop, down: float, right: float, scale: float = 1.0) -> Crop:
-    """Returns a square shifted by its own pixels and scaled about its centre."""
+    """Returns a square that is moved and scaled.
+
+    Args:
+        box: the square.
+        down, right: shift, in pixels of the square.
+        scale: factor on its side, about its centre.
+    """
     pixel, side = box.side / box.size, box.side * scale
     offset = (box.side - side) / 2
     return replace(box, top=box.top + down * pixel + offset, left=box.left + right * pixel + offset, side=side)
@@ -47,18 +54,21 @@ def variants(expose: Callable[[np.ndarray | float], np.ndarray], mask: np.ndarra
         size: pixels of the squares.
 
     Returns:
-        Shots by name: "" is the photograph itself, the others are named as in `measures.invariances`.
+        Shots by name: "" is the photograph itself. In down_4, down_8, right_4, right_8, larger and smaller the square
+        is moved or scaled; in fatter and thinner the mask has another outline; knee and waist have a mask that ends
+        there, and its square; mirror is the mirror image; dark, warm and plain have other gains.
     """
-    photo, box = expose(1.0), crop_around(mask, size)
+    photo, box = expose(1.0), crop_around(mask, size)  # a gain of 1
     shots = {"": Shot(photo, mask, box)}
     for pixels in SHIFTS:
-        shots[f"down_{pixels}"] = Shot(photo, mask, shift_and_scale(box, pixels, 0))
-        shots[f"right_{pixels}"] = Shot(photo, mask, shift_and_scale(box, 0, pixels))
-    shots["larger"] = Shot(photo, mask, shift_and_scale(box, 0, 0, LARGER))
-    shots["smaller"] = Shot(photo, mask, shift_and_scale(box, 0, 0, SMALLER))
-    pixel = max(1, round(box.side / size))
+        shots[f"down_{pixels}"] = Shot(photo, mask, shift_and_scale(box, down=pixels, right=0))
+        shots[f"right_{pixels}"] = Shot(photo, mask, shift_and_scale(box, down=0, right=pixels))
+    for name, factor in (("larger", LARGER), ("smaller", SMALLER)):
+        shots[name] = Shot(photo, mask, shift_and_scale(box, down=0, right=0, scale=factor))
+    pixel_of_square = max(1, round(box.side / size))  # in pixels of the photo
     for name, change in (("fatter", binary_dilation), ("thinner", binary_erosion)):
-        shots[name] = Shot(photo, change(mask >= MASK_THRESHOLD, iterations=pixel).astype(np.uint8) * 255, box)
+        changed = change(mask >= MASK_THRESHOLD, iterations=pixel_of_square)
+        shots[name] = Shot(photo, changed.astype(np.uint8) * 255, box)
     (top, bottom), _ = extent(mask >= MASK_THRESHOLD)
     for name, share in (("knee", KNEE), ("waist", WAIST)):
         cut = mask.copy()

@@ -61,7 +61,13 @@ class MethodComparison:
         return {name: table for name, table in made.items() if table.grid.frame.shape[1]}
 
     def methods(self, title: str, heads: dict[str, str], words: str) -> ComparisonTable:
-        """Returns the means of some columns, with a row per method."""
+        """Returns the means of some columns of the scores, with a row per method.
+
+        Args:
+            title: of the table.
+            heads: column -> its head.
+            words: first sentence of the note, about the unit of the numbers.
+        """
         grid = columns_with_cells(heads, {name: self.cells(scores, heads) for name, scores in self.scores.items()})
         return ComparisonTable(title, f"{words} All are {self.counted(self.scores, heads)} {self.sample} {STAR}", grid)
 
@@ -93,7 +99,7 @@ class MethodComparison:
         return ComparisonTable("Invariances and leaks", words, TextTable.of(["measure", *cells], lines))
 
     def cells(self, scores: pd.DataFrame, columns: Iterable[str]) -> dict[str, Estimate | None]:
-        """Returns the estimates of columns; None for those without a score."""
+        """Returns the estimates of columns of a method's scores over figures; None for those without a score."""
         means = scores.groupby("figure", sort=False).mean()
         known = {column: means[column].dropna().to_numpy() for column in columns}
         return {column: estimate(values[None, :, None]) if len(values) else None for column, values in known.items()}
@@ -108,7 +114,12 @@ class MethodComparison:
 
 
 def columns_with_cells(heads: dict[str, str], rows: dict[str, dict[str, Estimate | None]]) -> TextTable:
-    """Returns a grid of estimates by method, without empty rows and columns."""
+    """Returns a grid of estimates, a row per method, without empty rows and columns.
+
+    Args:
+        heads: column of the scores -> its head.
+        rows: method -> column of the scores -> estimate, or None.
+    """
     shown = {name: head for name, head in heads.items() if any(cells[name] for cells in rows.values())}
     lines = [[method, *(cells[name] for name in shown)] for method, cells in rows.items()]
     return TextTable.of(["method", *shown.values()], [line for line in lines if any(line[1:])], digits=DIGITS)

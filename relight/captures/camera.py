@@ -24,7 +24,14 @@ class Pinhole:
     eye: np.ndarray
 
     def rays(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """Returns the rays (N,6) float64 of the world through points of the image; along each, z falls by 1."""
+        """Returns the rays through points of the image, in the world.
+
+        Args:
+            column, row: (N,) pixels from the corner of the top left pixel.
+
+        Returns:
+            (N,6) float64: the eye, and a direction along which the camera's z falls by 1.
+        """
         x, y = (column - self.centre[0]) / self.focal[0], (self.centre[1] - row) / self.focal[1]
         toward = np.stack([x, y, np.full_like(x, -1.0)], -1) @ self.rotation
         return np.concatenate([np.broadcast_to(self.eye, toward.shape), toward], -1)

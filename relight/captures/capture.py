@@ -100,6 +100,9 @@ def capture_subject(name: str) -> str:
 def read_capture(folder: Path) -> Capture:
     """Reads a capture from its folder, but not yet its frames.
 
+    Args:
+        folder: of the capture, with the files that the module's docstring lists.
+
     Raises:
         UserError: if files are missing, broken or inconsistent.
     """
@@ -127,7 +130,17 @@ def read_capture(folder: Path) -> Capture:
 
 
 def entry(content: Any, key: str, kind: type[dict | list | str], index: Path) -> Any:
-    """Returns a value of a JSON object. Raises UserError if it is missing or of another type."""
+    """Returns a value of a JSON object.
+
+    Args:
+        content: the object, as read; anything else has no values.
+        key: of the value.
+        kind: type that the value must have.
+        index: the file, for errors.
+
+    Raises:
+        UserError: if the value is missing or of another type.
+    """
     value = content.get(key) if isinstance(content, dict) else None
     if not isinstance(value, kind):
         words = {"dict": "an object", "list": "a list", "str": "a text"}[kind.__name__]
@@ -136,25 +149,48 @@ def entry(content: Any, key: str, kind: type[dict | list | str], index: Path) ->
 
 
 def numbers(value: list, shape: tuple[int, ...], what: str) -> np.ndarray:
-    """Returns a nested list as an array of float64. Raises UserError unless it has the shape and is finite."""
+    """Returns a nested list as an array of float64.
+
+    Args:
+        value: as read from JSON.
+        shape: that the array must have.
+        what: its name in errors.
+
+    Raises:
+        UserError: if it has another shape, or holds what is no finite number.
+    """
     try:
         array = np.array(value, np.float64)
     except (ValueError, TypeError, OverflowError):
-        array = np.zeros(0)
+        array = np.zeros(0)  # of no allowed shape
     if array.shape != shape or not np.isfinite(array).all():
         raise UserError(f"{what} must be {' x '.join(map(str, shape))} finite numbers")
     return array
 
 
 def frame_path(folder: Path, name: str, index: Path) -> Path:
-    """Returns the path of a frame. Raises UserError if it is not in the capture's folder `frames`."""
+    """Returns the path of a frame.
+
+    Args:
+        folder: of the capture.
+        name: of the frame, by the index.
+        index: the file, for errors.
+
+    Raises:
+        UserError: if the frame is not in the capture's folder `frames`, so that an index cannot name other files.
+    """
     if "\0" in name or Path(name).parts[:-1] != ("frames",) or Path(name).name in ("", "..") or is_unsafe_name(name):
         raise UserError(f"{index}: {name!r} is not a frame: it must be a file of the folder frames, frames/000.png")
     return folder / name
 
 
 def read_camera(camera: dict, size: tuple[int, ...], index: Path) -> Pinhole:
-    """Returns a camera for images of a size (height, width) from OpenCV's matrices (y points down, z forward).
+    """Returns the camera of a capture from OpenCV's matrices (y points down, z forward).
+
+    Args:
+        camera: `intrinsics` (3,3), pixels, and `extrinsics` (3,4), from the world to the camera, as read from JSON.
+        size: height and width of the images.
+        index: the file, for errors.
 
     Raises:
         UserError: if these are not those of a camera.
@@ -168,7 +204,8 @@ def read_camera(camera: dict, size: tuple[int, ...], index: Path) -> Pinhole:
     if not (focal > 0).all():
         raise UserError(f"{index}: the focal lengths in intrinsics must be positive")
     eye = -rotation.T @ extrinsics[:, 3]
-    return Pinhole((size[0], size[1]), focal, intrinsics[:2, 2], np.diag([1.0, -1, -1]) @ rotation, eye)
+    from_opencv = np.diag([1.0, -1, -1])  # Pinhole's y points up, and its z toward the camera
+    return Pinhole((size[0], size[1]), focal, intrinsics[:2, 2], from_opencv @ rotation, eye)
 
 
 def read_picture(path: Path, what: str, mode: str, size: tuple[int, int] | None = None) -> np.ndarray:
@@ -177,7 +214,7 @@ def read_picture(path: Path, what: str, mode: str, size: tuple[int, int] | None 
     Args:
         path: path of the file.
         what: its name in errors.
-        mode: Pillow's.
+        mode: to which it is converted: RGB, or L for grey.
         size: the height and width that it must have; any, by default.
 
     Raises:

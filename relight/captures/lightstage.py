@@ -8,6 +8,7 @@ from scipy.spatial import SphericalVoronoi
 from relight.errors import UserError
 from relight.sh import basis, sphere_quadrature, unoccluded
 
+NORMAL_ORDER = 16  # of the quadrature over all normals by which `projection_error` averages
 MAX_DEGREE = 8  # of the harmonics that `quadrature_weights` integrate exactly: more does not help with 331 lamps
 
 
@@ -30,12 +31,14 @@ def quadrature_weights(directions: np.ndarray) -> np.ndarray:
     try:
         cells = SphericalVoronoi(directions, threshold=1e-9).calculate_areas()
     except ValueError as error:
-        raise UserError(f"the lamps' directions do not span a sphere ({str(error).split(chr(10))[0]})") from None
+        reason = str(error).splitlines()[0]
+        raise UserError(f"the lamps' directions do not span a sphere ({reason})") from None
     weights = cells
     for degree in range(MAX_DEGREE + 1):
         values = basis(directions, degree)
         integrals = np.zeros(values.shape[1])
-        integrals[0] = np.sqrt(4 * np.pi)
+        integrals[0] = np.sqrt(4 * np.pi)  # of Y_00; those of all others are 0
+        # With weights A + sqrt(A) x, the solution x of least norm has the least relative changes.
         change, *_ = np.linalg.lstsq(values.T * np.sqrt(cells), integrals - cells @ values, rcond=None)
         candidate = cells + np.sqrt(cells) * change
         if len(values) <= values.shape[1] or candidate.min() <= 0:
@@ -51,7 +54,7 @@ def projection_error(directions: np.ndarray, weights: np.ndarray) -> float:
         directions: (L,3) unit vectors to the lamps.
         weights: (L,) solid angles.
     """
-    normals, solid_angles = sphere_quadrature(16)
+    normals, solid_angles = sphere_quadrature(NORMAL_ORDER)
     transport = (np.maximum(normals @ directions.T, 0) * weights) @ basis(directions)
     squared = ((transport - unoccluded(normals)) ** 2).sum(1)
     return float(np.sqrt(squared @ solid_angles / solid_angles.sum()))
@@ -77,7 +80,11 @@ class LightStage:
 
     @classmethod
     def from_positions(cls, positions: np.ndarray) -> "LightStage":
-        """Returns the stage with lamps at positions (L,3). Raises UserError as `quadrature_weights`."""
+        """Returns the stage with lamps at positions (L,3).
+
+        Raises:
+            UserError: if two lamps have the same direction, or all lie in one plane.
+        """
         system = np.concatenate([2 * positions, np.ones((len(positions), 1))], 1)
         sphere, *_ = np.linalg.lstsq(system, (positions**2).sum(1), rcond=None)  # |p|^2 = 2 p.c + R^2 - |c|^2
         centre = sphere[:3]

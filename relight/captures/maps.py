@@ -54,9 +54,11 @@ def measure_maps(capture: Capture, radiance: Radiance | None = None) -> tuple[Me
         raise UserError(f"the mask of {capture.name} is empty: no pixel of it is at least half white")
     depth = surface_depth(capture, stage, inside)
     row, column = np.nonzero(inside)
+    # The rays reach depth 1; rotated, they are in the camera's axes, in which the stage is.
     points = camera.rays(column + 0.5, row + 0.5)[:, 3:] @ camera.rotation.T * depth[inside][:, None]
 
     def frames() -> Iterator[tuple[int, np.ndarray]]:
+        """Reads all frames (`Capture.read_frames`), and shows the progress."""
         return progress(capture.read_frames(inside), f"frames of {capture.name}", len(capture.frames))
 
     measured = measure(frames, stage, points, radiance)
@@ -96,7 +98,13 @@ def surface_depth(capture: Capture, stage: LightStage, inside: np.ndarray) -> np
 
 
 def mesh_depth(caster: RayCaster, camera: Pinhole, inside: np.ndarray) -> np.ndarray:
-    """Returns the depth (P,) of a mesh at the centres of the pixels of `inside` (H,W); zero where rays miss it."""
+    """Returns the depth (P,) of a mesh along the optical axis, at the centres of pixels; zero where rays miss it.
+
+    Args:
+        caster: of the mesh, in the world.
+        camera: whose pixels these are.
+        inside: (H,W) bool, the P pixels.
+    """
     row, column = np.nonzero(inside)
     hits = primary_hits(caster, camera, column + 0.5, row + 0.5)
     depth = np.zeros(len(row))
@@ -132,7 +140,12 @@ def measured_maps(measured: Measured, scale: float, mask: np.ndarray, depth: np.
 
 
 def crop_to_square(maps: Maps, size: int) -> Maps:
-    """Returns maps (H,W) resampled to the person's square of `size` pixels: means over the figure in each pixel."""
+    """Resamples maps to the person's square: means over the figure in each pixel.
+
+    Args:
+        maps: (H,W,...) at the photo's pixels.
+        size: pixels of the square.
+    """
     box = crop_around(to_bytes(maps.coverage), size)
     inside, mean = figure_means(maps.coverage, maps.mask, box)
     normal, transport = mean(maps.normal), mean(maps.transport)

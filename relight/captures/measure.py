@@ -108,10 +108,18 @@ def measure(frames: Frames, stage: LightStage, points: np.ndarray, radiance: Rad
 
 
 def sum_frames(frames: Frames, stage: LightStage, points: np.ndarray, radiance: Radiance | None) -> FrameSums:
-    """Sums up frames, each weighted by the lamp's solid angle; arguments as for `measure`."""
+    """Sums up frames, each weighted by the lamp's solid angle (the formula in the module's docstring).
+
+    Args:
+        frames: yields (number of a lamp, its frame (P,3) uint8 sRGB).
+        stage: with the lamps.
+        points: (P,3) of the pixels' surface, in the stage's frame.
+        radiance: of N panoramas, from directions (P,3) to (P,N,3); None for no pictures.
+    """
     count = len(points)
     products = np.zeros((count, 9, 3), np.float32)
-    panoramas = radiance(np.array([[0.0, 0.0, 1.0]])).shape[1] if radiance else 0
+    any_direction = np.array([[0.0, 0.0, 1.0]])  # by which to count the panoramas
+    panoramas = radiance(any_direction).shape[1] if radiance else 0
     pictures = np.zeros((count, panoramas, 3), np.float32)
     peak, clipped, total = np.zeros(count, np.float32), 0, 0
     for lamp, codes in frames():
@@ -134,13 +142,14 @@ def photometric_stereo(frames: Frames, stage: LightStage, points: np.ndarray, pe
     For each pixel, only those frames are used in which its level relative to `peak` is in STEREO_LEVELS.
 
     Args:
-        frames: as for `measure`.
+        frames: yields (number of a lamp, its frame (P,3) uint8 sRGB).
         stage: with the lamps.
-        points: (P,3).
-        peak: (P,) of `FrameSums`.
+        points: (P,3) of the pixels' surface, in the stage's frame.
+        peak: (P,) the largest mean of the channels in any frame, with the falloff removed.
     """
     count = len(points)
-    moments, responses = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
+    moments = np.zeros((count, 3, 3))  # sum of w w^T over the frames that are used, w the direction of the lamp
+    responses = np.zeros((count, 3, 3))  # sum of w I^T, I the color in a frame
     used = np.zeros(count, int)
     for lamp, codes in frames():
         lit_pixels = np.flatnonzero(codes.any(1))
@@ -152,10 +161,11 @@ def photometric_stereo(frames: Frames, stage: LightStage, points: np.ndarray, pe
         moments[lit_pixels] += np.einsum("pi,pj->pij", directions, directions)
         responses[lit_pixels] += np.einsum("pi,pc->pic", directions, linear)
         used[lit_pixels] += 1
-    least = np.linalg.eigvalsh(moments)[:, 0]
+    least = np.linalg.eigvalsh(moments)[:, 0]  # small if all directions lie in a plane, which leaves n undetermined
     trace = np.einsum("pii->p", moments)
     known = (used >= MIN_FRAMES) & (least > MIN_EIGENVALUE * np.maximum(trace, 1e-12))
     solvable = np.where(known[:, None, None], moments, np.eye(3))
+    # The normal is the direction of the grey a n that fits I = a n.w best; with it, the albedo a fits each channel.
     normal = np.linalg.solve(solvable, responses.mean(2)[..., None])[..., 0]
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     square = np.maximum(np.einsum("pi,pij,pj->p", normal, solvable, normal), 1e-12)[:, None]

@@ -52,15 +52,20 @@ def check_name(what: str, name: str) -> None:
 
 
 def no_such(key: str, known: Iterable[str]) -> str:
-    """Returns the message that there is no setting `key`, with the most similar one and the known ones."""
+    """Returns the message that there is no setting of a name, with the most similar one and the known ones.
+
+    Args:
+        key: the unknown setting, such as train.lrr.
+        known: names beside which it would stand, such as those of the group `train`.
+    """
     known = list(known)
     if not known:
         return f"{key}: nothing has this name yet; to add it, write +{key}=<value>"
     name = key.rpartition(".")[2]
-    elsewhere = {other.rpartition(".")[2]: other for other in FIELDS}
-    if close := difflib.get_close_matches(name, known, 1):
+    elsewhere = {full_name.rpartition(".")[2]: full_name for full_name in FIELDS}
+    if close := difflib.get_close_matches(name, known, n=1):
         hint = f"did you mean {close[0]}? "
-    elif close := difflib.get_close_matches(name, elsewhere, 1):
+    elif close := difflib.get_close_matches(name, elsewhere, n=1):
         hint = f"did you mean {elsewhere[close[0]]}? "
     else:
         hint = ""
@@ -70,13 +75,18 @@ def no_such(key: str, known: Iterable[str]) -> str:
 def no_choice(group: str, name: str, choices: Iterable[str]) -> str:
     """Returns the message that a group of settings has no preset `name`, with the most similar one and all of them."""
     choices = list(choices)
-    close = difflib.get_close_matches(name, choices, 1)
+    close = difflib.get_close_matches(name, choices, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
     return f"{group}={name}: no such choice; {hint}{group} is one of {', '.join(choices)}"
 
 
 def _unknown(cfg: DictConfig, above: str = "") -> Iterator[str]:
-    """Yields messages about settings that are not in the schema, which overrides with + add."""
+    """Yields messages about settings that are not in the schema, which overrides with + add.
+
+    Args:
+        cfg: a tree of settings.
+        above: the key of the tree in the whole one, with a dot at the end: "train.".
+    """
     known = getattr(OmegaConf.get_type(cfg), "__dataclass_fields__", None)
     for key in map(str, cfg):
         if known is not None and key not in known:
@@ -122,8 +132,8 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
         if unknown := [row for row in experiment.rows if row not in (get("sweep.rows") or {})]:
             yield f"experiments.{name}.rows: no row {unknown[0]} in sweep.rows; add it there"
         for pair in experiment.compare:
-            first, against, second = pair.partition(" against ")
-            if first not in (get("sweep.rows") or {}) or not against or not second:
+            first, _, second = pair.partition(" against ")
+            if first not in (get("sweep.rows") or {}) or not second:
                 yield f"experiments.{name}.compare: {pair!r} must be ROW against ROW, the first one of sweep.rows"
         columns = [f"{quantity}_{reading}" for quantity in QUANTITIES for reading in ("rmse", "ssim")]
         if unknown := [column for column in experiment.compare_in if column not in columns]:

@@ -35,10 +35,8 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
     Raises:
         UserError: names the wrong setting, and the values allowed.
     """
-    from hydra import (
-        compose,
-        initialize_config_dir,
-    )  # imported here, since it takes half a second that inference does not need
+    # Imported here, since it takes half a second that inference does not need.
+    from hydra import compose, initialize_config_dir
     from hydra.core.config_store import ConfigStore
     from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
@@ -73,6 +71,7 @@ def quoted(override: str) -> str:
     is_text = field is not None and field.type in (str, str | None) and not setting_of(field).choices
     if not separator or not is_text or value in ("", "null") or value[0] in "'\"" or value.startswith("${"):
         return override
+    # Hydra reads \" as a quote, and \\ as a backslash only in front of a quote or at the end.
     escaped = re.sub(r"(\\*)(\"|$)", lambda match: match[1] * 2 + match[2].replace('"', '\\"'), value)
     return f'{key}="{escaped}"'
 
@@ -88,6 +87,10 @@ def presets() -> dict[str, list[str]]:
 
 def read_preset(group: str, name: str = "default") -> Any:
     """Reads one preset that does not depend on others, without Hydra.
+
+    Args:
+        group: folder in conf/, such as `lights`.
+        name: name of the preset.
 
     Returns:
         The group's dataclass, such as `Lights`.
@@ -115,7 +118,12 @@ def resolved(cfg: DictConfig) -> DictConfig:
 
 
 def flat(tree: Any, prefix: str = "") -> dict[str, Any]:
-    """Returns {"a": {"b": 1}} as {"a.b": 1}."""
+    """Flattens nested dictionaries: {"a": {"b": 1}} becomes {"a.b": 1}.
+
+    Args:
+        tree: of dictionaries; all other values are leaves.
+        prefix: text before all keys.
+    """
     out: dict[str, Any] = {}
     for key, value in tree.items():
         out.update(flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value})

@@ -18,10 +18,10 @@ def explain(error: Exception, groups: Iterable[str]) -> str:
         error: error that Hydra, OmegaConf or the YAML reader raised.
         groups: names of all groups of settings.
     """
-    for link in _causes(error):
-        match link:
+    for cause in _causes(error):
+        match cause:
             case yaml.MarkedYAMLError(problem_mark=yaml.Mark() as mark):
-                return f"{mark.name}, line {mark.line + 1}: {link.problem}"
+                return f"{mark.name}, line {mark.line + 1}: {cause.problem}"
             case MissingConfigException(missing_cfg_file=str(preset), options=[*options]) if options:
                 group, _, name = preset.rpartition("/")
                 return no_choice(group, name, options)
@@ -30,13 +30,13 @@ def explain(error: Exception, groups: Iterable[str]) -> str:
                     f"cannot read the override {override!r}: write key=value, lists as key=[a,b], and a value with "
                     """signs such as = # ( or ' in two pairs of quotes, 'key="value"'"""
                 )
-            case ConfigKeyError() | ConfigAttributeError() if link.full_key and link.parent_node is not None:
-                known = [key for key in map(str, link.parent_node) if key not in ("hydra", "code")]
-                if "." not in link.full_key:
+            case ConfigKeyError() | ConfigAttributeError() if cause.full_key and cause.parent_node is not None:
+                known = [key for key in map(str, cause.parent_node) if key not in ("hydra", "code")]
+                if "." not in cause.full_key:
                     known = list(dict.fromkeys([*groups, *known]))
-                return no_such(link.full_key, known)
+                return no_such(cause.full_key, known)
             case ValidationError(full_key=str(key)) if field := field_of(key.partition("[")[0]):
-                value = "null" if link.value is None else repr(link.value)
+                value = "null" if cause.value is None else repr(cause.value)
                 return f"{key.partition('[')[0]} must be {type_in_words(field.type)}, not {value}"
             case OmegaConfBaseException(full_key=str(key), msg=str(text)) if key:
                 return f"{key}: {_first_line(text)}"
@@ -51,4 +51,5 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
 
 
 def _first_line(text: str) -> str:
+    """Returns the first line of a message, with single blanks."""
     return " ".join(text.partition("\n")[0].split())

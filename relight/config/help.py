@@ -9,8 +9,8 @@ from relight.config.composition import presets
 from relight.config.schema import FIELDS, Config
 from relight.config.setting import domain_in_words, setting_of
 
-WIDTH = 110
-INDENT = 40  # of descriptions
+WIDTH = 110  # characters of a line
+INDENT = 40  # characters before descriptions
 
 
 def listing(cfg: DictConfig, keys: Iterable[str]) -> str:
@@ -19,6 +19,9 @@ def listing(cfg: DictConfig, keys: Iterable[str]) -> str:
     Args:
         cfg: the tree with the values.
         keys: groups (`train`) and single settings (`bake.order`).
+
+    Returns:
+        Lines of at most WIDTH characters, with a blank line between groups.
     """
     lines = []
     for key in keys:
@@ -48,9 +51,11 @@ def overview(cfg: DictConfig) -> str:
 
 
 def _line(key: str, value: object) -> str:
+    """Returns a line of the table, `key=value  description (domain)`, wrapped."""
     shown = "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
     about, domain = setting_of(FIELDS[key]).about, domain_in_words(FIELDS[key])
-    text = f"    {f'{key}={shown}':{INDENT - 6}s}  {about}{f' ({domain})' if domain else ''}"
+    assignment, left, gap = f"{key}={shown}", 4 * " ", 2 * " "
+    text = f"{left}{assignment:{INDENT - len(left + gap)}s}{gap}{about}{f' ({domain})' if domain else ''}"
     return "\n".join(textwrap.wrap(text, WIDTH, subsequent_indent=INDENT * " "))
 
 
@@ -61,10 +66,11 @@ def complete(args: list[str], incomplete: str) -> list[str]:
         args: the preceding words. bash splits `scale=sm` into three words and expects completions of the last one.
         incomplete: the text so far.
     """
+    if args[-1:] == ["="]:  # scale = sm
+        return [word for word in values(args[-2]) if word.startswith(incomplete)]
+    if args and not incomplete and (words := values(args[-1])):  # directly behind `scale=`, without its sign
+        return words
     key, equals, value = incomplete.partition("=")
-    if args[-1:] == ["="] or (not incomplete and args[-1:] and values(args[-1])):
-        before = args[-2] if args[-1] == "=" else args[-1]
-        return [word for word in values(before) if word.startswith(incomplete)]
     if equals:
         return [f"{key}={word}" for word in values(key) if word.startswith(value)]
     return [f"{word}=" for word in sorted({*presets(), *FIELDS}) if word.startswith(incomplete)]

@@ -392,7 +392,12 @@ class Config:
 
 
 def fields_by_key(schema: type, above: str = "") -> Iterator[tuple[str, Field[Any]]]:
-    """Yields the keys of a schema, such as `train.lr`, and their fields, including nested groups."""
+    """Yields (key, field) for each setting of a schema, including those of nested groups.
+
+    Args:
+        schema: a dataclass of settings or groups, such as `Config`.
+        above: text before the keys; with "train." the keys of `Train` are such as `train.lr`.
+    """
     for item in fields(schema):
         if isinstance(item.type, type) and is_dataclass(item.type):
             yield from fields_by_key(item.type, f"{above}{item.name}.")

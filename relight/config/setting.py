@@ -64,6 +64,7 @@ class Setting:
         return ordered and all(map(self._allows_item, value))
 
     def _allows_item(self, value: Any) -> bool:
+        """Returns whether a single value, or an item of a list, is one of `choices` and within the bounds."""
         return (
             (not self.choices or value in self.choices)
             and (self.least is None or value >= self.least)

@@ -34,7 +34,7 @@ def names() -> tuple[str, ...]:
 
 
 def missing(name: str) -> str:
-    """Returns the sentence that there is no extension of this name."""
+    """Returns the message that there is no extension of a name."""
     return (
         f"{name}: there is no file {name}.py in relight/extensions, and no installed package has an entry point {name}"
     )

@@ -19,17 +19,23 @@ def main(bake: Bake, mesh: Path, out: Path) -> None:
     aligned = Mesh.load(mesh)
     name, fabrics = aligned.info.get("name", out.stem), aligned.info.get("outfits", [None])
     identity = {"figure": name, "subject": aligned.info.get("subject", name)}
+    # Names of maps are that of the figure with these endings; the frontal view of the first outfit has none.
     outfit_endings, view_endings = outfit_names("", len(fabrics)), ["", *view_names("", bake.views)]
     views = [FRONTAL, *(random_view(view) for view in view_names(name, bake.views))]
 
     def target(outfit: int, view_ending: str) -> tuple[Path, dict]:
-        """Returns the file of a view of an outfit, and what its record has beside that of the mesh."""
+        """Returns the file of the maps of an outfit in a view, and what their record has beside that of the mesh.
+
+        Args:
+            outfit: its number, from 0.
+            view_ending: one of `view_endings`.
+        """
         ending = outfit_endings[outfit] + view_ending
         dressed = {"outfit": outfit, "fabrics": fabrics[outfit]} if outfit else {}
         record = {**identity, "name": name + ending, **dressed} if ending else {}
         return out.with_name(out.stem + ending + out.suffix), record
 
-    targets = [[target(outfit, ending) for outfit in range(len(fabrics))] for ending in view_endings]
+    targets = [[target(outfit, ending) for outfit in range(len(fabrics))] for ending in view_endings]  # by view, outfit
     reason = aligned.info.get("left_out")
     if reason is None:
         try:

@@ -14,7 +14,14 @@ from relight.stages.stage import stage
     out="scores (.csv)",
 )
 def main(color: str, order: int, packed: Path, lights: Path, split: Path, condition: str, out: Path) -> None:
-    """Writes the scores of the baselines (`relight.evaluation.scoring.baselines`)."""
+    """Writes the scores of the baselines (`relight.evaluation.scoring.baselines`).
+
+    Args:
+        color: color model of the networks with which they are compared, train.color.
+        order: of the data, bake.order.
+        packed, lights, split, out: files.
+        condition: name of the figures and lights.
+    """
     from relight.evaluation.scoring.baselines import evaluate_baselines
     from relight.evaluation.scoring.evaluate import Condition
 

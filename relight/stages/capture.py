@@ -10,7 +10,14 @@ from relight.stages.stage import stage
 
 @stage("capture", figure="name of the capture, such as anna.front", out="maps (.exr)")
 def main(figures: Figures, size: int, figure: str, out: Path) -> None:
-    """Writes the measured maps of a capture, or the record of a left-out figure."""
+    """Writes the measured maps of a capture, or the record of a left-out figure.
+
+    Args:
+        figures: with the folder of the captures.
+        size: side of the maps, pixels.
+        figure: name of the capture.
+        out: the maps.
+    """
     from relight.captures.capture import capture_subject, list_captures
     from relight.captures.maps import training_maps
     from relight.maps import write_left_out, write_maps

@@ -24,7 +24,7 @@ def main(track: Track, packed: Path, lights: Path, split: Path, network: Path, c
     from relight.tracking.run import log_scores
 
     evaluate(network, packed, lights, split, Condition.parse(condition), out)
-    scores = next(iter(read_scores(out).values()), None)
+    scores = next(iter(read_scores(out).values()), None)  # None if the condition has no figures or no lights
     means = {name: float(values.mean()) for name, values in (scores.columns if scores else {}).items()}
     known = {name: mean for name, mean in means.items() if not math.isnan(mean)}
     log_scores(track, network, read_config(network), condition, known, out)

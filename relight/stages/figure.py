@@ -22,23 +22,29 @@ def main(figures: Figures, figure: str, out: Path) -> None:
 
     def make() -> Mesh:
         if figures.source == "generated":
-            poses, garments, hair = map(tuple, (figures.poses, figures.garments, figures.hair))
+            constraints = Constraints(
+                figures.sitting, tuple(figures.poses), tuple(figures.garments), tuple(figures.hair)
+            )
             mesh = make_figure(
                 seed,
-                figures.detail,
-                figures.texture,
-                figures.per_subject,
-                figures.shading,
-                figures.outfits,
-                Constraints(figures.sitting, poses, garments, hair),
+                detail=figures.detail,
+                texture=figures.texture,
+                per_subject=figures.per_subject,
+                shading=figures.shading,
+                outfits=figures.outfits,
+                constraints=constraints,
             )
         else:
             mesh = extension(figures.source, "figure")(figures, seed)
         mesh.info.update(name=figure, axes={"up": "+y", "front": "+z"})
         return mesh
 
-    info = {"name": figure, "subject": subject_of(seed, figures.per_subject), "outfits": [None] * figures.outfits}
-    save_mesh(make, info, out)
+    if_left_out = {
+        "name": figure,
+        "subject": subject_of(seed, figures.per_subject),
+        "outfits": [None] * figures.outfits,
+    }
+    save_mesh(make, if_left_out, out)
 
 
 if __name__ == "__main__":

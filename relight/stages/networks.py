@@ -16,6 +16,8 @@ def networks_of(experiments: Path, name: str, folder: Path) -> tuple[dict[str, P
         The files of all trainings by name (ours_full.s0), and those of the first training of each row by row
         (ours_full).
     """
-    rows = json.loads(experiments.read_text())[name]["trainings"]
-    files = {name: folder / f"{name}.safetensors" for trainings in rows.values() for name in trainings}
-    return files, {row: files[trainings[0]] for row, trainings in rows.items()}
+    trainings_of = json.loads(experiments.read_text())[name]["trainings"]
+    files = {
+        training: folder / f"{training}.safetensors" for trainings in trainings_of.values() for training in trainings
+    }
+    return files, {row: files[trainings[0]] for row, trainings in trainings_of.items()}

@@ -28,9 +28,11 @@ def main(split: Split, names: Path, maps: Path, out: Path, record: Path) -> None
 
     all_names = names.read_text().split()
     infos = {name: read_info(maps / f"{name}.exr") for name in all_names}
+    # Further views and outfits, which have another name than their figure, do not count as figures.
     figures = {name: info for name, info in infos.items() if info.get("figure", name) == name}
     reasons = {name: info["left_out"] for name, info in figures.items() if "left_out" in info}
-    usable, needed = len(figures) - len(reasons), max(2, math.ceil(split.least * len(figures)))
+    usable = len(figures) - len(reasons)
+    needed = max(2, math.ceil(split.least * len(figures)))  # one to train on and one to test on, at least
     if usable < needed:
         first = "".join(f"; {name}: {reason}" for name, reason in list(reasons.items())[:3])
         raise UserError(

@@ -40,8 +40,8 @@ def main(
     from relight.evaluation.scoring.evaluate import Condition
 
     _, networks = networks_of(experiments, experiment, results / "train")
-    scored = json.loads(experiments.read_text())[experiment]["scores"]
-    scores = [results / path for row, paths in scored.items() if row for path in paths]
+    files_by_row = json.loads(experiments.read_text())[experiment]["scores"]  # those of "" are the baselines'
+    scores = [results / path for row, paths in files_by_row.items() if row for path in paths]
     data = packed, lights, split, Condition.parse(condition)
     panels.plates(networks, *data, lambda names: panels.evenly_spaced(len(names), panels.PLATE_FIGURES), out)
     panels.plates(networks, *data, partial(panels.extreme_places, scores), extremes)

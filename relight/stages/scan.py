@@ -5,6 +5,7 @@ from pathlib import Path
 from relight.config import Figures
 from relight.errors import UserError
 from relight.files import require_safe_name
+from relight.meshes import Mesh
 from relight.stages.stage import stage
 from relight.stages.step import save_mesh
 
@@ -20,7 +21,7 @@ def main(figures: Figures, figure: str, out: Path) -> None:
     if figure not in scans:
         raise UserError(f"io.figure: {figures.folder} has no scan {figure}; it has {', '.join(scans)}")
 
-    def make():
+    def make() -> Mesh:
         require_safe_name(scans[figure].path)
         mesh = read_mesh(scans[figure].path)
         mesh.info.update(name=figure, subject=scans[figure].subject)

@@ -33,9 +33,9 @@ def main(
 
     paths = [maps / f"{name}.exr" for name in names.read_text().split()]
     plot_occlusion(measure_occlusion(paths, occlusion), histogram)
-    chosen = read_light_set(lights)
-    write_contact_sheet(chosen, spheres)
-    contact_sheet(paths[:SHEET_FIGURES], clearest_light(chosen.of("test").coefficients), figures)
+    light_set = read_light_set(lights)
+    write_contact_sheet(light_set, spheres)
+    contact_sheet(paths[:SHEET_FIGURES], clearest_light(light_set.of("test").coefficients), figures)
 
 
 if __name__ == "__main__":

@@ -10,11 +10,12 @@ from relight.stages.stage import stage
 
 @stage("split", packed="packed set (.safetensors)", record="what the figures are (.json)", out="split (.json)")
 def main(split: Split, packed: Path, record: Path, out: Path) -> None:
-    """Writes the names of the figures by part of the split."""
+    """Writes the names of the figures by part of the split: train, validation, test and so on."""
     from relight.learning.split import is_seated, split_figures
     from relight.maps import PackedMaps
 
     packed_maps = PackedMaps(packed)
+    # Of frontal views in the first outfit, whose maps have the name of the figure.
     subjects = {
         name: subject
         for name, subject, figure in zip(packed_maps.names, packed_maps.subjects, packed_maps.figures)

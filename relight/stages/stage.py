@@ -48,6 +48,7 @@ class Stage:
     """
 
     def __init__(self, name: str, ports: dict[str, str], function: Callable[..., None]):
+        """Makes a function a stage; see the attributes. Parameters of the function have the names of the ports."""
         self.name, self.ports, self._function = name, ports, function
         self._kinds = {port: function.__annotations__[port] for port in ports}  # Path or str
 
@@ -98,6 +99,14 @@ class Stage:
             sys.exit(f"relight {self.name}: {out_of_memory(error)}")
 
     def _call(self, cfg: DictConfig) -> None:
+        """Calls the function with the settings that it reads, once for each position of the lists of files.
+
+        Args:
+            cfg: the composed settings, with the ports under `io`.
+
+        Raises:
+            UserError: if a port is missing, lists differ in length, a setting is invalid, or the function raises it.
+        """
         ports = self.ports
         missing = [f"io.{port}=<{what}>" for port, what in ports.items() if OmegaConf.is_missing(cfg.io, port)]
         if missing:

@@ -25,7 +25,14 @@ def main(
     meshes: Path,
     out: Path,
 ) -> None:
-    """Writes the irradiance of test figures by path tracing (`relight.evaluation.experiments.tracing.trace`)."""
+    """Writes the irradiance of test figures by path tracing (`relight.evaluation.experiments.tracing.trace`).
+
+    Args:
+        trace: number of figures, paths per pixel, bounces.
+        panoramas: source of the lights.
+        order, rays: order of the transport, and rays per pixel by which it is baked.
+        packed, lights, split, meshes, out: files.
+    """
     from relight.evaluation.experiments import tracing
 
     tracing.trace(packed, lights, split, meshes, panoramas, trace, order, rays, out)

@@ -37,6 +37,7 @@ def main(
     from relight.evaluation.scoring.evaluate import inferred_maps, load
     from relight.evaluation.scoring.labels import label
     from relight.lights import read_light_set
+    from relight.sh import coefficient_count
     from relight.viewer.build import build_gallery
     from relight.viewer.figure import QUALITIES, Figure, to_json
     from relight.viewer.source import baked_figure
@@ -44,20 +45,21 @@ def main(
     light_set = read_light_set(lights)
     test = light_set.of("test")
     lights_by_name = {
-        f"{source.replace(':', ' ')} at {yaw:.0f}°": light[:9]
+        f"{source.replace(':', ' ')} at {yaw:.0f}°": light[: coefficient_count(2)]  # pages have order 2
         for source, yaw, light in zip(test.source, test.yaw, test.coefficients)
     }
     tables = (settings for settings in json.loads(experiments.read_text()).values() if "scores" in settings)
+    first_table: dict = next(tables, {"trainings": {}})
     networks = {
         label(row): load(results / "train" / f"{trainings[0]}.safetensors", packed, lights)
-        for row, trainings in next(tables, {"trainings": {}})["trainings"].items()
+        for row, trainings in first_table["trainings"].items()
     }
-    first = int((light_set.split == "test").argmax())
+    first_test_light = int((light_set.split == "test").argmax())
 
     def versions_of(baked: Figure) -> list[Figure]:
         """Returns a figure with its true maps, and with those inferred by each network under the first test light."""
         inferred = (
-            Figure(baked.title, inferred_maps(network, data, first, baked.maps), source=name)
+            Figure(baked.title, inferred_maps(network, data, first_test_light, baked.maps), source=name)
             for name, (network, data) in networks.items()
         )
         return [Figure(baked.title, baked.maps, source="truth"), *inferred]
@@ -66,6 +68,7 @@ def main(
     figures = [baked_figure(maps / f"{names[i]}.exr") for i in evenly_spaced(len(names), MAX_FIGURES)]
 
     def coded_bytes(figure: Figure) -> int:
+        """Returns the bytes of a figure in the page, at TYPICAL_QUALITY."""
         return len(to_json(figure, QUALITIES[TYPICAL_QUALITY]))
 
     # Inferred maps are coded for one figure only; those of the others are larger than true ones by the same factor.

@@ -14,7 +14,7 @@ from relight import __version__
 class Predictor:
     """A network with the interface that MLflow expects."""
 
-    def __init__(self, network):
+    def __init__(self, network):  # a relight.learning.networks.Network, whose import would load torch
         self.network = network
 
     def predict(self, model_input: dict[str, np.ndarray], params: dict | None = None) -> dict[str, np.ndarray]:

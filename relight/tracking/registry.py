@@ -36,7 +36,7 @@ def finish_workflow(track: Track, networks: Mapping[str, Path | str], clone: str
         runs = [find_run(client, experiment, name, config.get("fingerprint", "")) for name, config in trained.items()]
         register(client, [run for run in runs if run])
     except Exception as error:  # of any kind: MLflow raises those of its stores
-        warn("the best network", track, error, set())
+        warn("the best network", track, error, reasons=set())
 
 
 def register(client, runs: list) -> None:

@@ -43,13 +43,14 @@ class TrainingRun:
     """
 
     def __init__(self, track: Track, name: str, fingerprint: str, settings: dict, data: Mapping[str, Path]):
-        """
+        """Takes what the run records; nothing is sent before `open`.
+
         Args:
             track: store and experiment; a workflow's have priority for its stages.
             name: name of the training, such as ours_full.s0.
             fingerprint: `relight.learning.train.fingerprint`.
             settings: parameters of the run, nested.
-            data: input files by name.
+            data: name of an input, such as "lights" -> its file.
         """
         workflow = json.loads(os.environ.get(WORKFLOW, "{}"))
         training = TrainingName.parse(name)
@@ -119,12 +120,16 @@ class TrainingRun:
             yield
         except Exception as error:  # of any kind: MLflow raises those of its stores
             warn(self.name, self.track, error, self._warnings)
+            # A store that cannot be reached takes long to fail: `log` waits, so that it costs little of the training.
             self._retry_at = time.monotonic() + RETRY_FACTOR * (time.monotonic() - began)
 
     def _send(self, steps: Mapping[int, Mapping[str, float]]) -> None:
         """Sends the values of the steps that the store lacks.
 
         A training that was killed logs the steps since its last state again.
+
+        Args:
+            steps: number of a step -> column of the curve -> value.
         """
         self.open()
         if self.is_finished:
@@ -137,16 +142,19 @@ class TrainingRun:
         for step, values in steps.items():
             if step in sent:
                 continue
-            when = int(1000 * time.time())
-            client.log_batch(self.id, [Metric(metric(name), value, when, step) for name, value in values.items()])
+            milliseconds = int(1000 * time.time())
+            metrics = [Metric(metric_name(name), value, milliseconds, step) for name, value in values.items()]
+            client.log_batch(self.id, metrics)
             if self._image and self._image[1] == step:
                 client.log_image(self.id, self._image[0], key="validation", step=step, synchronous=True)
 
 
-def metric(name: str) -> str:
-    """Returns the metric of a value of the curve. MLflow draws its charts by group, the groups by alphabet.
+def metric_name(name: str) -> str:
+    """Returns the name in MLflow, group/value, of a column of a training's curve, [validation/]value.
 
-    >>> [metric(name) for name in ("loss", "validation/loss", "albedo", "validation/albedo")]
+    MLflow draws a chart for each group, in alphabetical order, so both losses come first.
+
+    >>> [metric_name(name) for name in ("loss", "validation/loss", "albedo", "validation/albedo")]
     ['loss/train', 'loss/validation', 'train/albedo', 'validation/albedo']
     """
     group, _, value = name.rpartition("/")
@@ -162,7 +170,12 @@ def read_curve(path: Path) -> dict[int, dict[str, float]]:
 
 
 def dataset_input(name: str, path: Path):
-    """Returns MLflow's record of an input file (`mlflow.entities.DatasetInput`), with its SHA-256."""
+    """Returns MLflow's record of an input file of a training (`mlflow.entities.DatasetInput`), with its SHA-256.
+
+    Args:
+        name: of the input, such as "lights".
+        path: the file.
+    """
     from mlflow.entities import Dataset, DatasetInput, InputTag
 
     digest = file_hash(path)
@@ -175,9 +188,14 @@ def dataset_input(name: str, path: Path):
 def training_run(
     track: Track, name: str, fingerprint: str, settings: dict, data: Mapping[str, Path]
 ) -> Iterator[TrainingRun | None]:
-    """Yields the open run of a training (see TrainingRun), and marks it as failed if the block raises.
+    """Yields the open run of a training, and marks it as failed if the block raises.
 
-    Without an address nothing is tracked, and it yields None.
+    Args:
+        track: store and experiment. Without an address nothing is tracked, and None is yielded.
+        name: name of the training, such as ours_full.s0.
+        fingerprint: hash of everything on which the results depend (`relight.learning.train.fingerprint`).
+        settings: parameters of the run, nested.
+        data: name of an input, such as "lights" -> its file.
     """
     run = TrainingRun(track, name, fingerprint, settings, data)
     if not run.track.uri:
@@ -220,11 +238,11 @@ def log_scores(
         from mlflow.entities import Metric
 
         training.open()
-        client, when = MlflowClient(), int(1000 * time.time())
+        client, milliseconds = MlflowClient(), int(1000 * time.time())
         run = client.get_run(training.id)
         headline = {f"test_{name}": means[name] for name in HEADLINE if condition == "test" and name in means}
         new = {name: value for name, value in headline.items() if run.data.metrics.get(name) != value}
-        metrics = [Metric(name, value, when, 0, model_id=model_of(run)) for name, value in new.items()]
+        metrics = [Metric(name, value, milliseconds, step=0, model_id=model_of(run)) for name, value in new.items()]
         client.log_batch(training.id, metrics)
         table = "\n".join(["score,mean", *(f"{name},{value:.6g}" for name, value in means.items()), ""])
         client.log_text(training.id, table, f"scores/{condition}/means.csv")

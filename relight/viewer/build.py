@@ -23,15 +23,22 @@ PAGE = Path(__file__).parent / "web" / "page"
 BACKGROUNDS = ("studio", "light", "color", "clear", "photo")
 LIMIT = 6_000_000  # bytes of a page with one figure
 FURTHER = 2_500_000  # bytes that the limit grows by with each further one
+FIGURE_MARKUP = 200  # bytes of HTML around each figure, at most
 POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 
 
 @dataclass(frozen=True)
 class Additions:
-    """What a page has beyond the viewer, which by itself it has not.
+    """What a page has beyond the viewer, such as the site that opens photos; by default nothing.
 
-    script: the module that runs; policy: content security policy; style: CSS; stage, panel: HTML on the stage and at
-    the panel's top; worker: a script that the page starts; settings: JSON values for the script.
+    Attributes:
+        script: the module that runs.
+        policy: the page's content security policy.
+        style: CSS.
+        stage: HTML on the stage, beside the picture.
+        panel: HTML at the top of the panel.
+        worker: a script that the page starts as a worker.
+        settings: JSON values for `script`.
     """
 
     script: Path = PAGE / "main.js"
@@ -56,7 +63,21 @@ def build_viewer(
     title: str = "relight",
     limit: int | None = None,
 ) -> None:
-    """Writes the page of one figure: the first arguments are those of `Figure`, the others those of `build_gallery`."""
+    """Writes the page of one figure.
+
+    Args:
+        out: the page (.html).
+        maps: (H,W,...), transport of order 2 or more.
+        lights: radiance coefficients (9,3) by name, in the order shown.
+        photo: (H,W,3) sRGB in [0,1], if the maps are those of a photo.
+        photo_light: (9,3) radiance coefficients of the light of the photo, by which the mode `ratio` divides.
+        background: the first one shown, of BACKGROUNDS; by default a photo's own, else the studio.
+        title: title of the figure and the page.
+        limit: bytes of the page; LIMIT by default.
+
+    Raises:
+        UserError: if a shape is wrong, there is no light, or the page would be too large.
+    """
     build_gallery(out, [Figure(title, maps, photo, photo_light)], lights, background, title, limit)
 
 
@@ -96,7 +117,19 @@ def page_text(
     limit: int | None = None,
     additions: Additions = VIEWER,
 ) -> str:
-    """Returns the HTML that `build_gallery` writes, with its arguments and errors; additions: to the viewer."""
+    """Returns the HTML of a page for several figures.
+
+    Args:
+        figures: in the order shown.
+        lights: radiance coefficients (9,3) by name, in the order shown.
+        background: the first one shown, of BACKGROUNDS; by default a photo's own, else the studio.
+        title: title of the page.
+        limit: bytes of the page; by default LIMIT, and FURTHER for each figure after the first.
+        additions: what the page has beyond the viewer.
+
+    Raises:
+        UserError: if the figures do not fit, there is no figure or light, or the background or a light is invalid.
+    """
     if not figures or not lights:
         raise UserError("a viewer page needs at least one figure and one light")
     if background is not None and background not in BACKGROUNDS:
@@ -123,13 +156,14 @@ def page_text(
         "fragment": (PAGE / "figure.frag").read_text(encoding="utf-8").strip(),
         "script": bundle(additions.script),
     }
-    text = (PAGE / "template.html").read_text(encoding="utf-8")
+    template = (PAGE / "template.html").read_text(encoding="utf-8")
     limit = limit or LIMIT + FURTHER * (len(figures) - 1)
-    room = (limit - len(text) - sum(map(len, parts.values())) - 200 * len(figures)) // len(figures)
+    bytes_for_figures = limit - len(template) - sum(map(len, parts.values()))
+    bytes_for_maps = bytes_for_figures // len(figures) - FIGURE_MARKUP
     parts["figures"] = "\n".join(
         f'<script type="application/json" class="figure" data-title="{html.escape(figure.title)}" '
         f'data-source="{html.escape(figure.source)}">'
-        f"{embed(figure, room)}</script>"
+        f"{embed(figure, bytes_for_maps)}</script>"
         for figure in progress(figures, "figures coded")
     )
-    return re.sub(f"%({'|'.join(parts)})%", lambda match: parts[match[1]], text)
+    return re.sub(f"%({'|'.join(parts)})%", lambda match: parts[match[1]], template)

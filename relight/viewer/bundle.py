@@ -29,6 +29,7 @@ def bundle(entry: Path) -> str:
     parts: list[str] = []
 
     def add(path: Path, importers: tuple[str, ...]) -> None:
+        """Appends a module to `parts`, after those that it imports; `importers` are the names of those on the way."""
         name = path.stem
         if name in importers:
             raise ValueError(f"modules import each other: {' -> '.join([*importers, name])}")

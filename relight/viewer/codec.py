@@ -13,10 +13,10 @@ STRATEGIES = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_FILTERED)
 
 
 def deflate(data: bytes) -> bytes:
-    """Compresses `data` to a zlib stream by the better strategy: residuals have few matches and skewed bytes."""
+    """Compresses bytes to the smaller of the zlib streams of STRATEGIES, with the largest effort."""
     streams = []
     for strategy in STRATEGIES:
-        coder = zlib.compressobj(9, zlib.DEFLATED, 15, 9, strategy)
+        coder = zlib.compressobj(level=9, wbits=15, memLevel=9, strategy=strategy)
         streams.append(coder.compress(data) + coder.flush())
     return min(streams, key=len)
 
@@ -38,16 +38,20 @@ def neighbours(values: np.ndarray, region: np.ndarray) -> tuple[np.ndarray, np.n
     padded = np.pad(np.where(region, values, 0), ((1, 0), (1, 0)))
     left, up, corner = padded[1:, :-1], padded[:-1, 1:], padded[:-1, :-1]
     has_left, has_up, has_corner = known[1:, :-1], known[:-1, 1:], known[:-1, :-1]
-    left, up = np.where(has_left, left, up), np.where(has_up, up, left)
+    left, up = np.where(has_left, left, up), np.where(has_up, up, left)  # both are 0 if both are missing
     corner = np.where(has_left & has_up & has_corner, corner, (left + up) >> 1)
     return left, up, corner
 
 
 def predictions(left: np.ndarray, up: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns the three predictions from the neighbours (H,W) of `neighbours`.
+    """Predicts each pixel from its neighbours in three ways, in the order AVERAGE, MEDIAN, BLEND.
+
+    Args:
+        left, up, corner: (H,W) integers, the left, upper and upper left neighbours.
 
     Returns:
-        The mean, for noise; the median predictor of JPEG-LS, for edges; a damped gradient, for noisy ramps.
+        Three arrays (H,W): the mean of left and up, for noise; the median predictor of JPEG-LS (ITU-T T.87), for edges;
+        a damped gradient, for noisy ramps.
     """
     low, high = np.minimum(left, up), np.maximum(left, up)
     median = np.where(corner >= high, low, np.where(corner <= low, high, left + up - corner))
@@ -70,13 +74,14 @@ def encode(values: np.ndarray, region: np.ndarray) -> tuple[bytes, list[int]]:
     Raises:
         ValueError: if a residual exceeds 16 bits.
     """
-    planes, chosen = [], []
+    streams, chosen = [], []
     for plane in np.moveaxis(values.astype(np.int32), -1, 0):
-        residuals = [(plane - guess)[region] for guess in predictions(*neighbours(plane, region))]
-        best = int(np.argmin([np.log2(1 + np.abs(r)).sum() for r in residuals]))
-        folded = (residuals[best] << 1) ^ (residuals[best] >> 31)
+        residuals = [(plane - predicted)[region] for predicted in predictions(*neighbours(plane, region))]
+        bits = [np.log2(1 + np.abs(residual)).sum() for residual in residuals]  # about the length of each code
+        best = int(np.argmin(bits))
+        folded = (residuals[best] << 1) ^ (residuals[best] >> 31)  # >> 31: -1 for negative values
         if folded.size and folded.max() > 0xFFFF:
             raise ValueError("residuals exceed 16 bits")
-        planes += [(folded & 0xFF).astype(np.uint8).tobytes(), (folded >> 8).astype(np.uint8).tobytes()]
+        streams += [(folded & 0xFF).astype(np.uint8).tobytes(), (folded >> 8).astype(np.uint8).tobytes()]
         chosen.append(best)
-    return deflate(b"".join(planes)), chosen
+    return deflate(b"".join(streams)), chosen

@@ -40,9 +40,6 @@ class Figure:
         photo_light: (9,3) radiance coefficients of the light of the photo, by which the mode `ratio` divides, or None.
         source: where the maps are from (the truth, a network). Figures of one title that differ in it are one in the
             page's list, with a second list of their sources.
-
-    Raises:
-        UserError: if the mask is empty, or a shape does not fit the maps.
     """
 
     title: str
@@ -52,6 +49,7 @@ class Figure:
     source: str = ""
 
     def __post_init__(self):
+        """Raises UserError if the mask is empty, or a shape does not fit the maps."""
         height, width = self.maps.mask.shape
         if not self.maps.mask.any():
             raise UserError(f"figure '{self.title}': its mask is empty; a mask with the figure in it would be right")
@@ -85,7 +83,8 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
             none.
 
     Returns:
-        The header, JSON values, and the bytes.
+        The header, JSON values: sizes, the box of the figure (left, top, width, height), bytes of the coded region, and
+        `planes`, the name, bytes, steps per unit and predictors of each map. And the bytes: the streams of `codec`.
     """
     maps = figure.maps
     height, width = maps.mask.shape
@@ -109,11 +108,13 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
         header["floor"] = shading_floor(shading(maps.transport, light), maps.mask)
 
     def add(name: str, integers: np.ndarray, steps: int, where: np.ndarray) -> None:
+        """Appends the planes (h,w,C) of a map of the box at the pixels `where` (h,w): integers of `steps` per unit."""
         stream, predictors = encode(integers, where)
         streams.append(stream)
         header["planes"].append({"name": name, "bytes": len(stream), "steps": steps, "predictors": predictors})
 
     def cut(values: np.ndarray) -> np.ndarray:
+        """Returns a map (H,W,...) on the box, float32, carried outward past the mask."""
         return fill_outside(np.nan_to_num(np.asarray(values, np.float32)[rows, columns]), mask)
 
     transport, ao = cut(maps.transport[..., : coefficient_count(2)]), cut(maps.ao)
@@ -121,10 +122,11 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
     add("albedo", np.rint(encode_srgb(cut(maps.albedo)) * ALBEDO_STEPS), ALBEDO_STEPS, region)
     if maps.normal.any():
         add("normal", np.rint(octahedral(cut(maps.normal)) * NORMAL_STEPS), NORMAL_STEPS, region)
-    if np.abs(ao - np.clip(transport[..., 0] / UNOCCLUDED_T00, 0, 1))[region].max() > 0.5 / 255:
-        add("ao", np.rint(ao * 255)[..., None], 255, region)
+    ao_of_transport = np.clip(transport[..., 0] / UNOCCLUDED_T00, 0, 1)  # which the page takes if there is no other
+    if np.abs(ao - ao_of_transport)[region].max() > 0.5 / 255:
+        add("ao", np.rint(ao * 255)[..., None], steps=255, where=region)
     if (alpha != 255 * region).any():
-        add("coverage", alpha[..., None], 255, np.ones_like(region))
+        add("coverage", alpha[..., None], steps=255, where=np.ones_like(region))
     if figure.photo is not None:
         codes = np.rint(np.clip(figure.photo, 0, 1) * 255).astype(np.uint8)
         soft = (alpha > 0) & (alpha < 255)
@@ -138,7 +140,7 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
         if background_step > 1:
             coarse = np.minimum((codes.astype(int) + background_step // 2) // background_step * background_step, 255)
             codes = np.where(coverage[..., None] == 0, coarse, codes)
-        add("photo", differences(codes), 255, np.ones_like(maps.mask))
+        add("photo", differences(codes), steps=255, where=np.ones_like(maps.mask))
     return header, b"".join(streams)
 
 

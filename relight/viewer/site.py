@@ -41,11 +41,12 @@ def build_site(
         network: the .onnx file of a network for photos (`train.color=photo`), of order 2.
         size: S, of the network's images in pixels.
         figures: what the page offers before a photo is opened, in the order shown; at least one.
-        lights: as in `relight.viewer.build.build_gallery`.
+        lights: radiance coefficients (9,3) by name, in the order shown.
         title: title of the page.
 
     Raises:
-        UserError: if the folder holds anything else, onnxruntime-web is not set up, or for `build_gallery`'s reasons.
+        UserError: if the folder holds anything else, onnxruntime-web is not set up, the figures do not fit the page, or
+            there is no figure or light.
     """
     if out.exists() and not out.is_dir():
         raise UserError(f"web: {out} is a file: give a folder")
@@ -75,6 +76,7 @@ def build_site(
         version = hashlib.sha256()
         for path in sorted(folder.iterdir()):
             version.update(path.read_bytes())
+        # The service worker's version is a hash of all other files, so that browsers notice a site that was made anew.
         service = (STUDIO / "sw.js").read_text(encoding="utf-8")
         (folder / "sw.js").write_text(service.replace("%version%", version.hexdigest()[:16]), encoding="utf-8")
 

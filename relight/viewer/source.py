@@ -51,15 +51,15 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
     Raises:
         UserError: for what is no light, or a black one.
     """
-    wanted = {Path(text).stem if Path(text).is_file() else text: text for text in texts} or LIGHTS
-    lights = {name: load_light(text).coefficients for name, text in wanted.items()}
+    texts_by_name = {Path(text).stem if Path(text).is_file() else text: text for text in texts} or LIGHTS
+    lights = {name: load_light(text).coefficients for name, text in texts_by_name.items()}
     for name, light in lights.items():
         if not light[0].max() > 0:
             raise UserError(f"light '{name}' is black; one that shines would be right")
     first = next(iter(lights.values()))
     front, level = reference_brightness(first), first[0].sum()  # level: mean radiance, up to a factor
     comes_from_behind = front <= MIN_FRONT * level
-    common_level = BRIGHTNESS if comes_from_behind else BRIGHTNESS / front * level
+    common_level = BRIGHTNESS if comes_from_behind else BRIGHTNESS / front * level  # of all lights on the page
     return {name: light * (common_level / light[0].sum()) for name, light in lights.items()}
 
 
@@ -84,7 +84,7 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
     Args:
         path: maps (.exr) or a photo.
         relighter: for photos; None where there are only maps.
-        mask: mask of the photo; by default it is found as for `relight photo` (docs/photos.md).
+        mask: mask of the photo; by default it is that of the file beside the photo, or found in it (docs/photos.md).
         size: pixels that the photo's longer side is scaled down to.
 
     Raises:
@@ -113,7 +113,7 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
     Args:
         relighter: the network.
         pixels: (H,W,3) uint8 sRGB.
-        coverage: (H,W) uint8.
+        coverage: (H,W) uint8, of the photo's pixels by people.
         title: title of the figure.
 
     Raises:
@@ -129,12 +129,13 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
     shape = coverage.shape
     albedo, transport = np.zeros((*shape, 3), np.float32), np.zeros((*shape, (relighter.order + 1) ** 2), np.float32)
     for person in people:
-        place, window = person.crop, person.crop.window
+        crop, window = person.crop, person.crop.window
         covered = person.coverage[window] > 0
         where = np.flatnonzero(covered)
-        detail = person.detail(LINEAR[pixels[window][covered]], place.rows, where)
-        albedo[window][covered] = person.fitted_albedo.place(place, detail, place.rows, where) ** 2
-        transport[window][covered] = person.fitted_transport.place(place, luma(detail), place.rows, where)
+        detail = person.detail(LINEAR[pixels[window][covered]], crop.rows, where)
+        # What is fitted is the root of the albedo.
+        albedo[window][covered] = person.fitted_albedo.place(crop, detail, crop.rows, where) ** 2
+        transport[window][covered] = person.fitted_transport.place(crop, luma(detail), crop.rows, where)
     maps = Maps(
         mask=coverage > 0,
         coverage=coverage / np.float32(255),

@@ -15,6 +15,7 @@ import pytest
 from relight.benchmark.methods import BASELINES, FIXED, answer
 from relight.benchmark.score import COLUMNS, KEYS, mean_scores, read_scores, score
 from relight.config import ROOT, Benchmark
+from relight.config_folder import ConfigFolder
 from relight.errors import UserError
 from relight.photos.api import WEIGHTS
 from relight.plan import Plan
@@ -136,7 +137,7 @@ def test_benchmark_section_of_the_report(tmp_path, capsys):
         if method not in BASELINES:
             values |= {"light": [2 * level] * 3, "knee": [level, level, level]}
         write(tmp_path / "benchmark_scores" / method, values)
-    (tmp_path / "experiments.json").write_text(plan(tmp_path).experiments_json())
+    (tmp_path / "experiments.json").write_text(ConfigFolder(plan(tmp_path)).experiments_json())
     (tmp_path / "report").mkdir()
     out = tmp_path / "report" / "report.html"
     report("mine", tmp_path / "experiments.json", tmp_path, out)

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from relight.config import CONF, ROOT
+from relight.config_folder import ConfigFolder
 from relight.errors import UserError
 from relight.plan import Plan
 from relight.run import expand_sweep
@@ -25,12 +26,12 @@ def test_overrides_as_words_or_list():
 def test_runs_are_rows_times_seeds():
     plan = Plan({"hydra": "scale=smoke sweep.seeds=[0,7]"})
     assert len(plan.trainings) == 2 * len(plan.rows) and len(plan.rows) >= 4
-    settings = yaml.safe_load(plan.settings_file("train.sfsnet.s7"))
+    settings = yaml.safe_load(ConfigFolder(plan).stage_settings("train.sfsnet.s7"))
     assert settings["train"]["seed"] == 7 and settings["loss"]["shading"] == 0
 
 
 def test_a_stage_gets_what_it_reads_and_nothing_else():
-    settings = yaml.safe_load(Plan({"hydra": "scale=smoke"}).settings_file("bake"))
+    settings = yaml.safe_load(ConfigFolder(Plan({"hydra": "scale=smoke"})).stage_settings("bake"))
     assert set(settings) == {"defaults", "hydra", "bake", "code"}
 
 
@@ -39,9 +40,11 @@ def test_settings_of_a_split_are_those_that_name_it():
         Plan({"hydra": f"scale=smoke {word}"}) for word in ("split.least=0.3", "split.least=0.3 split.kind=paper")
     )
     assert (
-        plan.settings_file("split.paper") == named.settings_file("split.paper") != plan.settings_file("split.subject")
+        ConfigFolder(plan).stage_settings("split.paper")
+        == ConfigFolder(named).stage_settings("split.paper")
+        != ConfigFolder(plan).stage_settings("split.subject")
     )
-    assert yaml.safe_load(plan.settings_file("split.paper"))["split"]["kind"] == "paper"
+    assert yaml.safe_load(ConfigFolder(plan).stage_settings("split.paper"))["split"]["kind"] == "paper"
 
 
 PRESETS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
@@ -50,7 +53,9 @@ PRESETS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
 def test_more_figures_leave_those_that_are_there():
     """What their stage reads is a file: they would be made anew if it told how many there are."""
     few, more = (Plan({"hydra": f"scale=smoke {words}"}) for words in ("", "figures.first=3 figures.count=9"))
-    assert few.figures != more.figures and few.settings_file("figure") == more.settings_file("figure")
+    assert few.figures != more.figures and ConfigFolder(few).stage_settings("figure") == ConfigFolder(
+        more
+    ).stage_settings("figure")
 
 
 def test_a_row_means_the_same_in_every_preset():
@@ -69,8 +74,8 @@ def test_every_preset_plans(preset):
     plan = Plan({"hydra": f"scale=smoke experiment={preset}"})
     assert list(plan.experiments) == [preset]
     for run in plan.trainings:
-        plan.settings_file(f"train.{run}")
-    found = json.loads(plan.experiments_json())[preset]
+        ConfigFolder(plan).stage_settings(f"train.{run}")
+    found = json.loads(ConfigFolder(plan).experiments_json())[preset]
     assert list(found["trainings"]) == found["rows"]
     if found["table"]:
         assert set(found["scores"]) == set(found["usual"]) == {*found["rows"], ""}
@@ -81,7 +86,7 @@ def test_every_preset_plans(preset):
 def test_experiments_share_runs_and_keep_their_conditions():
     plan = Plan({"hydra": "scale=smoke experiment=[table1,table2,sitting,unusual_lights,silhouette]"})
     assert plan.scored.count("ours_full.s0") == 1
-    found = json.loads(plan.experiments_json())
+    found = json.loads(ConfigFolder(plan).experiments_json())
     assert found["table1"]["scores"]["ours_full"] == ["evaluate/ours_full.s0.csv"]
     assert found["sitting"]["scores"]["ours_full"] == ["evaluate/sitting-test/ours_full.s0.csv"]
     assert found["sitting"]["usual"]["ours_full"] == ["evaluate/ours_full.s0.csv"]
@@ -92,7 +97,7 @@ def test_experiments_share_runs_and_keep_their_conditions():
 def test_a_run_goes_on_from_another_of_its_seed():
     plan = Plan({"hydra": "scale=smoke experiment=self_supervised sweep.seeds=[0,3] sweep.only=[self_all]"})
     assert plan.start_network("self_all.s3") == ["results/smoke/train/ours_full.s3.safetensors"]
-    settings = yaml.safe_load(plan.settings_file("train.self_all.s3"))
+    settings = yaml.safe_load(ConfigFolder(plan).stage_settings("train.self_all.s3"))
     assert settings["train"]["start"] == plan.start_network("self_all.s3")[0]
     assert plan.start_network("ours_full.s0") == [] and plan.scored == ["self_all.s0", "self_all.s3"]
 
@@ -118,9 +123,9 @@ def test_figures_of_whole_decades_are_made_together():
 
 def test_rows_may_have_splits_of_their_own():
     plan = Plan({"hydra": "scale=smoke experiment=splits"})
-    splits = json.loads(plan.experiments_json())["splits"]["splits"]
+    splits = json.loads(ConfigFolder(plan).experiments_json())["splits"]["splits"]
     assert splits == {"ours_disjoint": "split/disjoint.json", "ours_siblings": "split/siblings.json"}
-    assert yaml.safe_load(plan.settings_file("split.siblings"))["split"]["kind"] == "siblings"
+    assert yaml.safe_load(ConfigFolder(plan).stage_settings("split.siblings"))["split"]["kind"] == "siblings"
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ import yaml
 from relight import plan as plan_module
 from relight import run as module
 from relight.config import ROOT
+from relight.config_folder import ConfigFolder
 from relight.errors import UserError
 
 
@@ -30,7 +31,8 @@ def calls(tmp_path, monkeypatch) -> list:
 
     monkeypatch.setattr(module, "snakemake", snakemake)
     monkeypatch.setattr(module, "ROOT", tmp_path)
-    monkeypatch.setattr("relight.plan.ROOT", tmp_path)
+    for name in ("config_folder", "rows"):
+        monkeypatch.setattr(f"relight.{name}.ROOT", tmp_path)
     monkeypatch.setattr(module, "LOCK", tmp_path / ".snakemake" / "relight.lock")
     return found
 
@@ -137,7 +139,7 @@ def test_what_failed_leaves_the_report_of_the_others(tmp_path, monkeypatch, caps
     assert "failed: inference_time" in capsys.readouterr().err
     without = plan_module.Plan(config, failed)
     assert list(without.experiments) == ["table1"] and without.tables == ["table1"]
-    found = json.loads(without.experiments_json())
+    found = json.loads(ConfigFolder(without).experiments_json())
     assert found["inference_time"]["failed"] == failed["inference_time"] and "scores" in found["table1"]
     plan_module.report_completed(without)
     assert len(again.calls) == 1, "a report of the others that fails is not tried again"

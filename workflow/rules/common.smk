@@ -10,6 +10,7 @@ sys.path.insert(0, str(Path(workflow.basedir).parent))
 from snakemake.exceptions import WorkflowError
 
 from relight.code import save_cache
+from relight.config_folder import ConfigFolder
 from relight.errors import UserError
 from relight.files import is_unsafe_name
 from relight.processes import STARTED_BY
@@ -27,6 +28,7 @@ try:
 except UserError as error:
     raise WorkflowError(str(error)) from None
 OUT = PLAN.out
+CONFIG = ConfigFolder(PLAN)
 os.environ[WORKFLOW] = json.dumps(PLAN.tracking())
 
 

@@ -5,6 +5,6 @@ rule settings:
         f"{OUT}/config/{{file}}",
     localrule: True
     params:
-        text=lambda wildcards: PLAN.config_text(wildcards.file),
+        text=lambda wildcards: CONFIG.text(wildcards.file),
     shell:
         "printf %s {params.text:q} > {output:q}"

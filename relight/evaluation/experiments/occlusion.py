@@ -119,8 +119,8 @@ def plot_occlusion(table: pd.DataFrame, out: Path) -> None:
     middle = (np.arange(BINS) + 0.5) / BINS
     low, high = np.quantile(shares, [0.1, 0.9], axis=0)
     paper = {"color": "#ef5675", "linewidth": 1.6}
-    with chart(out, 9.2, 3.2) as figure:
-        left, right = figure.subplots(1, 2)
+    with chart(out, width=9.2, height=3.2) as figure:
+        left, right = figure.subplots(ncols=2)
         left.bar(middle, shares.mean(0), 0.9 / BINS, color="#30638e")
         left.vlines(middle, low, high, color="#1c1c1e", linewidth=1)
         left.axvline(table.ao.mean(), color="#30638e", linestyle="--", label="mean")

@@ -88,12 +88,16 @@ class Chain:
         return cls(scene, true, albedo, pictures)
 
     def steps(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-        """Yields each cause except the network, and the pictures before and after it."""
+        """Yields (cause, picture before it, picture after it) for each of CAUSES except the network.
+
+        Pictures are (P,3), or (2,P,3) if they are traced.
+        """
         scene, transport = self.scene, self.truth.transport[0]
         pictures = [self.pictures["truth"]]
         irradiances = (transport @ scene.light, scene.area, scene.cut, scene.direct, scene.full)
         pictures += [self.albedo * values for values in irradiances]
-        yield from zip(list(CAUSES)[1:], pictures, pictures[1:])
+        causes = [cause for cause in CAUSES if cause != "network"]
+        yield from zip(causes, pictures, pictures[1:])
 
     def relight(self, inferred: Inferred) -> np.ndarray:
         """Returns the picture (P,3) of inferred maps under the new light; albedo that is not inferred is true."""
@@ -183,9 +187,8 @@ def traced_plate(
             relit = [[] for _ in chains]
         for chain, pictures in zip(chains, relit):
             pictures.append(chain.relight(infer(network, data, chain.scene.figure, np.array([chain.scene.seen]))))
-    lines = [
-        Line(subject.name, subject, views(chain, pictures)) for subject, chain, pictures in zip(subjects, chains, relit)
-    ]
+    cells = map(views, chains, relit)
+    lines = [Line(subject.name, subject, of_subject) for subject, of_subject in zip(subjects, cells)]
     heads = ["input", *(f"relit by {label(row)}" for row in networks), "true maps, relit", "path traced"]
     heads += [*(f"error of {label(row)}" for row in networks), "error of the true maps", "inter-reflection"]
     note = (
@@ -196,7 +199,16 @@ def traced_plate(
 
 
 def views(chain: Chain, relit: list[np.ndarray]) -> list[Cell]:
-    """Returns a row of the plate."""
+    """Returns a row of `traced_plate`.
+
+    Args:
+        chain: of the figure.
+        relit: (P,3) by each network.
+
+    Returns:
+        The input; the figure relit by each network and by the true maps, and path traced; the errors of the relit
+        pictures, and the light that interreflection adds.
+    """
     traced, true, light = chain.full.mean(0), chain.pictures["truth"], chain.scene.light
     direct = chain.albedo * chain.scene.direct.mean(0)
     return [

@@ -15,6 +15,7 @@ from relight.processes import count_cores
 from relight.progress import progress
 
 SECONDS = 1.0  # for which the calls of a measurement are repeated
+MIN_CALLS = 3  # of a measurement
 COLUMNS = ["row", "width", "parameters", "size", "device", "threads", "wall", "cpu"]
 
 
@@ -22,15 +23,18 @@ def fastest_call(call: Callable[[], object], device: str, seconds: float = SECON
     """Returns the least wall and CPU seconds of repeated calls, since other work of the machine only adds time.
 
     Args:
-        call: is made once to warm up, then at least three times.
+        call: is made once to warm up, then at least MIN_CALLS times.
         device: on cuda, a call lasts until the GPU has finished.
         seconds: for which calls are repeated.
+
+    Returns:
+        The least wall time, and the least CPU time over all threads, seconds; they can be those of different calls.
     """
     walls: list[float] = []
     cpus: list[float] = []
     call()
     deadline = time.perf_counter() + seconds
-    while len(walls) < 3 or time.perf_counter() < deadline:
+    while len(walls) < MIN_CALLS or time.perf_counter() < deadline:
         start, cpu_start = time.perf_counter(), time.process_time()
         call()
         if device == "cuda":
@@ -68,10 +72,19 @@ def time_networks(models: dict[str, Model], settings: Timing, out: Path) -> None
 
 @torch.inference_mode()
 def time_network(model: Model, size: int, device: str) -> dict[str, float]:
-    """Returns the measurements of one network at one size, by column."""
+    """Times one network at one size, on a single picture.
+
+    Args:
+        model: settings of the network.
+        size: side of the picture, pixels.
+        device: cpu or cuda.
+
+    Returns:
+        width (over the paper's), parameters (their number), size, wall and cpu (seconds; 0 on a GPU).
+    """
     network = build(model, size).to(device).eval()
-    image = torch.rand(1, 3, size, size, device=device).contiguous(memory_format=torch.channels_last)
-    mask = torch.ones(1, 1, size, size, device=device)
+    image = torch.rand((1, 3, size, size), device=device).contiguous(memory_format=torch.channels_last)
+    mask = torch.ones((1, 1, size, size), device=device)
     wall, cpu = fastest_call(lambda: network(image, mask), device)
     return {
         "width": model.width,

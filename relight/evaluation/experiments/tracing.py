@@ -26,6 +26,7 @@ from relight.transport import PathTracer
 from relight.transport.tracer import block_means, sky_directions, sky_weights
 
 PIXEL_SAMPLES = 4  # k: transport is averaged over k x k points of a pixel
+MIN_RAYS = 16  # of each of these points
 TEXEL_SAMPLES = 4  # k: the panorama is averaged over k x k points of a texel
 
 
@@ -86,7 +87,7 @@ def trace(
         seen, new = (int(light_indices[(i + k) % len(light_indices)]) for k in (0, 1))
         mesh = Mesh.load(meshes / f"{data.names[figure]}.npz")
         sky = sky_of(table, new, panoramas)
-        scenes.append(Scene(figure, seen, new, *trace_figure(mesh, data, figure, sky, settings, rays)))
+        scenes.append(Scene(figure, seen, new, **trace_figure(mesh, data, figure, sky, settings, rays)))
     arrays = {f"{i}.{name}": value for i, scene in enumerate(scenes) for name, value in vars(scene).items()}
     with atomic_write(out) as tmp, open(tmp, "wb") as file:
         np.savez_compressed(file, **arrays)
@@ -110,37 +111,76 @@ def read_scenes(path: Path) -> list[Scene]:
 
 def trace_figure(
     mesh: Mesh, data: RelitSet, figure: int, sky: np.ndarray, settings: config.Trace, rays: int
-) -> tuple[np.ndarray, ...]:
-    """Returns `light`, `area`, `cut`, `direct` and `full` of a Scene."""
+) -> dict[str, np.ndarray]:
+    """Path traces a figure in a panorama.
+
+    Args:
+        mesh: the figure, aligned.
+        data: the data set, with its mask.
+        figure: its index in the data set.
+        sky: (H,W,3) radiance at `sky_directions`.
+        settings: paths per pixel, bounces.
+        rays: per pixel, for the transport.
+
+    Returns:
+        The arrays `light`, `area`, `cut`, `direct` and `full` of a Scene.
+    """
     order = order_of(data.lights.shape[1])
     harmonics = basis(sky_directions(), order)
     light = np.einsum("hw,hwk,hwc->kc", sky_weights(), harmonics, sky)
     pixel = pixels(data, figure)
-    tracer, samples = PathTracer(mesh, data.size), max(1, settings.samples // 2)
+    tracer, samples = PathTracer(mesh, data.size), max(1, settings.samples // 2)  # each of two renderings has half
 
-    def trace_twice(source: np.ndarray, bounces: int, first: int) -> np.ndarray:
-        images = [tracer.irradiance(source, samples, bounces, first + k) for k in (0, 1)]
+    def trace_twice(source: np.ndarray, bounces: int, seed: int) -> np.ndarray:
+        """Returns the irradiance (2,P,3) from a panorama, with independent samples of `seed` and `seed + 1`."""
+        images = [tracer.irradiance(source, samples, bounces, seed + k) for k in (0, 1)]
         return np.stack([image.reshape(-1, 3)[pixel] for image in images]).astype(np.float32)
 
-    area = area_irradiance(mesh, data.size, light, order, rays)[pixel]
-    cut, direct = trace_twice(harmonics @ light, 0, 1), trace_twice(sky, 0, 3)
-    return light, area, cut, direct, trace_twice(sky, settings.bounces, 5)
+    return {
+        "light": light,
+        "area": area_irradiance(mesh, data.size, light, order, rays)[pixel],
+        "cut": trace_twice(harmonics @ light, bounces=0, seed=1),
+        "direct": trace_twice(sky, bounces=0, seed=3),
+        "full": trace_twice(sky, settings.bounces, seed=5),
+    }
 
 
 def area_irradiance(mesh: Mesh, size: int, light: np.ndarray, order: int, rays: int) -> np.ndarray:
-    """Returns T.L (size^2, 3) as the albedo-weighted mean over each pixel's area, as in `PathTracer.irradiance`."""
+    """Returns the irradiance T.L by baked transport, as the mean over each pixel's area.
+
+    The mean is weighted by the albedo, like that of `PathTracer.irradiance`, so that the two can be compared.
+
+    Args:
+        mesh: the figure, aligned.
+        size: side of the image, pixels.
+        light: (K,3) radiance coefficients.
+        order: of transport and light.
+        rays: per pixel.
+
+    Returns:
+        (size^2,3) float32, in raster order.
+    """
     from relight.transport import bake
 
     # Fewer rays are enough, since the mean over PIXEL_SAMPLES^2 samples reduces noise.
-    maps = bake(mesh, PIXEL_SAMPLES * size, max(16, rays // PIXEL_SAMPLES), order)
-    weight = np.maximum(maps.albedo, 1e-6) * maps.mask[..., None]
+    maps = bake(mesh, PIXEL_SAMPLES * size, max(MIN_RAYS, rays // PIXEL_SAMPLES), order)
+    weight = np.maximum(maps.albedo, 1e-6) * maps.mask[..., None]  # black pixels have irradiance, too
     total = np.maximum(block_means(weight, PIXEL_SAMPLES), 1e-12)
     irradiance = block_means(weight * (maps.transport @ light), PIXEL_SAMPLES) / total
     return irradiance.reshape(-1, 3).astype(np.float32)
 
 
 def sky_of(table: LightSet, row: int, panoramas: config.Panoramas) -> np.ndarray:
-    """Returns the panorama (ROWS, 2 ROWS, 3) of a light of the set, rotated and scaled like the light."""
+    """Returns the panorama of a light of the light set, rotated and scaled like the light.
+
+    Args:
+        table: the light set.
+        row: of the light.
+        panoramas: source of the panoramas.
+
+    Returns:
+        (H,W,3) float64 radiance at `sky_directions`.
+    """
     from relight.photos.compose.environment import lookup
 
     panorama = panorama_of(str(table.source[row]), float(table.yaw[row]), panoramas)
@@ -151,7 +191,16 @@ def sky_of(table: LightSet, row: int, panoramas: config.Panoramas) -> np.ndarray
 
 
 def panorama_of(source: str, yaw: float, panoramas: config.Panoramas) -> Panorama:
-    """Returns the panorama of a light set's `source`, rotated by `yaw` degrees."""
+    """Returns the panorama from which a light of a light set was made.
+
+    Args:
+        source: of the light: a file in the folder of panoramas, or kind:seed of a generated one.
+        yaw: rotation about the vertical, degrees.
+        panoramas: the folder, and the layout of its files.
+
+    Raises:
+        UserError: if the light was not made from a panorama.
+    """
     from relight.lights.chain import GENERATORS, read_from_folder
 
     if panoramas.source == "folder":

@@ -49,7 +49,14 @@ class Partner:
     inferred: Inferred
 
     def maps(self, step: int) -> tuple[np.ndarray, np.ndarray]:
-        """Returns albedo (N,P,3) and transport (N,P,K) whose row k was inferred under light k - step."""
+        """Returns the maps that are relit for each light, which were inferred under another one.
+
+        Args:
+            step: 1 or -1. Row k was inferred under light k - step (cyclic).
+
+        Returns:
+            Albedo (N,P,3) and transport (N,P,K).
+        """
         albedo, transport, light = self.truth.complete(self.inferred)
 
         def rolled(values: np.ndarray) -> np.ndarray:
@@ -86,7 +93,20 @@ def evaluate_transfer(networks: dict[str, Path], packed: Path, lights: Path, spl
 
 
 def score_swaps(predictor: Predictor, data: RelitSet, split: Path) -> dict[str, Scores]:
-    """Returns the scores of a predictor's VARIANTS and of BASELINES: a row per pair of figures, a column per swap."""
+    """Scores a predictor on swaps of lights.
+
+    Args:
+        predictor: that infers the maps and lights of the figures.
+        data: figures and lights.
+        split: the split (.json).
+
+    Returns:
+        Name of VARIANTS or BASELINES -> scores (F,L) of the F pairs of test figures, a+b, and the L swaps, by the index
+        of the light of a.
+
+    Raises:
+        UserError: if there are fewer than two test figures or test lights.
+    """
     figures, test_lights = select_pairs(data, split)
     pairs = pair_up(figures)
     if len(test_lights) < 2:
@@ -95,23 +115,33 @@ def score_swaps(predictor: Predictor, data: RelitSet, split: Path) -> dict[str, 
     by_variant: dict[str, list[dict[str, np.ndarray]]] = {}  # for each pair, its errors (L,) by column
     for pair in progress(pairs, "pairs of figures"):
         a, b = (Partner(truth(data, figure, test_lights), predictor(figure, test_lights)) for figure in pair)
-        relit_a, relit_b = relight_swapped(a, b, mean, 1), relight_swapped(b, a, mean, -1)
+        # a goes from light l to m = l + 1, and b from m to l. Both belong to the swap of l.
+        relit_a, relit_b = relight_swapped(a, b, mean, step=1), relight_swapped(b, a, mean, step=-1)
         for variant in relit_a:
             errors_a, errors_b = compare(a.truth, *relit_a[variant]), compare(b.truth, *relit_b[variant])
-            # a goes from light l to m = l + 1, b from m to l: both belong to the swap of l.
+            # Errors are by the light of the relit picture, which is m for a.
             errors = {column: (np.roll(errors_a[column], -1) + errors_b[column]) / 2 for column in errors_a}
             by_variant.setdefault(variant, []).append(errors)
     names = ["+".join(data.names[figure] for figure in pair) for pair in pairs]
-    return {
-        variant: Scores(
-            names, test_lights.tolist(), {column: np.stack([errors[column] for errors in pairs]) for column in pairs[0]}
-        )
-        for variant, pairs in by_variant.items()
-    }
+    scores = {}
+    for variant, errors_of_pairs in by_variant.items():
+        columns = {name: np.stack([errors[name] for errors in errors_of_pairs]) for name in errors_of_pairs[0]}
+        scores[variant] = Scores(names, test_lights.tolist(), columns)
+    return scores
 
 
 def pair_up(figures: np.ndarray) -> list[tuple[int, int]]:
-    """Pairs neighbouring figures, without the last of an odd number. Raises UserError if there is no pair."""
+    """Pairs neighbouring figures, without the last of an odd number.
+
+    Args:
+        figures: (F,) indices.
+
+    Returns:
+        F // 2 pairs of indices.
+
+    Raises:
+        UserError: if there is no pair.
+    """
     if len(figures) < 2:
         raise UserError("light transfer needs two test figures at least: raise split.test or figures.count")
     return [(int(a), int(b)) for a, b in zip(figures[::2], figures[1::2])]
@@ -160,7 +190,16 @@ def match_color(light: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def compare(true: Truth, picture: np.ndarray, light: np.ndarray) -> dict[str, np.ndarray]:
-    """Returns the errors (N,) of relit pictures and of the lights."""
+    """Returns the errors of relit pictures and of the lights of these pictures.
+
+    Args:
+        true: of the figure under N lights.
+        picture: (N,P,3), relit for each of them.
+        light: (N,K,3), by which they were relit.
+
+    Returns:
+        Column of the scores -> (N,).
+    """
     return {**true.compare("reconstruction", picture), **light_errors(light, true.lights)}
 
 
@@ -196,7 +235,7 @@ def transfer_plate(
             partners = [Partner(truth(data, figure, swap), infer(network, data, figure, swap)) for figure in pair]
             for own_light, new_light in ((0, 1), (1, 0)):
                 partner, other = partners[own_light], partners[new_light]
-                pictures, inferred_lights = relight_swapped(partner, other, mean_light(data), 1)[""]
+                pictures, inferred_lights = relight_swapped(partner, other, mean_light(data), step=1)[""]
                 error = pictures[new_light] - partner.truth.maps["reconstruction"][new_light]
                 relit = Cell(pictures[new_light], light=inferred_lights[new_light])
                 lines[2 * i + own_light].views += [relit, Cell(error=np.linalg.norm(error, axis=-1))]

@@ -7,12 +7,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from relight.crop import extent
 from relight.files import atomic_write
 from relight.lights import lit_ball
 from relight.sh import unoccluded
 
 PAPER, CELL, INK, FAINT = (255, 255, 255), (243, 243, 240), (28, 28, 30), (120, 120, 124)
 MARGIN = 0.04  # of the picture's height, around figures
+WHITE_PERCENTILE = 99.5  # of a figure's shading, which is displayed as white
+MIN_FONT = 9  # pixels, to which text is shrunk at most
 
 
 @lru_cache
@@ -56,14 +59,11 @@ def heat(error: np.ndarray, max_error: float) -> np.ndarray:
 
 def bounding_box(masks: list[np.ndarray]) -> tuple[slice, slice]:
     """Returns the rows and columns of the common bounding box of masks (S,S), with a margin."""
-    union = np.any(masks, 0)
-    size = union.shape[0]
-    pad = round(MARGIN * size)
-    sides = []
-    for axis in (1, 0):
-        occupied = np.flatnonzero(union.any(axis))
-        sides.append(slice(max(0, occupied[0] - pad), min(size, occupied[-1] + 1 + pad)))
-    return sides[0], sides[1]
+    union = np.any(masks, axis=0)
+    size = len(union)
+    margin = round(MARGIN * size)
+    rows, columns = (slice(max(0, first - margin), min(size, stop + margin)) for first, stop in extent(union))
+    return rows, columns
 
 
 def composite(colors: np.ndarray, alpha: np.ndarray, size: tuple[int, int]) -> Image.Image:
@@ -86,7 +86,14 @@ def composite(colors: np.ndarray, alpha: np.ndarray, size: tuple[int, int]) -> I
 
 
 def ball(light: np.ndarray, size: int, white: float, linear: bool) -> Image.Image:
-    """Draws a ball under a light (`lights.lit_ball`) as an RGBA picture."""
+    """Draws a diffuse white ball under a light as an RGBA picture.
+
+    Args:
+        light: (K,3) radiance coefficients.
+        size: side of the picture, pixels.
+        white: the shading that is displayed as white.
+        linear: whether the shading is linear and must be sRGB-encoded for display.
+    """
     return Image.fromarray((lit_ball(light, size, white=white, linear=linear) * 255).round().astype(np.uint8))
 
 
@@ -98,23 +105,39 @@ class Canvas:
         self.draw = ImageDraw.Draw(self.image)
 
     def cell(self, picture: Image.Image, x: int, y: int, width: int | None = None, height: int | None = None) -> None:
-        """Draws a cell, by default of the picture's size, with a picture in its middle."""
+        """Draws a cell with a picture in its middle.
+
+        Args:
+            picture: RGB or RGBA.
+            x, y: of the cell's top left corner, pixels.
+            width, height: of the cell, pixels; by default those of the picture.
+        """
         width, height = width or picture.width, height or picture.height
         self.draw.rectangle((x, y, x + width - 1, y + height - 1), fill=CELL)
         self.put(picture, x + (width - picture.width) // 2, y + (height - picture.height) // 2)
 
     def put(self, picture: Image.Image, x: int, y: int) -> None:
-        """Pastes a picture, by its alpha if it has one."""
+        """Pastes a picture with its top left corner at (x,y), pixels, by its alpha if it has one."""
         self.image.paste(picture, (x, y), picture if picture.mode == "RGBA" else None)
 
     def text(
         self, words: str, x: int, y: int, size: int, anchor: str = "la", bold=False, color=INK, width=None
     ) -> None:
-        """Draws words at (x,y) with an anchor of PIL; broken into lines and shrunk to fit `width` pixels, if given."""
+        """Draws words.
+
+        Args:
+            words: the text.
+            x, y: of the anchor, pixels.
+            size: of the font, pixels.
+            anchor: what of the text is there, such as "mm" for its middle (Pillow's text anchors).
+            bold: whether the font is bold.
+            color: RGB, 0 to 255.
+            width: pixels that the text may take; it is broken into lines and shrunk to fit. None for any.
+        """
         if width:
             words, size = fit_text(words, size, width, bold)
-        multiline = "\n" in words
-        anchor = anchor.replace("t", "a") if multiline else anchor
+        if "\n" in words:  # for which Pillow does not have the anchor "top"
+            anchor = anchor.replace("t", "a")
         align = {"l": "left", "m": "center", "r": "right"}[anchor[0]]
         self.draw.text((x, y), words, color, font(size, bold), anchor=anchor, align=align, spacing=3)
 
@@ -125,7 +148,17 @@ class Canvas:
 
 
 def fit_text(words: str, size: int, width: int, bold: bool) -> tuple[str, int]:
-    """Breaks words at blanks into lines of at most `width` pixels; returns them and the largest size that fits."""
+    """Breaks words at blanks into lines, in the largest font in which these fit a width.
+
+    Args:
+        words: the text.
+        size: largest size of the font, pixels.
+        width: of the lines at most, pixels, unless a word is longer in the smallest font.
+        bold: whether the font is bold.
+
+    Returns:
+        The lines as one text, and the size of the font.
+    """
     while True:
         lines = [""]
         for word in words.split():
@@ -134,6 +167,6 @@ def fit_text(words: str, size: int, width: int, bold: bool) -> tuple[str, int]:
                 lines[-1] = longer
             else:
                 lines.append(word)
-        if size <= 9 or all(font(size, bold).getlength(line) <= width for line in lines):
+        if size <= MIN_FONT or all(font(size, bold).getlength(line) <= width for line in lines):
             return "\n".join(lines), size
         size -= 1

@@ -1,5 +1,6 @@
 """Draws the charts of the report: errors with intervals, and training curves. SVG or PNG, by the suffix."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +22,7 @@ from relight.training_name import TrainingName
 
 COLORS = ("#7a5195", "#ef5675", "#ffa600", "#00798c", "#30638e", "#6a994e", "#8d99ae", "#bc6c25")
 STYLES = ("-", "--", ":", "-.")  # for more rows than colors
+NETWORK = "#00798c"  # of the networks along an axis
 GREY = "#9a9a9e"  # of baselines
 DASHES = ("--", ":", "-.", (0, (1, 4)), (0, (6, 4)), (0, (4, 1, 1, 1, 1, 1)), (0, (14, 2)))  # of baselines
 VALIDATION = "validation/"  # prefix of the names of losses on the validation pairs
@@ -58,14 +60,13 @@ def chart(out: Path, width: float, height: float) -> Iterator[Figure]:
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure
         with atomic_write(out) as tmp:
-            options = (
-                {"metadata": {"Date": None}} if out.suffix == ".svg" else {"dpi": 160}
-            )  # a date would change the bytes
+            # Without the date, which would change the bytes.
+            options = {"metadata": {"Date": None}} if out.suffix == ".svg" else {"dpi": 160}
             figure.savefig(tmp, **options)
 
 
 def finite_interval(estimate: Estimate) -> tuple[float, float]:
-    """Returns the interval of an estimate, with infinite ends replaced by the mean."""
+    """Returns the ends of the interval of an estimate; infinite ones, of a single figure, are replaced by the mean."""
     low, high = (end if np.isfinite(end) else estimate.mean for end in (estimate.low, estimate.high))
     return low, high
 
@@ -81,25 +82,23 @@ def plot_errors(table: Table, columns: tuple[str, ...], out: Path) -> None:
     shown = table.present(columns)
     rows = [row for row, cells in table.rows.items() if any(column in cells for column in shown)]
     if not rows:
-        with chart(out, 4, 1) as figure:
+        with chart(out, width=4, height=1) as figure:
             figure.text(0.5, 0.5, "no scores", ha="center", va="center")
         return
-    with chart(out, 2.6 + 2.3 * len(shown), 0.9 + 0.34 * len(rows)) as figure:
-        panels = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
+    with chart(out, width=2.6 + 2.3 * len(shown), height=0.9 + 0.34 * len(rows)) as figure:
+        panels = figure.subplots(ncols=len(shown), sharey=True, squeeze=False)[0]
         for panel, column in zip(panels, shown):
-            cells = [
-                (place, row, table.rows[row][column]) for place, row in enumerate(rows) if column in table.rows[row]
-            ]
-            colors = [color_of(row) if row in table.networks else GREY for _, row, _ in cells]
-            places = [place for place, _, _ in cells]
-            panel.hlines(
-                places, *zip(*(finite_interval(estimate) for *_, estimate in cells)), colors=colors, linewidth=2.2
-            )
-            panel.scatter([estimate.mean for *_, estimate in cells], places, 36, colors)
+            with_column = [(place, row) for place, row in enumerate(rows) if column in table.rows[row]]
+            places = [place for place, _ in with_column]
+            estimates = [table.rows[row][column] for _, row in with_column]
+            colors = [color_of(row) if row in table.networks else GREY for _, row in with_column]
+            lows, highs = zip(*map(finite_interval, estimates))
+            panel.hlines(places, lows, highs, colors=colors, linewidth=2.2)
+            panel.scatter([estimate.mean for estimate in estimates], places, s=36, c=colors)
             panel.set(title=title(column), xlabel=f"{'lower' if sign(column) > 0 else 'higher'} is better")
-            panel.grid(False, axis="y")
+            panel.grid(visible=False, axis="y")
         panels[0].set_yticks(range(len(rows)), map(label, rows), fontsize=10)
-        panels[0].set_ylim(len(rows) - 0.5, -0.5)
+        panels[0].set_ylim(len(rows) - 0.5, -0.5)  # the first row on top
 
 
 class PlainLog(LogFormatter):
@@ -132,9 +131,9 @@ def plot_curves(curves: list[Path], out: Path) -> None:
         row: {"color": COLORS[i % len(COLORS)], "linestyle": STYLES[i // len(COLORS) % len(STYLES)]}
         for i, row in enumerate(rows)
     }
-    across = min(4, len(shown))
-    down = -(-len(shown) // across)
-    with chart(out, 3.1 * across, 0.7 + 2.1 * down) as figure:
+    across = min(4, len(shown))  # panels side by side
+    down = math.ceil(len(shown) / across)
+    with chart(out, width=3.1 * across, height=0.7 + 2.1 * down) as figure:
         panels = figure.subplots(down, across, squeeze=False).ravel()
         for panel, name in zip(panels, shown):
             for path, curve in data.items():
@@ -169,15 +168,15 @@ def plot_axis(points: list[tuple[float, str]], table: Table, columns: tuple[str,
         out: the chart.
     """
     columns = tuple(column for column in columns if any(column in table.rows[row] for _, row in points))
-    with chart(out, 2.9 * len(columns), 3.6) as figure:
-        shown: dict[str, matplotlib.lines.Line2D] = {}
-        for panel, column in zip(figure.subplots(1, len(columns), squeeze=False)[0], columns):
-            cells = [(place, table.rows[row][column]) for place, row in points if column in table.rows[row]]
-            places = [place for place, _ in cells]
-            panel.plot(places, [estimate.mean for _, estimate in cells], "o-", color=COLORS[3], linewidth=1.6)
-            panel.vlines(
-                places, *zip(*(finite_interval(estimate) for _, estimate in cells)), colors=COLORS[3], linewidth=2.2
-            )
+    with chart(out, width=2.9 * len(columns), height=3.6) as figure:
+        shown: dict[str, matplotlib.lines.Line2D] = {}  # label of a baseline -> its line
+        for panel, column in zip(figure.subplots(ncols=len(columns), squeeze=False)[0], columns):
+            with_column = [(place, row) for place, row in points if column in table.rows[row]]
+            places = [place for place, _ in with_column]
+            estimates = [table.rows[row][column] for _, row in with_column]
+            lows, highs = zip(*map(finite_interval, estimates))
+            panel.plot(places, [estimate.mean for estimate in estimates], "o-", color=NETWORK, linewidth=1.6)
+            panel.vlines(places, lows, highs, colors=NETWORK, linewidth=2.2)
             for row, dashes in zip(table.baselines, DASHES):
                 if column in table.rows[row]:
                     mean = table.rows[row][column].mean
@@ -187,7 +186,7 @@ def plot_axis(points: list[tuple[float, str]], table: Table, columns: tuple[str,
             panel.set_xticks(places, [f"{place:g}" for place in places])
             panel.minorticks_off()
             panel.set(title=title(column), xlabel=axis)
-            panel.set_ylim(0)
+            panel.set_ylim(bottom=0)
         figure.legend(shown.values(), shown, loc="outside lower center", ncols=3, fontsize=9)
 
 

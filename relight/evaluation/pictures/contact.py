@@ -1,5 +1,6 @@
 """Draws contact sheets: the maps of every figure of a data set side by side, with its name."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,15 @@ from PIL import Image
 
 from relight.crop import fill_outside
 from relight.errors import UserError
-from relight.evaluation.pictures.canvas import CELL, FAINT, Canvas, ball, bounding_box, composite
+from relight.evaluation.pictures.canvas import (
+    CELL,
+    FAINT,
+    WHITE_PERCENTILE,
+    Canvas,
+    ball,
+    bounding_box,
+    composite,
+)
 from relight.evaluation.scoring.metrics import shade
 from relight.lights import measure
 from relight.maps import LeftOut, Maps, read_info, read_maps
@@ -39,19 +48,21 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path) -> None:
         raise UserError(f"{out}: there are no maps to show")
     figures = [read(path) for path in progress(maps_paths, "maps read")]
     masks = [maps.mask for _, maps in figures if isinstance(maps, Maps)]
-    rows = bounding_box(masks)[0] if masks else slice(0, 1)
+    rows, _ = bounding_box(masks) if masks else (slice(0, 1), slice(0, 1))  # of all figures
     height, width = CELL_HEIGHT, round(ASPECT * CELL_HEIGHT)
     tile = len(VIEWS) * (width + GAP) + 6 * GAP
     across = max(1, min(len(figures), WIDTH // tile))
-    down = -(-len(figures) // across)
+    down = math.ceil(len(figures) / across)
     sheet = Canvas(across * tile + 3 * GAP, TOP + down * (height + WORDS))
-    for a in range(across):
+    for column in range(across):
         for v, words in enumerate(VIEWS):
-            sheet.text(words, 4 * GAP + a * tile + v * (width + GAP) + width // 2, TOP // 2, 16, "mm", bold=True)
-    sheet.put(ball(light, TOP - 18, 1, linear=True), 4 * GAP + width // 2 + 20, 9)  # beside the word "lit"
+            x = 4 * GAP + column * tile + v * (width + GAP) + width // 2
+            sheet.text(words, x, TOP // 2, size=16, anchor="mm", bold=True)
+    beside_lit = 4 * GAP + width // 2 + 20
+    sheet.put(ball(light, TOP - 18, white=1, linear=True), beside_lit, y=9)
     for i, (name, maps) in enumerate(figures):
         x, y = 4 * GAP + i % across * tile, TOP + i // across * (height + WORDS)
-        sheet.text(name, x, y + height + 5, 14, color=FAINT)
+        sheet.text(name, x, y + height + 5, size=14, color=FAINT)
         if isinstance(maps, Maps):
             for v, colors in enumerate(views(maps, light)):
                 cell = Image.new("RGB", (width, height), CELL)
@@ -61,23 +72,24 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path) -> None:
         else:
             room = len(VIEWS) * (width + GAP) - GAP
             sheet.cell(Image.new("RGB", (room, height), CELL), x, y)
-            sheet.text(f"left out: {maps}", x + room // 2, y + height // 2, 15, "mm", color=FAINT, width=room - 40)
+            middle = x + room // 2, y + height // 2
+            sheet.text(f"left out: {maps}", *middle, size=15, anchor="mm", color=FAINT, width=room - 40)
     sheet.save(out)
 
 
 def clearest_light(lights: np.ndarray) -> np.ndarray:
     """Returns the light (K,3) of lights (N,K,3) that is best for display: directed, from the front, nearly white."""
     statistics = measure(lights)
-    directed, red, blue = (
-        statistics["first"] + statistics["toward"],
-        np.abs(statistics["red"]),
-        np.abs(statistics["blue"]),
-    )
-    return lights[int(np.argmax(directed - red - blue))]
+    directed = statistics["first"] + statistics["toward"]  # contrast, and how far it comes from the camera
+    return lights[int(np.argmax(directed - np.abs(statistics["red"]) - np.abs(statistics["blue"])))]
 
 
 def read(path: Path) -> tuple[str, Maps | str]:
-    """Reads a figure's name, and its maps or the reason why it was left out."""
+    """Reads a file of maps (.exr).
+
+    Returns:
+        The figure's name, and its maps, or the reason why it was left out.
+    """
     name = read_info(path).get("name", Path(path).stem)
     try:
         return name, read_maps(path)
@@ -88,13 +100,16 @@ def read(path: Path) -> tuple[str, Maps | str]:
 def scale_to_cell(
     colors: np.ndarray, maps: Maps, rows: slice, size: tuple[int, int]
 ) -> tuple[Image.Image, tuple[int, int]]:
-    """Returns a figure, scaled to fit a cell of a size (width, height), and its place in the cell.
+    """Scales a figure to fit a cell.
 
     Args:
         colors: (H,W,3), display-coded.
         maps: maps of the figure.
         rows: rows of the picture, which fill the cell's height unless the figure is too wide.
         size: width and height of the cell, pixels.
+
+    Returns:
+        The picture, and the place (x, y) of its top left corner in the cell, in whose middle it stands on the ground.
     """
     box = rows, bounding_box([maps.mask])[1]
     box_height, box_width = (side.stop - side.start for side in box)
@@ -104,9 +119,17 @@ def scale_to_cell(
 
 
 def views(maps: Maps, light: np.ndarray) -> list[np.ndarray]:
-    """Returns the pictures of VIEWS (H,W,3), display-coded."""
+    """Draws a figure in each of VIEWS.
+
+    Args:
+        maps: of the figure, (H,W,...).
+        light: (K,3) radiance coefficients.
+
+    Returns:
+        (H,W,3) each, display-coded. White is the WHITE_PERCENTILE of the figure's shading.
+    """
     shading = shade(maps.transport, light)
-    white = max(1e-6, float(np.percentile(shading[maps.mask], 99.5)))
+    white = max(1e-6, float(np.percentile(shading[maps.mask], WHITE_PERCENTILE)))  # not 0, by which it divides
     grey = np.repeat(maps.ao[..., None], 3, -1)
     return [
         encode(maps.albedo * shading / white),

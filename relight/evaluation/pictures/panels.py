@@ -7,7 +7,16 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.evaluation.pictures.canvas import FAINT, Canvas, ball, bounding_box, composite, heat, transport_bands
+from relight.evaluation.pictures.canvas import (
+    FAINT,
+    WHITE_PERCENTILE,
+    Canvas,
+    ball,
+    bounding_box,
+    composite,
+    heat,
+    transport_bands,
+)
 from relight.evaluation.scoring.evaluate import Condition, dense, has_pairs, infer, load, pixels, select_pairs, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
@@ -31,6 +40,7 @@ COLUMNS = (
     "relit",
 )
 CELL_HEIGHT = 300  # pixels
+LARGE_BALL, SMALL_BALL = 0.8, 0.26  # diameter over the width of a cell: alone in it, and in its corner
 GAP, GUTTER, TOP, LINE = 6, 150, 60, 24  # pixels: between cells, left of them, above them, of a line of text
 MAX_ERROR = 0.5  # shading error (vector norm) at the dark end of the color scale
 EXTREME_FIGURES = 2  # figures with the least and with the largest error
@@ -59,7 +69,7 @@ class Subject:
 
     Attributes:
         name: name of the figure.
-        truth: under the input light and the new one.
+        truth: under its N lights, the first of which is that of the input.
         pixel: (P,) flat indices of the mask in an image of `size` x `size`.
         size: side of the image, pixels.
         white: the shading that is displayed as white.
@@ -75,10 +85,17 @@ class Subject:
 
     @classmethod
     def of(cls, data: RelitSet, figure: int, lights: np.ndarray) -> "Subject":
-        """Returns the figure of this index under the lights of these indices (N,)."""
+        """Returns a figure of a data set under some of its lights.
+
+        Args:
+            data: figures and lights.
+            figure: index of the figure.
+            lights: (N,) indices of the input light, and of the lights by which it is relit.
+        """
         true = truth(data, figure, lights)
-        white = max(1.0, float(np.percentile(true.maps["shading"], 99.5)))
-        return cls(data.names[figure], true, pixels(data, figure), data.size, white, data.color == "photo")
+        white = max(1.0, float(np.percentile(true.maps["shading"], WHITE_PERCENTILE)))
+        is_linear = data.color == "photo"
+        return cls(data.names[figure], true, pixels(data, figure), data.size, white, is_linear)
 
     @property
     def mask(self) -> np.ndarray:
@@ -86,7 +103,7 @@ class Subject:
         return dense(np.ones((len(self.pixel), 1)), self.pixel, self.size)[..., 0] > 0
 
     def picture(self, light: int) -> "Cell":
-        """Returns the true picture under a light, by its number, with that light in the corner."""
+        """Returns the true picture under light number `light` of the subject, from 0, with the light in the corner."""
         return Cell(self.truth.maps["reconstruction"][light], light=self.truth.lights[light])
 
 
@@ -139,19 +156,22 @@ def draw(heads: list[str], lines: list[Line], max_error: float | None, note: str
     spacing = 4 * GAP * sum(line.first for line in lines)
     sheet = Canvas(GUTTER + len(heads) * (width + GAP) + GAP, TOP + len(lines) * (height + GAP) + spacing + 4 * LINE)
     for c, head in enumerate(heads):
-        sheet.text(head, GUTTER + c * (width + GAP) + width // 2, TOP // 2, 18, "mm", bold=True, width=width)
+        middle = GUTTER + c * (width + GAP) + width // 2, TOP // 2
+        sheet.text(head, *middle, size=18, anchor="mm", bold=True, width=width)
     y = TOP
     for line in lines:
         y += 4 * GAP * line.first
-        sheet.text(line.label, GUTTER - 14, y + height // 2, 18, "rm", bold=line.first, width=GUTTER - 24)
+        left_of_cells = GUTTER - 14, y + height // 2
+        sheet.text(line.label, *left_of_cells, size=18, anchor="rm", bold=line.first, width=GUTTER - 24)
         for c, view in enumerate(line.views):
-            draw_view(sheet, view, line.subject, box, GUTTER + c * (width + GAP), y, (width, height), max_error)
+            x = GUTTER + c * (width + GAP)
+            draw_view(sheet, view, line.subject, box, x, y, (width, height), max_error)
         y += height + GAP
     if max_error:
-        bar = np.repeat(heat(np.linspace(0, max_error, 160), max_error)[None], 14, 0)
-        sheet.put(Image.fromarray((bar * 255).round().astype(np.uint8)), GUTTER, y + 8)
-        sheet.text(f"error, 0 to {max_error:g} (vector norm)", GUTTER + 170, y + 5, 14, color=FAINT)
-    sheet.text(note, GUTTER, y + LINE + 8, 14, color=FAINT, width=sheet.image.width - GUTTER - 2 * GAP)
+        color_scale = np.repeat(heat(np.linspace(0, max_error, 160), max_error)[None], 14, 0)  # 160 x 14 pixels
+        sheet.put(Image.fromarray((color_scale * 255).round().astype(np.uint8)), GUTTER, y + 8)
+        sheet.text(f"error, 0 to {max_error:g} (vector norm)", GUTTER + 170, y + 5, size=14, color=FAINT)
+    sheet.text(note, GUTTER, y + LINE + 8, size=14, color=FAINT, width=sheet.image.width - GUTTER - 2 * GAP)
     return sheet
 
 
@@ -184,11 +204,12 @@ def draw_view(
         colors = heat(view.error, max_error)
     else:
         if view.light is not None:
-            sheet.cell(ball(view.light, round(0.8 * width), subject.white, subject.linear), x, y, width, height)
+            picture = ball(view.light, round(LARGE_BALL * width), subject.white, subject.linear)
+            sheet.cell(picture, x, y, width, height)
         return
     sheet.cell(composite(dense(colors, subject.pixel, subject.size)[box], subject.mask[box], size), x, y)
     if view.light is not None:
-        corner = ball(view.light, round(0.26 * width), subject.white, subject.linear)
+        corner = ball(view.light, round(SMALL_BALL * width), subject.white, subject.linear)
         sheet.put(corner, x + width - corner.width - 5, y + 5)
 
 
@@ -200,17 +221,21 @@ def inferred_by_network(
     condition: Condition,
     choose: Callable[[list[str], np.ndarray], list[tuple[int, np.ndarray]]],
 ) -> Iterator[tuple[str, list[tuple[Subject, Inferred]]]]:
-    """Yields each network's row, and what it infers of chosen figures under their first light; nothing without pairs.
+    """Infers chosen figures by each network, from their pictures under their first light.
 
     Args:
         networks: row -> checkpoint.
-        packed, lights, split: the data, as for `evaluate.evaluate`.
+        packed, lights, split: the data set (.safetensors, .npz, .json).
         condition: the figures and lights to choose from.
         choose: from the names of the figures and the indices (L,) of the lights, returns the places of figures among
             the names, each with the indices (N,) of its lights.
 
+    Yields:
+        The row of each network, and the chosen figures with what it infers; nothing if the condition has no figures or
+        lights.
+
     Raises:
-        UserError: as `evaluate.evaluate`.
+        UserError: if a file has other contents, or there are no test figures or lights.
     """
     subjects: list[Subject] = []
     for row, checkpoint in progress(list(networks.items()), "networks drawn"):
@@ -228,12 +253,20 @@ def inferred_by_network(
 
 
 def relit(networks: dict[str, Path], packed: Path, lights: Path, split: Path, condition: Condition, out: Path) -> None:
-    """Draws one figure relit by up to LIGHTS lights as a PNG: the truth, then each network.
+    """Draws one figure relit by up to LIGHTS lights: the truth, then each network.
 
-    Arguments and errors are those of `inferred_by_network`; `out` is the picture.
+    Args:
+        networks: row -> checkpoint.
+        packed, lights, split: the data set (.safetensors, .npz, .json).
+        condition: the figures and lights to choose from.
+        out: the picture (.png).
+
+    Raises:
+        UserError: if a file has other contents, or there are no test figures or lights.
     """
 
     def choose(names: list[str], light_indices: np.ndarray) -> list[tuple[int, np.ndarray]]:
+        """Chooses the middle figure, and lights of all kinds."""
         return [(len(names) // 2, light_indices[evenly_spaced(len(light_indices), LIGHTS)])]
 
     lines: list[Line] = []
@@ -247,7 +280,7 @@ def relit(networks: dict[str, Path], packed: Path, lights: Path, split: Path, co
     if not lines:
         return empty_sheet().save(out)
     heads = ["picture", *(f"relit {light}" for light in range(1, len(lines[0].views)))]
-    draw(heads, lines, None, NOTE_RELIT).save(out)
+    draw(heads, lines, max_error=None, note=NOTE_RELIT).save(out)
 
 
 def plates(
@@ -259,23 +292,32 @@ def plates(
     choose: Callable[[list[str]], list[int]],
     out: Path,
 ) -> None:
-    """Draws test figures as a PNG: the truth, then each network.
+    """Draws test figures: the truth, then each network.
 
     Each figure is seen under one light and relit by the next. Values are displayed sRGB-encoded if the network's color
     model is `photo`, and unchanged if it is `paper`. Maps without a loss are true.
 
-    Arguments and errors are those of `inferred_by_network`, but `choose` returns the places of the figures alone; `out`
-    is the picture.
+    Args:
+        networks: row -> checkpoint.
+        packed, lights, split: the data set (.safetensors, .npz, .json).
+        condition: the figures and lights to choose from.
+        choose: from the names of the figures, returns the places of those to draw among them.
+        out: the picture (.png).
+
+    Raises:
+        UserError: if a file has other contents, or there are no test figures or lights.
     """
 
     def with_two_lights(names: list[str], light_indices: np.ndarray) -> list[tuple[int, np.ndarray]]:
+        """Gives each chosen figure two lights, which differ between figures."""
         count = len(light_indices)
         return [(place, light_indices[[i % count, (i + 1) % count]]) for i, place in enumerate(choose(names))]
 
     blocks: list[list[Line]] = []
     for row, answers in inferred_by_network(networks, packed, lights, split, condition, with_two_lights):
         if not blocks:
-            blocks = [[Line(f"truth {subject.name}", subject, true_views(subject), True)] for subject, _ in answers]
+            subjects = [subject for subject, _ in answers]
+            blocks = [[Line(f"truth {subject.name}", subject, true_views(subject), first=True)] for subject in subjects]
         for block, (subject, inferred) in zip(blocks, answers):
             block.append(Line(label(row), subject, inferred_views(subject, inferred)))
     if not blocks:
@@ -286,19 +328,27 @@ def plates(
 def shadings(
     networks: dict[str, Path], packed: Path, lights: Path, split: Path, condition: Condition, out: Path
 ) -> None:
-    """Draws the shading of one figure under the true light as a PNG: a column per network, and the errors below.
+    """Draws the shading of one figure under the true light: a column per network, and the errors below.
 
-    Arguments and errors are those of `inferred_by_network`; `out` is the picture.
+    Args:
+        networks: row -> checkpoint.
+        packed, lights, split: the data set (.safetensors, .npz, .json).
+        condition: the figures and lights to choose from.
+        out: the picture (.png).
+
+    Raises:
+        UserError: if a file has other contents, or there are no test figures or lights.
     """
 
     def choose(names: list[str], light_indices: np.ndarray) -> list[tuple[int, np.ndarray]]:
+        """Chooses the middle figure, and the first light."""
         return [(len(names) // 2, light_indices[:1])]
 
     lines: list[Line] = []
     for _, ((subject, inferred),) in inferred_by_network(networks, packed, lights, split, condition, choose):
         true_shading = subject.truth.maps["shading"][0]
         if not lines:
-            true_cells = [subject.picture(0), Cell(true_shading / subject.white)]
+            true_cells = [subject.picture(light=0), Cell(true_shading / subject.white)]
             lines = [Line(subject.name, subject, true_cells, first=True), Line("error", subject, [Cell(), Cell()])]
         _, transport, _ = subject.truth.complete(inferred)
         shading = shade(transport[0], subject.truth.lights[0])
@@ -310,22 +360,26 @@ def shadings(
 
 
 def extreme_places(scores: list[Path], names: list[str]) -> list[int]:
-    """Returns the places of the figures with the least and the largest shading error, as means over networks.
+    """Finds the EXTREME_FIGURES with the least and with the largest shading error, as means over networks.
 
     Args:
         scores: files of the networks' scores on these figures.
         names: names of the figures.
+
+    Returns:
+        Their places among the names, from the least to the largest error.
     """
-    trained = [training for trainings in gather(scores).values() for training in trainings]
-    mean_of = dict(zip(trained[0].figures, np.mean([training.figure_means("shading_rmse") for training in trained], 0)))
-    order = sorted(range(len(names)), key=lambda place: mean_of[names[place]])
+    all_scores = [training for trainings in gather(scores).values() for training in trainings]
+    means = np.mean([training.figure_means("shading_rmse") for training in all_scores], 0)
+    error_of = dict(zip(all_scores[0].figures, means))
+    order = sorted(range(len(names)), key=lambda place: error_of[names[place]])
     return list(dict.fromkeys([*order[:EXTREME_FIGURES], *order[-EXTREME_FIGURES:]]))
 
 
 def empty_sheet() -> Canvas:
     """Returns a sheet with the words "nothing to show"."""
     sheet = Canvas(2 * GUTTER, TOP)
-    sheet.text("nothing to show", GUTTER, TOP // 2, 15, "mm", color=FAINT)
+    sheet.text("nothing to show", GUTTER, TOP // 2, size=15, anchor="mm", color=FAINT)
     return sheet
 
 
@@ -336,8 +390,9 @@ def evenly_spaced(items: int, count: int) -> list[int]:
 
 def true_views(subject: Subject) -> list[Cell]:
     """Returns the views of COLUMNS of the truth, whose error is zero."""
-    all_views = views(subject, subject.truth.maps["albedo"][0], subject.truth.transport[0], *subject.truth.lights)
-    all_views["relit"].light = subject.truth.lights[1]
+    light, new_light = subject.truth.lights
+    all_views = views(subject, subject.truth.maps["albedo"][0], subject.truth.transport[0], light, new_light)
+    all_views["relit"].light = new_light
     all_views |= surface_views(subject.truth.maps["normal"][0], subject.truth.maps["ao"][0, :, 0])
     return [all_views[column] for column in COLUMNS]
 
@@ -346,7 +401,9 @@ def inferred_views(subject: Subject, inferred: Inferred) -> list[Cell]:
     """Returns the views of COLUMNS of what a network inferred under the subject's first light."""
     albedo, transport, light = subject.truth.complete(inferred)
     all_views = views(subject, albedo[0], transport[0], light[0], subject.truth.lights[1])
-    all_views |= surface_views(*(None if part is None else part[0] for part in (inferred.normal, inferred.ao)))
+    normal = None if inferred.normal is None else inferred.normal[0]
+    ao = None if inferred.ao is None else inferred.ao[0]
+    all_views |= surface_views(normal, ao)
     return [all_views[column] for column in COLUMNS]
 
 
@@ -359,9 +416,17 @@ def surface_views(normal: np.ndarray | None, ao: np.ndarray | None) -> dict[str,
 
 
 def views(
-    subject: Subject, albedo: np.ndarray, transport: np.ndarray, light: np.ndarray, new: np.ndarray
+    subject: Subject, albedo: np.ndarray, transport: np.ndarray, light: np.ndarray, new_light: np.ndarray
 ) -> dict[str, Cell]:
-    """Returns the views of COLUMNS without those of the surface, by column."""
+    """Returns the views of COLUMNS, without normals and AO, by column.
+
+    Args:
+        subject: whose true shading the error is of.
+        albedo: (P,3).
+        transport: (P,K).
+        light: (K,3), of the picture.
+        new_light: (K,3), by which it is relit.
+    """
     shading = shade(transport, light)
     error = np.linalg.norm(shading - subject.truth.maps["shading"][0], axis=-1)
     return {
@@ -371,5 +436,5 @@ def views(
         "shading error": Cell(error=error),
         "light": Cell(light=light),
         **{f"transport {band}": Cell(colors, coded=True) for band, colors in enumerate(transport_bands(transport))},
-        "relit": Cell(albedo * shade(transport, new)),
+        "relit": Cell(albedo * shade(transport, new_light)),
     }

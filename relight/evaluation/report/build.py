@@ -16,17 +16,14 @@ from relight.evaluation.report.provenance import costs, provenance
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import compare_rows
 from relight.evaluation.scoring.paper import CITATION, CONTENTS
+from relight.evaluation.scoring.tables import PRINTED
 from relight.files import atomic_write
 
 T = TypeVar("T")
 Makers = Mapping[str, Callable[[Results, str], dict]]
 
-FILE_ENDS = (
-    ".csv",
-    ".md",
-    ".tex",
-    *(f"_{kind}.png" for kind in ("plates", "relit", "overview", "extremes")),
-)  # of an experiment
+# Endings of the files of an experiment.
+FILE_ENDS = (".csv", ".md", ".tex", *(f"_{kind}.png" for kind in ("plates", "relit", "overview", "extremes")))
 
 
 @dataclass
@@ -54,7 +51,7 @@ def build_report(name: str, experiments: Path, folder: Path, out: Path, makers: 
 
     Args:
         name: name of the run.
-        experiments: the experiments of the run (experiments.json, `Plan.requested`).
+        experiments: the experiments of the run (experiments.json, `ConfigFolder.experiments_json`).
         folder: results/<name>.
         out: the page (.html).
         makers: experiment with stages of its own -> the function that computes the numbers of its section.
@@ -64,28 +61,30 @@ def build_report(name: str, experiments: Path, folder: Path, out: Path, makers: 
     """
     results = Results(folder, experiments)
     remove_outdated(results)
-    # Whether a table of the run is one of the paper's, whose orderings are tested.
-    compared = bool({"table1", "table2"} & set(results.tables))
-    parts = [
-        *(
-            [make_section("what-came-out", "What came out", "summary.md", sections.summary, results)]
-            if compared
-            else []
-        ),
-        Section("how-to-read", "How to read this page", page.section("sections/reading.md")),
-        *(experiment(results, name, makers) for name in results.experiments),
-        *([make_section("training", "Training", "training.md", data.training, results)] if results.tables else []),
+    parts = []
+    if has_printed_tables(results):
+        parts.append(make_section("what-came-out", "What came out", "summary.md", sections.summary, results))
+    parts.append(Section("how-to-read", "How to read this page", page.section("sections/reading.md")))
+    parts += [experiment(results, name, makers) for name in results.experiments]
+    if results.tables:
+        parts.append(make_section("training", "Training", "training.md", data.training, results))
+    parts += [
         make_section("figures", "Figures", "figures.md", data.figures, results),
         make_section("lights", "Lights", "lights.md", data.lights, results),
         Section("the-paper", "The paper, part by part", page.section("sections/paper.md", grid=contents(results))),
         make_section("cost-and-settings", "Cost and settings", "costs.md", data.costs_and_settings, results),
     ]
     failed = sum(part.failed for part in parts)
-    if failed == len(parts) - 2:
+    if failed == len(parts) - 2:  # all but the two that need no results
         raise UserError(f"{folder}: no section of the report could be made; the reasons are above")
     html = page.page("page.html", title=f"relight: {name}", head=head(name, results, failed), sections=parts)
     with atomic_write(out) as tmp:
         tmp.write_text(html, encoding="utf-8")
+
+
+def has_printed_tables(results: Results) -> bool:
+    """Returns whether a table of the run is one that the paper prints, so that its orderings can be tested."""
+    return not set(PRINTED).isdisjoint(results.tables)
 
 
 def remove_outdated(results: Results) -> None:
@@ -101,7 +100,13 @@ def remove_outdated(results: Results) -> None:
 
 
 def experiment(results: Results, name: str, makers: Makers = own.OWN) -> Section:
-    """Makes the section of an experiment; `makers` as in `build_report`."""
+    """Makes the section of an experiment.
+
+    Args:
+        results: results of the run.
+        name: name of the experiment.
+        makers: experiment with stages of its own -> the function that computes the numbers of its section.
+    """
     if failed := results.experiments[name].get("failed"):
         missing = ", ".join(failed)
         return failed_section(
@@ -115,7 +120,15 @@ def experiment(results: Results, name: str, makers: Makers = own.OWN) -> Section
 def make_section(
     name: str, heading: str, template: str, numbers: Callable[[Results], dict], results: Results
 ) -> Section:
-    """Makes a section from its numbers and its template; if either fails, a section with the reason."""
+    """Makes a section from its numbers and its template; if either fails, a section with the reason.
+
+    Args:
+        name: anchor.
+        heading: heading of the section.
+        template: file in templates/sections.
+        numbers: computes the context of the template.
+        results: results of the run, from which it does.
+    """
     try:
         return Section(name, heading, page.section(f"sections/{template}", **numbers(results)))
     except Exception as error:  # of any kind, since the other sections must not be lost
@@ -143,8 +156,14 @@ def contents(results: Results) -> TextTable:
 
 
 def head(name: str, results: Results, failed: int) -> Markup:
-    """Makes the head of the page: the paper, the questions, the outcome, and the provenance."""
-    outcome = value_or_none(lambda: sections.summary(results)) if {"table1", "table2"} & set(results.tables) else None
+    """Makes the head of the page: the paper, the questions, the outcome, and the provenance.
+
+    Args:
+        name: name of the run.
+        results: results of the run.
+        failed: number of sections that could not be made.
+    """
+    outcome = value_or_none(lambda: sections.summary(results)) if has_printed_tables(results) else None
     answer = value_or_none(lambda: answer_context(results))
     lights = value_or_none(lambda: results.lights["lights"])
     figures = value_or_none(lambda: len(results.record["figures"]))
@@ -177,7 +196,16 @@ def head(name: str, results: Results, failed: int) -> Markup:
 
 
 def answer_context(results: Results, name: str = "claim") -> dict[str, Any] | None:
-    """Returns the context of templates/answer.md; None if the experiment is not in the run or lacks a row."""
+    """Compares transport with normals, with and without AO, for the first lines of the page.
+
+    Args:
+        results: results of the run.
+        name: the experiment whose rows are compared.
+
+    Returns:
+        The context of templates/answer.md. `claims`: Ours (min) against SfSNet by column; `over_ao`: against SfSNet-AO
+        in shading, or None. None if the experiment is not in the run or lacks a row.
+    """
     if name not in results.tables:
         return None
     table = results.table(name)
@@ -188,7 +216,7 @@ def answer_context(results: Results, name: str = "claim") -> dict[str, Any] | No
 
 
 def value_or_none(make: Callable[[], T]) -> T | None:
-    """Returns what `make` returns, or None if it fails; the section with these numbers gives the reason."""
+    """Returns what a function returns, or None if it fails; the section with these numbers gives the reason."""
     try:
         return make()
     except Exception:

@@ -19,19 +19,27 @@ Numbers = dict[str, Any]
 
 
 def training(results: Results) -> Numbers:
-    """Draws the errors of the first table and the training curves, and lists the networks."""
+    """Draws the errors of the first table and the training curves, and lists the networks.
+
+    Returns:
+        The context of templates/sections/training.md: the charts `errors` and `curves`, and the grid `networks`.
+    """
     files = {"errors": results.report / "errors.png", "curves": results.report / "curves.png"}
     tables = [results.table(name) for name in results.readable]
-    table = next(
-        (table for table in tables if table.rows), tables[0]
-    )  # that of sitting figures is empty if nobody sits
+    # That of sitting figures is empty if nobody sits.
+    table = next((table for table in tables if table.rows), tables[0])
     charts.plot_errors(table, tuple(c for c in table.columns if c.endswith("rmse")), files["errors"])
     charts.plot_curves([results.folder / "train" / f"{name}.csv" for name in results.trainings], files["curves"])
     return files | {"networks": networks(results, results.readable[0])}
 
 
 def networks(results: Results, name: str) -> TextTable:
-    """Returns the different networks of a table: the rows that train each, its number of weights, and its size."""
+    """Returns a grid of the different networks of a table: the rows that train each, its weights, and its size.
+
+    Args:
+        results: results of the run.
+        name: the experiment of the table.
+    """
     first = {row: trainings[0] for row, trainings in results.experiments[name]["trainings"].items()}
     settings = results.settings_files()
     rows_by_model: dict[str, list[str]] = {}
@@ -49,7 +57,14 @@ def networks(results: Results, name: str) -> TextTable:
 
 
 def figures(results: Results) -> Numbers:
-    """Returns the occlusion of the figures, their repairs, and the reasons why some were left out or drawn again."""
+    """Computes the numbers of the section about the figures.
+
+    Returns:
+        The context of templates/sections/figures.md: `infos`, the record of each figure; the pictures `sheet` and
+        `histogram`; the mean occlusion of `every` figure, and the one that the paper's tables have `implied`; and grids
+        of the figures that were `left_out`, of the occlusion `by_pose`, `by_garment` and of `each` figure, and of
+        `repairs`. And what `redraws` returns.
+    """
     infos, left_out = results.record["figures"], results.record["left_out"]
     table = read_occlusion(results.report / "occlusion.csv")
     repairs = [
@@ -75,14 +90,19 @@ def figures(results: Results) -> Numbers:
 
 
 def group_grid(table: pd.DataFrame, by: str) -> TextTable:
-    """Returns the occlusion of groups of figures, darkest first, followed by all figures and the paper's scans."""
+    """Returns the occlusion of groups of figures, darkest first, followed by all figures and the paper's scans.
+
+    Args:
+        table: of the figures (`measure_occlusion`).
+        by: "pose" or "garment".
+    """
     groups = pd.concat([group_occlusion(table, by), group_occlusion(table, "all")])
     rows = [
         [
             group.Index,
             group.figures,
             group.ao,
-            f"{number(group.least, 2)} to {number(group.most, 2)}",
+            f"{number(group.least, digits=2)} to {number(group.most, digits=2)}",
             group.dark,
             group.lost,
         ]
@@ -94,14 +114,22 @@ def group_grid(table: pd.DataFrame, by: str) -> TextTable:
 
 
 def redraws(infos: dict[str, dict]) -> Numbers:
-    """Counts the figures that were drawn again, by reason, from their records."""
+    """Counts the figures that were drawn again, by reason.
+
+    Args:
+        infos: figure -> its record; that of a generated one has `redrawn`, how often, and `redrawn_because`, the
+            reasons, [GARMENT: ]REASON.
+
+    Returns:
+        `drawn`: number of generated figures; `redrawn`: of those drawn again; `reasons`: a grid of the reasons.
+    """
     generated = [info for info in infos.values() if "redrawn" in info]
     reasons = [reason for info in generated for reason in info["redrawn_because"]]
     draws: Counter[str] = Counter()
     garments: dict[str, Counter[str]] = {}
     for reason in reasons:
         garment, _, why = reason.rpartition(": ")
-        why = re.sub(r"\d+(\.\d+)?", "…", why)
+        why = re.sub(r"\d+(\.\d+)?", "…", why)  # reasons that differ in a measured number alone are counted as one
         draws[why] += 1
         garments.setdefault(why, Counter())[garment] += bool(garment)
     rows = [
@@ -113,7 +141,14 @@ def redraws(infos: dict[str, dict]) -> Numbers:
 
 
 def lights(results: Results) -> Numbers:
-    """Returns the light set, the lights that each step of its chain dropped, and the panoramas without lights."""
+    """Computes the numbers of the section about the lights.
+
+    Returns:
+        The context of templates/sections/lights.md: `counts` of lights by split; `sources`, number of panoramas of the
+        test lights; `warnings`; the picture `sheet`; and grids of the `steps` of the light chain with what each
+        dropped, of the `test` lights, of those that were `cut`, and of panoramas that are `unlit`, `unreadable` or
+        `repaired`.
+    """
     from relight.lights import read_light_set
 
     record, chosen = results.lights, read_light_set(results.folder / "lights")
@@ -140,7 +175,12 @@ def lights(results: Results) -> Numbers:
 
 
 def costs_and_settings(results: Results) -> Numbers:
-    """Returns time and memory by stage, and all settings of this run."""
+    """Computes the numbers of the section about cost and settings.
+
+    Returns:
+        The context of templates/sections/costs.md: `wall` and `seconds`, wall time and sum of the jobs; and grids of
+        the `costs` by stage, of the settings `shared` by the whole run, and of those `differing` between trainings.
+    """
     stage_costs, wall = costs(results.folder)
     settings = {
         stage: {key: "none" if value is None else str(value) for key, value in values.items()}
@@ -158,32 +198,28 @@ def costs_and_settings(results: Results) -> Numbers:
 
 
 def cost_table(stage_costs: pd.DataFrame) -> TextTable:
-    """Returns the measurements of `provenance.costs` with their sums."""
+    """Returns a grid of jobs, seconds and memory by stage, with their sums; `stage_costs` is of `provenance.costs`."""
     rows = [
         [stage, int(cost.jobs), cost["mean"], cost.seconds, cost.cpu, cost.memory]
         for stage, cost in stage_costs.iterrows()
     ]
-    rows.append(
-        [
-            "all",
-            int(stage_costs.jobs.sum()),
-            None,
-            stage_costs.seconds.sum(),
-            stage_costs.cpu.sum(),
-            stage_costs.memory.max(),
-        ]
-    )
+    totals = stage_costs.seconds.sum(), stage_costs.cpu.sum(), stage_costs.memory.max()
+    rows.append(["all", int(stage_costs.jobs.sum()), None, *totals])
     heads = ["stage", "jobs", "s a job", "s in total", "CPU s", "largest memory, GB"]
     digits = {"s a job": 1, "s in total": 1, "CPU s": 1, "largest memory, GB": 2}
     return TextTable.of(heads, rows, digits=digits)
 
 
 def setting_tables(settings: dict[str, dict[str, str]], names: list[str]) -> tuple[TextTable, TextTable]:
-    """Returns the settings that are the same in the whole run, and those in which its trainings differ.
+    """Returns the settings of a run in two tables.
 
     Args:
         settings: settings file (`bake`, `train.ours_full.s0`) -> key -> value.
         names: names of the trainings that the tables compare.
+
+    Returns:
+        The settings that are the same in the whole run, and those in which its trainings differ, with a column for each
+        training.
     """
     by_training = pd.DataFrame({name: settings[f"train.{name}"] for name in names if f"train.{name}" in settings})
     by_training = by_training.astype(object).fillna("")
@@ -200,5 +236,10 @@ def setting_tables(settings: dict[str, dict[str, str]], names: list[str]) -> tup
 
 
 def two_columns(heads: list[str], pairs: dict[str, str]) -> TextTable:
-    """Returns a grid of two columns."""
+    """Returns a grid of two columns.
+
+    Args:
+        heads: of the columns.
+        pairs: first cell -> second cell.
+    """
     return TextTable.of(heads, [list(item) for item in pairs.items()])

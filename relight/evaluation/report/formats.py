@@ -74,8 +74,8 @@ class TextTable:
         return grids
 
     def texts(self, style: "TextFormat") -> pd.DataFrame:
-        """Returns the frame with cells, labels and heads as text."""
-        heads = [h if isinstance(h, tuple) else (h,) for h in self.frame.columns]
+        """Returns the frame with cells, labels and heads as text, escaped for a file format."""
+        heads = [head if isinstance(head, tuple) else (head,) for head in self.frame.columns]
         cells = [
             [style.cell(value, self.digits.get(head[-1], 3)) for value, head in zip(row, heads)]
             for row in self.frame.itertuples(index=False, name=None)
@@ -97,9 +97,11 @@ class TextTable:
                     statistics[f"{column}{end}"] = [getattr(value, name, np.nan) for value in values]
             else:
                 statistics[column] = values
-        return pd.DataFrame(statistics, self.frame.index).map(
-            lambda v: float(f"{v:.6g}") if isinstance(v, float) else v
-        )
+
+        def rounded(value: object) -> object:
+            return float(f"{value:.6g}") if isinstance(value, float) else value
+
+        return pd.DataFrame(statistics, self.frame.index).map(rounded)
 
 
 @dataclass
@@ -200,7 +202,12 @@ def write_tables(
 
 
 def score_grid(table: Table, columns: Iterable[str]) -> TextTable:
-    """Returns the estimates of a table in some columns, a block per reading; the paper's printed values follow."""
+    """Returns the estimates of a table, a block per reading; rows of the paper's printed values follow.
+
+    Args:
+        table: of an experiment.
+        columns: of the scores, such as shading_rmse.
+    """
     present = table.present(columns)
     rows: list[tuple[str, str, Mapping[str, Estimate | float]]] = [
         (label(row), table.kind(row), cells) for row, cells in table.rows.items()
@@ -218,7 +225,7 @@ def score_grid(table: Table, columns: Iterable[str]) -> TextTable:
 
 
 def other_columns(table: Table) -> tuple[str, ...]:
-    """Returns the columns that a table does not show."""
+    """Returns the columns of the scores (COLUMNS) that a table does not show."""
     return tuple(column for column in COLUMNS if column not in table.columns)
 
 
@@ -230,15 +237,15 @@ def comparison_grid(comparisons: dict[str, dict[str, Comparison]]) -> TextTable:
     """
     heads = ["compared", "in", "first better by", "interval", "first", "second", "p", "the first is", "within"]
     rows = [
-        [what, column_label(c.column), *effect(c), c.first, c.second, p_value(c.p), c.verdict, bound(c)]
-        for what, by_column in comparisons.items()
+        [pair, column_label(c.column), *effect(c), c.first, c.second, p_value(c.p), c.verdict, bound(c)]
+        for pair, by_column in comparisons.items()
         for c in by_column.values()
     ]
     return TextTable.of(heads, rows)
 
 
 def effect(comparison: Comparison) -> tuple[str, str]:
-    """Returns the gain of the first row relative to the second, and its interval, as text."""
+    """Returns the gain of the first row relative to the second, "+3.1 %", and its interval, "+1.0 to +5.2 %"."""
     return percent(comparison.gain), " to ".join(map(percent, comparison.interval)).replace(" % to", " to")
 
 

@@ -27,8 +27,15 @@ PARTS = ("color", "pattern")  # of a light, which light transfer exchanges separ
 def light_transfer(results: Results, name: str) -> Numbers:
     """Compares relit pictures of figures that swap lights with the unchanged pictures.
 
-    `costly`: row -> "maps" or "light", whichever has the larger error, or None if the difference is not significant.
-    `worse`: row -> the parts of the light that make its pictures worse if they are replaced by the true ones.
+    Args:
+        results: results of the run.
+        name: name of the experiment.
+
+    Returns:
+        The context of templates/sections/experiments/light_transfer.md, among it:
+        `costly`: row -> "maps" or "light", whichever has the larger error, or None if the difference is not
+        significant.
+        `worse`: row -> the parts of the light that make its pictures worse if they are replaced by the true ones.
     """
     rows = gather([results.folder / "light_transfer" / "scores.csv"])
     networks = {row: trainings for row, trainings in rows.items() if ":" not in row and row not in transfer.BASELINES}
@@ -36,6 +43,7 @@ def light_transfer(results: Results, name: str) -> Numbers:
     by_column = {c: estimates(rows, c, networks, transfer.BASELINES) for c in heads}
 
     def compare(first: str, second: str) -> Comparison:
+        """Compares the errors of relit pictures of two predictors, without correction."""
         errors = by_column["reconstruction_rmse"]
         return compare_estimates("reconstruction_rmse", errors[first], errors[second])
 
@@ -70,7 +78,16 @@ def light_transfer(results: Results, name: str) -> Numbers:
 
 
 def traced(results: Results, name: str) -> Numbers:
-    """Computes the errors of relit pictures against path tracing, and their causes."""
+    """Computes the errors of relit pictures against path tracing, and their causes.
+
+    Args:
+        results: results of the run.
+        name: name of the experiment.
+
+    Returns:
+        The context of templates/sections/experiments/path_traced.md. `answers` and `networks`: relative errors in
+        percent; `largest`: cause -> RMSE, the largest first; `scenes`: number of traced figures.
+    """
     path = results.folder / "path_traced" / "scores.csv"
     tables = traced_tables(path)
     answers = {row: float(estimate.mean) for row, estimate in tables["path_traced"].frame["relative, %"].items()}
@@ -113,13 +130,9 @@ def traced_tables(path: Path) -> dict[str, TextTable]:
         for name in labels:
             if (kind, name) in values:
                 numbers = values[kind, name][list(COLUMNS)].to_numpy().reshape(-1, figures, len(COLUMNS))
-                by_column = np.moveaxis(numbers * [1, 100, 100], -1, 0)[..., None]
-                rows.append(
-                    [
-                        labels[name],
-                        *(estimate(values_of_column) for values_of_column in by_column),
-                    ]
-                )
+                in_percent = numbers * [1, 100, 100]  # the relative ones
+                by_column = np.moveaxis(in_percent, -1, 0)[..., None]  # of trainings, figures, and one light each
+                rows.append([labels[name], *map(estimate, by_column)])
                 kinds.append("baseline" if name in ANSWERS else "network")
         heads, digits = ["", "RMSE", "relative, %", "mean, %"], {"RMSE": 4, "relative, %": 1, "mean, %": 1}
         return TextTable.of(heads, rows, kinds, digits)
@@ -131,9 +144,19 @@ def traced_tables(path: Path) -> dict[str, TextTable]:
 
 
 def inference_time(results: Results, name: str) -> Numbers:
-    """Computes the inference time of each network at each size."""
-    first = [trainings[0] for trainings in results.experiments[name]["trainings"].values()]
-    times = pd.concat([timing.read_times(results.folder / "inference_time" / f"{training}.csv") for training in first])
+    """Computes the inference time of each network at each size.
+
+    Args:
+        results: results of the run.
+        name: name of the experiment.
+
+    Returns:
+        The context of templates/sections/experiments/inference_time.md. `largest`: the times at the largest size;
+        `printed`: the paper's, seconds; `grid`: all times.
+    """
+    trainings = [trainings[0] for trainings in results.experiments[name]["trainings"].values()]
+    folder = results.folder / "inference_time"
+    times = pd.concat([timing.read_times(folder / f"{training}.csv") for training in trainings])
     times["on"] = ["a GPU" if time.device == "cuda" else count(time.threads, "thread") for time in times.itertuples()]
     rows = [
         [
@@ -159,7 +182,14 @@ def inference_time(results: Results, name: str) -> Numbers:
 
 
 def write_grids(results: Results, name: str, grids: dict[str, TextTable], made: Numbers) -> Numbers:
-    """Writes the tables of an experiment, and returns the context of its section."""
+    """Writes the tables of an experiment, and returns the context of its section.
+
+    Args:
+        results: results of the run.
+        name: name of the experiment, and of its note in templates/notes.
+        grids: stem of the files -> table.
+        made: the numbers of the section, also for the note.
+    """
     experiment = results.experiments[name]
     for stem, grid in grids.items():
         write_tables(results.report / stem, results.title(name), text(f"notes/{name}.md", **made), grid)

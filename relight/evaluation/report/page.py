@@ -67,7 +67,7 @@ def section(template: str, **context) -> Markup:
 
 
 def page(template: str, **context) -> str:
-    """Renders a template."""
+    """Renders a template as it is, such as HTML."""
     return environment().get_template(template).render(context)
 
 

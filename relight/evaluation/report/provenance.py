@@ -26,7 +26,7 @@ def provenance(folder: Path) -> dict[str, Any]:
         version: version of relight.
         commit: commit of the working tree, "" without git.
         changed: whether files differ from the commit.
-        machine: see `machine`.
+        machine: processor, cores, memory, GPU and system, in words.
         command: repeats the run from a clone.
     """
     return {
@@ -50,7 +50,7 @@ def machine() -> str:
 
 
 def processor() -> str:
-    """Returns the model name of the processor."""
+    """Returns the model name of the processor: that of Linux, or else Python's."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
@@ -59,7 +59,11 @@ def processor() -> str:
 
 
 def command(folder: Path) -> str:
-    """Returns the command that repeats a run in a clone; a sweep is repeated from its record."""
+    """Returns the command that repeats a run in a clone; a sweep is repeated from its record.
+
+    Args:
+        folder: results/<name>, whose run.yaml contains the given settings.
+    """
     record = folder / "run.yaml"
     config = yaml.safe_load(record.read_text()) if record.exists() else {}
     if "rows" in config:

@@ -24,12 +24,13 @@ class Results:
 
     The argument `usual` of a method selects the usual test figures and lights instead of the experiment's own.
 
-    Args:
+    Attributes:
         folder: results/<name>.
-        experiments: experiments.json (`Plan.requested`).
+        experiments: name -> fields of `config.Experiment`, `trainings` and files (`ConfigFolder.experiments_json`).
     """
 
     def __init__(self, folder: Path, experiments: Path):
+        """Reads the experiments of a run from experiments.json; other files are read when they are asked for."""
         self.folder = folder
         self.experiments: dict[str, dict[str, Any]] = json.loads(experiments.read_text())
         self._tables: dict[tuple[str, bool], Table] = {}
@@ -106,13 +107,14 @@ class Results:
         return self._tables[name, usual]
 
     def _table(self, name: str, usual: bool) -> Table:
+        """Computes the table of an experiment; it has no rows if the data set has no such figures or lights."""
         rows = self.scores(name, usual)
         if not rows:
             return Table(self.columns(name))
         pool: Rows = {}
         for other in dict.fromkeys([name, *self.readable]):
             for condition in (False, True):
-                if self._files(other, condition)[""] == self._files(name, usual)[""]:
+                if self._files(other, condition)[""] == self._files(name, usual)[""]:  # the same pairs
                     pool |= self.scores(other, condition)
         return experiment_table(name, rows, self.baselines(name, usual), self.columns(name), pool)
 
@@ -125,7 +127,7 @@ class Results:
         return experiment_table(name, rows, baselines, self.columns(name))
 
     def columns(self, name: str) -> tuple[str, ...]:
-        """Returns the columns of an experiment's table."""
+        """Returns the columns of the scores that an experiment's table shows: RMSE and SSIM of its quantities."""
         return columns_of(*self.experiments[name]["shows"])
 
     def estimates(self, name: str, column: str) -> dict[str, Estimate]:
@@ -138,7 +140,12 @@ class Results:
         return self.json(self.experiments[name]["splits"][row])
 
     def setting(self, row: str, key: str) -> Any:
-        """Returns the value of a setting, such as `model.width`, with which a row was trained."""
+        """Returns the value of a setting with which a row was trained.
+
+        Args:
+            row: name of the row.
+            key: of the setting, such as model.width.
+        """
         training = next(
             experiment["trainings"][row][0]
             for experiment in self.experiments.values()
@@ -158,10 +165,12 @@ class Results:
         return by_stage
 
     def _gather(self, paths: Iterable[str]) -> Rows:
+        """Reads the scores in files of the results, each set of files once."""
         files = tuple(paths)
         if files not in self._scores:
             self._scores[files] = gather([self.folder / path for path in files])
         return self._scores[files]
 
     def _files(self, name: str, usual: bool) -> dict[str, list[str]]:
+        """Returns the files of an experiment's scores: row -> one per training; "" -> the file of the baselines."""
         return self.experiments[name]["usual" if usual else "scores"]

@@ -72,7 +72,7 @@ def experiment(results: Results, name: str) -> Numbers:
     if not table.rows:
         return numbers
     numbers |= {"grid": score_grid(table, table.columns), "others": score_grid(table, other_columns(table))}
-    numbers |= {"quarters": None, **quarters(results, name)}
+    numbers |= {"quarters": None, **quarters(results, name)}  # None if they cannot be compared
     if settings["axis"]:
         numbers["plot"] = results.report / f"{name}.png"
         errors = tuple(column for column in table.columns if column.endswith("rmse"))
@@ -82,11 +82,19 @@ def experiment(results: Results, name: str) -> Numbers:
         numbers["plates"] = [results.report / f"{name}_{kind}.png" for kind in ("plates", "relit", "extremes")]
     compared = compare_pairs(table, settings["compare"], settings["compare_in"])
     numbers |= {"compared": compared, "comparisons": pair_grid(compared, settings["compare"]) if compared else None}
-    return numbers | EXPERIMENTS.get(name, lambda *_: {})(results, name, table)
+    if name in EXPERIMENTS:
+        numbers |= EXPERIMENTS[name](results, name, table)
+    return numbers
 
 
 def write_score_table(table: Table, title: str, stem: Path) -> None:
-    """Writes a table as stem.csv (all columns), stem.md and stem.tex."""
+    """Writes the table of an experiment as CSV (all columns), Markdown and LaTeX.
+
+    Args:
+        table: the estimates; without rows, as of sitting figures where nobody sits, the files say so.
+        title: of the table.
+        stem: path of the files without suffix.
+    """
     note = text("note.md", scored=table)
     if table.rows:
         shown, others = score_grid(table, table.columns), score_grid(table, other_columns(table))
@@ -114,9 +122,17 @@ def compare_pairs(table: Table, pairs: dict[str, str], columns: Iterable[str]) -
 
 
 def pair_grid(compared: Comparisons, pairs: dict[str, str]) -> TextTable:
-    """Returns comparisons of pairs with their labels, and what each measures."""
-    words = {pair: " against ".join(map(label, pair.split(" against "))) for pair in compared}
-    return comparison_grid({f"{words[pair]}: {pairs[pair]}": by_column for pair, by_column in compared.items()})
+    """Returns a grid of comparisons of pairs, with the labels of their rows.
+
+    Args:
+        compared: `first against second` -> column -> comparison.
+        pairs: `first against second` -> what the comparison measures.
+    """
+    labelled = {}
+    for pair, by_column in compared.items():
+        first, second = map(label, pair.split(" against "))
+        labelled[f"{first} against {second}: {pairs[pair]}"] = by_column
+    return comparison_grid(labelled)
 
 
 def table1(results: Results, name: str, table: Table) -> Numbers:
@@ -128,20 +144,29 @@ def table1(results: Results, name: str, table: Table) -> Numbers:
 
 
 def equal_losses(results: Results, name: str, table: Table) -> Numbers:
-    """Splits the lead of Ours (full) over SfSNet-AO in shading, relative to SfSNet-AO.
+    """Splits the lead of Ours (full) over SfSNet-AO in shading into what the losses and what the formulation gain.
 
-    `parts` are that of the losses and that of the formulation, each the mean over its two comparisons. It is None
-    unless all four are trained.
+    Returns:
+        `parts`: `inferred`, the gain of inferring transport in place of normals and AO, and `losses`, that of fifteen
+        losses over four. Each is the mean of its two comparisons, over the error of SfSNet-AO. None unless all four
+        combinations are trained.
     """
     rows, parts = ("sfsnet_ao", "sfsnet_ao_full", "ours_min", "ours_full"), None
     if all(row in table.rows for row in rows):
-        ao, ao_full, least, full = (table.rows[row]["shading_rmse"].mean for row in rows)
-        parts = {"inferred": (ao - least + ao_full - full) / 2 / ao, "losses": (ao - ao_full + least - full) / 2 / ao}
+        ao_min, ao_full, ours_min, ours_full = (table.rows[row]["shading_rmse"].mean for row in rows)
+        by_formulation = (ao_min - ours_min + ao_full - ours_full) / 2
+        by_losses = (ao_min - ao_full + ours_min - ours_full) / 2
+        parts = {"inferred": by_formulation / ao_min, "losses": by_losses / ao_min}
     return {"parts": parts}
 
 
 def sitting(results: Results, name: str, table: Table) -> Numbers:
-    """Compares sitting with standing test figures, and with the mean figure."""
+    """Compares each network on sitting with standing test figures, and the first network with the mean figure.
+
+    Returns:
+        `standing`: number of standing test figures; `first`: the first network; `trivial`: number of errors in which it
+        is better than the trivial prediction, the mean figure; `comparisons`: all of them, as a grid.
+    """
     standing, first = results.table(name, usual=True), table.networks[0]
     compared = {
         f"{label(row)}, sitting against standing": compare_rows(table, row, row, ERRORS, standing)
@@ -159,7 +184,14 @@ def sitting(results: Results, name: str, table: Table) -> Numbers:
 
 
 def unusual_lights(results: Results, name: str, table: Table) -> Numbers:
-    """Compares unusual with usual lights, the inferred light with the nearest training light, and training lights."""
+    """Compares unusual with usual lights, the inferred light with the nearest training light, and training lights.
+
+    Returns:
+        `first`: the first network, of which are `fails`, column -> whether it is worse under unusual lights, `nearest`,
+        the verdict on its light against the nearest training light, and `share`, its light error over that of the mean
+        training light, under unusual and usual lights; `shares`: that of all networks, as a grid; `usual`: number of
+        usual lights; `comparisons`: all of them, as a grid.
+    """
     usual, first, rich = results.table(name, usual=True), table.networks[0], "ours_rich"
     against = compare_rows(table, first, first, ERRORS, usual)
     nearest = compare_rows(table, first, "nearest_light", ("light_rmse",))
@@ -173,6 +205,7 @@ def unusual_lights(results: Results, name: str, table: Table) -> Numbers:
             compared[pair] = compare_rows(scored, rich, first, ERRORS)
 
     def light_error(scored: Table, row: str) -> float:
+        """Returns the mean error of the light of a row under the lights of a table."""
         return scored.rows[row]["light_rmse"].mean
 
     shares = {
@@ -195,7 +228,13 @@ def unusual_lights(results: Results, name: str, table: Table) -> Numbers:
 
 
 def silhouette(results: Results, name: str, table: Table) -> Numbers:
-    """Computes how far a network that sees the mask alone gets from the mean figure to one that sees the picture."""
+    """Compares a network that sees the mask alone with the mean figure and with one that sees the picture.
+
+    Returns:
+        `comparisons`: as a grid; `tells`: whether the mask tells of the shape, so that the network is better than the
+        mean figure; `part`: how far its transport error is from that of the mean figure (0) to that of the network that
+        sees the picture (1), None if that is not better than the mean figure.
+    """
     columns, rows = ("transport_rmse", "shading_true_light_rmse"), ("mean_figure", "silhouette", "transport_only")
     others = ("mean_figure", "no_occlusion", "transport_only")
     compared = {
@@ -205,8 +244,8 @@ def silhouette(results: Results, name: str, table: Table) -> Numbers:
     if all(row in table.rows for row in rows) and better(
         compare_rows(table, "transport_only", "mean_figure", ("transport_rmse",))
     ):
-        low, middle, high = (table.rows[row]["transport_rmse"].mean for row in rows)
-        part = (low - middle) / (low - high)
+        of_mean_figure, of_mask, of_picture = (table.rows[row]["transport_rmse"].mean for row in rows)
+        part = (of_mean_figure - of_mask) / (of_mean_figure - of_picture)
     informative = "transport_rmse" in better(compare_rows(table, "silhouette", "mean_figure", columns))
     return {"comparisons": comparison_grid(compared), "tells": informative, "part": part}
 
@@ -214,15 +253,19 @@ def silhouette(results: Results, name: str, table: Table) -> Numbers:
 def self_supervised(results: Results, name: str, table: Table) -> Numbers:
     """Tests whether fine-tuning without ground truth flattens the shading and turns the albedo into the picture.
 
-    `collapsed`: row -> number of these two signs that are significant (Holm).
+    Returns:
+        `collapsed`: row -> number of these two signs that are significant (Holm); `signs`: their values, as a grid;
+        `comparisons`: of the errors before and after the fine-tuning, as a grid.
     """
     base, *tuned = table.networks
     contrast, share = (results.estimates(name, column) for column in ("shading_contrast", "albedo_share"))
     true = share["nearest_light"].mean  # of a baseline with the true albedo
     collapsed, compared = {}, {}
     for row in tuned:
-        signs_of_row = [compare_estimates("", values[row], values[base]) for values in (contrast, share)]
+        # Neither more nor less of them is better by itself, so the comparisons are of no column.
+        signs_of_row = [compare_estimates("", first=values[row], second=values[base]) for values in (contrast, share)]
         by_contrast, by_share = correct(signs_of_row)
+        # Each is significantly further that way than before, and than the truth, whose contrast is 1.
         is_flat = by_contrast.verdict.is_significant and by_contrast.difference.mean < 0 and by_contrast.first < 1
         is_picture = by_share.verdict.is_significant and by_share.difference.mean > 0 and by_share.first > true
         collapsed[row] = is_flat + is_picture
@@ -234,7 +277,12 @@ def self_supervised(results: Results, name: str, table: Table) -> Numbers:
 
 
 def along(results: Results, name: str, table: Table) -> Numbers:
-    """Compares the first point of an axis with the last one, and the last two: whether more still helps."""
+    """Compares the first point of an axis with the last one, and the last two: whether more still helps.
+
+    Returns:
+        `axis`: label of the axis; `places`: the values on it; `falling`: columns that the last step makes better;
+        `comparisons`: as a grid.
+    """
     networks = points(results, name)
     last = len(networks) - 1
     steps = dict.fromkeys([(0, last), (last - 1, last)]) if last > 0 else {}  # one step if there are two points
@@ -252,7 +300,12 @@ def along(results: Results, name: str, table: Table) -> Numbers:
 
 
 def order(results: Results, name: str, table: Table) -> Numbers:
-    """Computes the smallest error of each order, and that of its network."""
+    """Compares networks of increasing order, and their errors with what an order leaves out by itself.
+
+    Returns:
+        `floors`: for each network its shading error, that of the truth cut at its order, and the share of the latter in
+        the squared error, as a grid; `comparisons`: of each order with the next lower one, as a grid.
+    """
     networks, rows = points(results, name), []
     for place, row in networks:
         if cut := table.rows.get(f"cut_{place:.0f}"):
@@ -269,7 +322,9 @@ def order(results: Results, name: str, table: Table) -> Numbers:
 def steps(results: Results, name: str, table: Table) -> Numbers:
     """Compares the sets of losses at each length of training, and the lengths for each set.
 
-    `changed`: the columns in which a set is better than another at one length, and worse at another length.
+    Returns:
+        `changed`: the columns in which a set is better than another at one length, and worse at another length;
+        `comparisons`: as a grid.
     """
     rows, compared, verdicts = {}, {}, defaultdict(set)
     for row in table.networks:
@@ -308,6 +363,10 @@ EXPERIMENTS: dict[str, Callable[[Results, str, Table], Numbers]] = {
 def points(results: Results, name: str) -> list[tuple[float, str]]:
     """Returns the networks of an experiment with their values on its axis.
 
+    Args:
+        results: results of the run.
+        name: of the experiment, whose `axis` is a setting such as train.figures.
+
     Returns:
         (value, row), sorted by value. The number of training figures is at most that of the available ones.
     """
@@ -317,7 +376,7 @@ def points(results: Results, name: str) -> list[tuple[float, str]]:
         place = results.setting(row, axis)
         if axis == "train.figures":
             available = len(results.split(name, row)[results.setting(row, "train.part")])
-            place = min(place or available, available)
+            place = min(place or available, available)  # None is for all
         networks.append((float(place), row))
     return sorted(networks, key=lambda point: point[0])
 
@@ -367,7 +426,13 @@ def quarters(results: Results, name: str) -> Numbers:
 
 
 def summary(results: Results) -> Numbers:
-    """Tests which of the paper's orderings hold in this run."""
+    """Tests which of the paper's orderings hold in this run.
+
+    Returns:
+        The context of templates/sections/summary.md. `tables`: those on the usual figures and lights; `orderings`: the
+        tested ones; `verdicts`: Verdict -> their number; `small`: number of those under MARGIN in print; `trainings`:
+        the least and the largest number per row; `matrix` and `listed`: the orderings as grids.
+    """
     tables = [results.table(name) for name in results.readable if results.usual(name)]
     tables = [table for table in tables if table.rows]
     tested, counts = orderings(tables), [count for table in tables for count in table.trainings.values()]

@@ -21,7 +21,7 @@ from relight.evaluation.scoring.evaluate import Condition, Predictor, has_pairs,
 from relight.evaluation.scoring.scores import write_scores
 from relight.evaluation.scoring.truth import Inferred
 from relight.learning.data import RelitSet, read_split
-from relight.sh import order_of, unoccluded
+from relight.sh import coefficient_count, order_of, unoccluded
 
 
 def evaluate_baselines(
@@ -33,10 +33,10 @@ def evaluate_baselines(
     color: str = "paper",
     order: int = 2,
 ) -> None:
-    """Writes the scores (CSV) of all baselines, on the same pairs as `evaluate`.
+    """Writes the scores of all baselines.
 
     Args:
-        packed, lights, split: the data set.
+        packed, lights, split: the data set (.safetensors, .npz, .json).
         condition: the figures and lights.
         out: the scores (.csv).
         color: color model of the networks to be compared with (`train.color`).
@@ -64,6 +64,7 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
     mean = MeanFigure(data, figures)
 
     def true(name: str, figure: int) -> np.ndarray:
+        """Returns a true map (1,P,C) of a figure at its P pixels; (1,P) for AO."""
         return getattr(data, name)[pixel_rows(data, figure)].float().numpy()[None]
 
     def mean_figure(figure: int, lights: np.ndarray) -> Inferred:
@@ -72,7 +73,8 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
         return Inferred(maps["albedo"], maps["transport"], maps["normal"], maps["ao"], light)
 
     def nearest_light(figure: int, lights: np.ndarray) -> Inferred:
-        distances = ((data.lights.numpy()[lights][:, None] - train_lights[None]) ** 2).sum((2, 3))
+        true_lights = data.lights.numpy()[lights]
+        distances = ((true_lights[:, None] - train_lights[None]) ** 2).sum((2, 3))  # (N, training lights)
         return Inferred(light=train_lights[distances.argmin(1)])
 
     def no_occlusion(figure: int, lights: np.ndarray) -> Inferred:
@@ -84,8 +86,9 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
     def as_it_is(figure: int, lights: np.ndarray) -> Inferred:
         return Inferred(relit=truth(data, figure, lights).maps["reconstruction"])
 
-    def truncated(bands: int) -> Predictor:
-        return lambda figure, lights: Inferred(transport=true("transport", figure)[..., : (bands + 1) ** 2])
+    def truncated(to_order: int) -> Predictor:
+        """Returns the predictor of the true transport without the coefficients above an order."""
+        return lambda figure, lights: Inferred(transport=true("transport", figure)[..., : coefficient_count(to_order)])
 
     return {
         "mean_figure": mean_figure,
@@ -94,7 +97,7 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
         "no_occlusion": no_occlusion,
         "ao_occlusion": ao_occlusion,
         "as_it_is": as_it_is,
-        **{f"cut_{bands}": truncated(bands) for bands in range(2, order)},
+        **{f"cut_{to_order}": truncated(to_order) for to_order in range(2, order)},
     }
 
 
@@ -102,13 +105,14 @@ class MeanFigure:
     """The mean of the training figures at each pixel; at pixels outside all figures, the mean over all pixels."""
 
     def __init__(self, data: RelitSet, figures: np.ndarray):
+        """Averages the maps of the figures with these indices (F,)."""
         rows = np.r_[tuple(pixel_rows(data, figure) for figure in figures)]  # of all pixels of these figures
         pixel = data.pixel.numpy()[rows]  # where each lies in its image
         count = np.bincount(pixel, minlength=data.size**2)[:, None]
         self.maps = {}
         for name in ("albedo", "transport", "normal", "ao"):
             values = getattr(data, name).numpy()[rows].astype(np.float64).reshape(len(rows), -1)
-            if name == "albedo" and data.color == "paper":
+            if name == "albedo" and data.color == "paper":  # stored as 8-bit codes
                 values = values / 255
             total = np.stack([np.bincount(pixel, channel, data.size**2) for channel in values.T], 1)
             self.maps[name] = np.where(count > 0, total / np.maximum(count, 1), values.mean(0))

@@ -62,7 +62,7 @@ class Comparison:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The interval of `gain` at `level`; the uncertainty of the second row's mean as divisor is ignored."""
+        """The ends of the interval of `gain` at `level`; the uncertainty of the second mean as divisor is ignored."""
         mean, half_width = self.difference.mean, self.difference.half_width(self.level)
         low, high = sorted(map(self._relative, (mean - half_width, mean + half_width)))
         return low, high
@@ -74,11 +74,20 @@ class Comparison:
         return self.difference.bound(ALPHA) / level if level else np.inf
 
     def _relative(self, difference: float) -> float:
+        """Returns a difference first minus second over the second mean, positive if the first is better."""
         return -sign(self.column) * difference / abs(self.second) if self.second else 0.0
 
 
 def compare_estimates(column: str, first: Estimate, second: Estimate) -> Comparison:
-    """Compares two estimates of a column, without correction."""
+    """Compares two estimates of one column.
+
+    Args:
+        column: column of the scores, which tells whether less is better.
+        first, second: means over the same or other figures and lights, with their intervals.
+
+    Returns:
+        The comparison; its p-values are not corrected for the number of comparisons.
+    """
     difference = compare(first, second)
     equivalent = difference.p_equivalent(MARGIN * (abs(first.mean) + abs(second.mean)) / 2)
     return Comparison(column, first.mean, second.mean, difference, difference.p, equivalent)
@@ -86,10 +95,10 @@ def compare_estimates(column: str, first: Estimate, second: Estimate) -> Compari
 
 def correct(comparisons: list[Comparison]) -> list[Comparison]:
     """Corrects p-values and levels for the number of comparisons (Holm), in place, and returns the comparisons."""
-    p, p_equivalent = (
-        holm([getattr(comparison, name) for comparison in comparisons]) for name in ("p", "p_equivalent")
-    )
+    p = holm([comparison.p for comparison in comparisons])
+    p_equivalent = holm([comparison.p_equivalent for comparison in comparisons])
     for comparison, corrected, equivalent in zip(comparisons, p.tolist(), p_equivalent.tolist()):
+        # The level at which the uncorrected p-value has the same verdict as the corrected one at ALPHA.
         comparison.level = ALPHA * comparison.p / corrected if corrected else ALPHA / len(comparisons)
         comparison.p, comparison.p_equivalent = corrected, equivalent
     return comparisons

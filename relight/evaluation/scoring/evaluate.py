@@ -100,9 +100,9 @@ def load(checkpoint: Path, packed: Path, lights: Path) -> tuple[Network, RelitSe
     device = choose_device("auto")
     if device.type == "cpu":
         torch.set_num_threads(1)
-    network, made_with = load_network(checkpoint, device)
-    network.unlearned = unlearned(made_with.get("loss"))
-    color = (made_with.get("train") or {}).get("color")
+    network, config = load_network(checkpoint, device)
+    network.unlearned = unlearned(config.get("loss"))
+    color = (config.get("train") or {}).get("color")
     if color is None:
         raise UserError(f"{checkpoint} does not say in which color model it was trained: train it again")
     data = RelitSet(packed, lights, network.order, color, device)
@@ -114,7 +114,11 @@ def load(checkpoint: Path, packed: Path, lights: Path) -> tuple[Network, RelitSe
 
 
 def unlearned(loss: dict[str, Any] | None) -> frozenset[str]:
-    """Returns which of albedo and light no loss of a training constrains; they are replaced by the truth."""
+    """Returns which of albedo and light no loss of a training constrains; the scores replace them by the truth.
+
+    Args:
+        loss: the settings of the group `loss`; None for a network that does not tell them.
+    """
     if not loss or any((loss.get("extra") or {}).values()):  # a loss of the user's may constrain anything
         return frozenset()
     used = (setting_of(field).teaches for key, field in fields_by_key(Loss) if loss.get(key))
@@ -146,7 +150,13 @@ def select_pairs(data: RelitSet, split: Path, condition: Condition = TEST) -> tu
 
 
 def select_figures(data: RelitSet, split: Path, figures: str) -> np.ndarray:
-    """Returns indices of the frontal figures of a part of the split; `views` are other views of the test figures."""
+    """Returns the indices (F,) of the figures of a part of a split, seen from the front.
+
+    Args:
+        data: figures and lights.
+        split: the split (.json).
+        figures: one of PARTS; for `views` the result is the other views of the test figures.
+    """
     parts = read_split(split)
     if figures != "views":
         return data.figures(parts.get(figures, []))
@@ -155,7 +165,15 @@ def select_figures(data: RelitSet, split: Path, figures: str) -> np.ndarray:
 
 
 def has_pairs(data: RelitSet, split: Path, condition: Condition) -> bool:
-    """Returns whether there are figures and lights to score; test figures and test lights are taken for granted."""
+    """Returns whether there are figures and lights of a condition in the data.
+
+    Test figures and test lights are taken for granted: if they are missing, `select_pairs` raises an error.
+
+    Args:
+        data: figures and lights.
+        split: the split (.json).
+        condition: the figures and lights.
+    """
     has_figures = condition.figures == "test" or len(select_figures(data, split, condition.figures)) > 0
     return has_figures and (condition.lights != "unusual" or bool((data.light_split == "unusual").any()))
 
@@ -172,14 +190,30 @@ def pixels(data: RelitSet, figure: int) -> np.ndarray:
 
 
 def dense(values: np.ndarray, pixel: np.ndarray, size: int) -> np.ndarray:
-    """Scatters values (P,C) to flat pixel indices (P,) of an image (S,S,C) of zeros."""
+    """Returns an image (S,S,C) float32 with values at some pixels, and 0 at the others.
+
+    Args:
+        values: (P,C).
+        pixel: (P,) flat indices of the pixels in the image.
+        size: S.
+    """
     image = np.zeros((size**2, values.shape[-1]), np.float32)
     image[pixel] = values
     return image.reshape(size, size, -1)
 
 
 def score(predictor: Predictor, data: RelitSet, split: Path, condition: Condition) -> Scores:
-    """Scores a predictor on all pairs of a condition, figure by figure."""
+    """Scores a predictor on every figure under every light of a condition.
+
+    Args:
+        predictor: a network or a baseline.
+        data: figures and lights.
+        split: the split (.json).
+        condition: the figures and lights.
+
+    Raises:
+        UserError: if there is no figure or no light.
+    """
     figures, lights = select_pairs(data, split, condition)
     scores = [truth(data, f, lights).score(predictor(f, lights)) for f in progress(figures.tolist(), "figures scored")]
     columns = {name: np.stack([part[name] for part in scores]) for name in scores[0]}
@@ -187,18 +221,24 @@ def score(predictor: Predictor, data: RelitSet, split: Path, condition: Conditio
 
 
 def truth(data: RelitSet, figure: int, lights: np.ndarray) -> Truth:
-    """Returns the ground truth of a figure of the set under `lights` (N,), in the set's color model."""
+    """Returns the ground truth of a figure under some lights, in the color model of the set.
+
+    Args:
+        data: figures and lights.
+        figure: index of the figure.
+        lights: (N,) indices of the lights.
+    """
     batch = data.batch(np.array([figure]), lights[:1])
     count = int(data.counts[figure])
     maps = {name: getattr(batch, name)[0, :count].cpu().numpy() for name in ("albedo", "normal", "ao")}
     return Truth(
-        batch.pixel[:count].cpu().numpy(),
-        data.transport[pixel_rows(data, figure)].float().cpu().numpy(),
-        maps["albedo"],
-        maps["normal"],
-        maps["ao"][:, 0],
-        data.lights[torch.as_tensor(lights, device=data.lights.device)].cpu().numpy(),
-        data.size,
+        pixel=batch.pixel[:count].cpu().numpy(),
+        transport=data.transport[pixel_rows(data, figure)].float().cpu().numpy(),
+        albedo=maps["albedo"],
+        normal=maps["normal"],
+        ao=maps["ao"][:, 0],
+        lights=data.lights[torch.as_tensor(lights, device=data.lights.device)].cpu().numpy(),
+        size=data.size,
     )
 
 
@@ -224,20 +264,24 @@ def infer(network: Network, data: RelitSet, figure: int, lights: np.ndarray) -> 
         for name, values in compact(network, batch).items():
             values = values if name == "light" else values[:, :count]
             by_name.setdefault(name, []).append(values.cpu().numpy())
-    maps = {name: np.concatenate(batches) for name, batches in by_name.items() if name not in network.unlearned}
-    ao = maps["ao"][..., 0] if "ao" in maps else None
+    outputs = {name: np.concatenate(batches) for name, batches in by_name.items() if name not in network.unlearned}
     return Inferred(
-        maps.get("albedo"),
-        maps.get("transport"),
-        maps.get("normal"),
-        ao,
-        maps.get("light"),
-        occlude=ao is not None,
+        albedo=outputs.get("albedo"),
+        transport=outputs.get("transport"),
+        normal=outputs.get("normal"),
+        ao=outputs["ao"][..., 0] if "ao" in outputs else None,
+        light=outputs.get("light"),
+        occlude="ao" in outputs,
     )
 
 
 def compact(network: Network, batch: Batch) -> dict[str, torch.Tensor]:
-    """Runs a network; returns maps at the in-mask pixels (B,P,C), among them transport, and the light (B,K,3)."""
+    """Runs a network on a batch.
+
+    Returns:
+        The maps that it infers, (B,P,C) at the P pixels of the mask, and `light` (B,K,3). If it infers no transport,
+        `transport` is that of its normals without occlusion.
+    """
     outputs = network(batch.image, batch.mask)
     light = outputs.pop("light").float()
     maps = {name: batch.gather(dense) for name, dense in outputs.items()}
@@ -262,7 +306,7 @@ def inferred_maps(network: Network, data: RelitSet, light: int, true: Maps) -> M
     (figure,) = data.figures([true.info["name"]])
     inferred = infer(network, data, int(figure), np.array([light]))
     assert inferred.occluded_transport is not None  # every network infers transport
-    transport = inferred.occluded_transport[0][:, : coefficient_count(2)]
+    transport = inferred.occluded_transport[0][:, : coefficient_count(2)]  # pages have order 2
     values = {"transport": transport, "ao": np.clip(transport[:, :1] / np.float64(UNOCCLUDED_T00), 0, 1)}
     if inferred.normal is not None:
         values["normal"] = inferred.normal[0]

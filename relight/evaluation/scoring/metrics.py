@@ -64,9 +64,15 @@ class MaskBox:
     """
 
     def __init__(self, pixel: np.ndarray, width: int):
-        """Takes the flat indices (P,) of the mask's pixels in an image `width` pixels wide."""
+        """Finds the box of a mask.
+
+        Args:
+            pixel: (P,) flat indices of the mask's pixels in an image.
+            width: of the image, pixels.
+        """
         row, column = np.divmod(pixel, width)
-        (top, height), (left, box_width) = (_widen_to_window(place.min(), place.max() + 1) for place in (row, column))
+        top, height = _widen_to_window(row.min(), row.max() + 1)
+        left, box_width = _widen_to_window(column.min(), column.max() + 1)
         self.shape = height, box_width
         self.inside = (row - top) * box_width + column - left
 
@@ -82,7 +88,7 @@ class MaskBox:
         return box.reshape(len(values), *self.shape, -1)
 
     def ssim(self, inferred: np.ndarray, truth: np.ndarray) -> float:
-        """Returns the SSIM of values (P,C) in [0,1]."""
+        """Returns the mean SSIM over windows and channels of values (P,C) in [0,1] at the mask's pixels."""
         return float(ssim(self.crop(inferred[None]), self.crop(truth[None]), span=1.0)[0])
 
 
@@ -103,7 +109,10 @@ def irradiance(light: np.ndarray) -> np.ndarray:
 
 
 def shade(transport: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Returns the shading (N,P,3), clipped at 0, of transport (N or 1,P,K) under light (N or 1,K,3)."""
+    """Returns the shading (N,P,3), clipped at 0, of transport (N or 1,P,K) under light (N or 1,K,3).
+
+    If their numbers of coefficients K differ, only the first common ones count.
+    """
     common = min(transport.shape[-1], light.shape[-2])
     return np.maximum(np.matmul(transport[..., :common], light[..., :common, :]), 0)
 
@@ -131,6 +140,13 @@ def explained_variance(picture: np.ndarray, albedo: np.ndarray) -> np.ndarray:
 
 
 def _widen_to_window(start: int, stop: int) -> tuple[int, int]:
-    """Returns start and length of a side of the bounding box, widened to at least one window."""
+    """Widens a side of the bounding box to at least one window, the same at both ends.
+
+    Args:
+        start, stop: half-open range of rows or columns, pixels.
+
+    Returns:
+        The start, which can be negative, and the length of the widened side, pixels.
+    """
     padding = max(0, WINDOW - (stop - start))
     return start - padding // 2, stop - start + padding

@@ -33,9 +33,9 @@ class Scores:
         return self.columns[column].mean(1)
 
     def part(self, figures: np.ndarray) -> "Scores":
-        """Returns the scores of some of the figures, by index."""
+        """Returns the scores of some of the figures, by their indices (N,)."""
         columns = {name: values[figures] for name, values in self.columns.items()}
-        return Scores([self.figures[place] for place in figures], self.lights, columns)
+        return Scores([self.figures[index] for index in figures], self.lights, columns)
 
     def frame(self, predictor: str) -> pd.DataFrame:
         """Returns a row per figure and light, with the name of the predictor."""

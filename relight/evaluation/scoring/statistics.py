@@ -98,21 +98,39 @@ class Difference:
 
 @lru_cache(maxsize=8)
 def resample_weights(levels: int, resamples: int, seed: int) -> np.ndarray:
-    """Returns weights (B,N) of the N levels of a factor in each of B resamples; rows sum to 1."""
+    """Draws a bootstrap of a factor.
+
+    Args:
+        levels: N, number of figures or of lights.
+        resamples: B.
+        seed: random seed.
+
+    Returns:
+        (B,N) weights of the levels in each resample, multiples of 1/N; rows sum to 1.
+    """
     generator = np.random.default_rng([seed, levels, resamples])
     return generator.multinomial(levels, np.full(levels, 1 / levels), resamples) / levels
 
 
 @lru_cache
 def expansion_factor(levels: int) -> float:
-    """Returns the factor by which resamples are expanded so that intervals match Student's t (Hesterberg 2015)."""
+    """Returns the factor by which resamples are expanded so that intervals match Student's t (Hesterberg 2015).
+
+    Args:
+        levels: number of figures, or of lights, that are resampled; 2 or more.
+    """
     tail = (1 + CONFIDENCE) / 2
     return float(np.sqrt(levels / (levels - 1)) * t.ppf(tail, levels - 1) / norm.ppf(tail))
 
 
 @dataclass
 class Spread:
-    """The standard deviation between trainings of a row's mean, and its degrees of freedom."""
+    """The spread between trainings of a row.
+
+    Attributes:
+        deviation: standard deviation of the mean over all figures and lights.
+        freedom: its degrees of freedom; 0 if it is unknown.
+    """
 
     deviation: float = 0.0
     freedom: int = 0
@@ -144,7 +162,7 @@ def estimate(
         values: (S,F,L), by training, figure and light.
         spread: pooled over the table's trainings; a larger one of the row itself, with its own degrees of freedom, is
             preferred. Without it, the interval does not include the variation between trainings.
-        pairs: names of the figures, and indices of the lights.
+        pairs: the names of the F figures, and the indices of the L lights.
         noise: seed of the noise of the trainings; it must differ between the rows of a table.
         resamples: their number.
         seed: random seed of the resamples; rows with the same seed are resampled alike.
@@ -173,7 +191,7 @@ def estimate(
 
 
 def interval(resampled: np.ndarray) -> tuple[float, float]:
-    """Returns the central CONFIDENCE interval of resamples."""
+    """Returns the ends of the central CONFIDENCE interval of resamples (B,)."""
     low, high = np.quantile(resampled, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return float(low), float(high)
 
@@ -193,7 +211,7 @@ def compare(first: Estimate, second: Estimate) -> Difference:
     mean = float(first.mean - second.mean)
     components = variance_components(first, second)
     if not components:
-        return Difference(mean, -np.inf, np.inf, 1.0)
+        return Difference(mean, low=-np.inf, high=np.inf, p=1.0)
     if first.freedom == second.freedom:
         trainings = [(first.error**2 + second.error**2, first.freedom)]  # both have the pooled spread, one estimate
     else:
@@ -201,11 +219,12 @@ def compare(first: Estimate, second: Estimate) -> Difference:
     components += [component for component in trainings if component[1]]
     variance = sum(component for component, _ in components)
     if variance <= 0:
-        return Difference(mean, mean, mean, float(mean == 0), 0.0)
-    freedom = variance**2 / sum(component**2 / n for component, n in components)
-    half_width = t.ppf((1 + CONFIDENCE) / 2, freedom) * np.sqrt(variance)
-    p = 2 * t.sf(abs(mean) / np.sqrt(variance), freedom)
-    return Difference(mean, *map(float, (mean - half_width, mean + half_width, p, np.sqrt(variance), freedom)))
+        return Difference(mean, low=mean, high=mean, p=float(mean == 0), error=0.0)
+    freedom = float(variance**2 / sum(component**2 / n for component, n in components))  # Satterthwaite
+    error = float(np.sqrt(variance))
+    half_width = float(t.ppf((1 + CONFIDENCE) / 2, freedom)) * error
+    p = float(2 * t.sf(abs(mean) / error, freedom))
+    return Difference(mean, mean - half_width, mean + half_width, p, error, freedom)
 
 
 def variance_components(first: Estimate, second: Estimate) -> list[tuple[float, float]]:
@@ -221,10 +240,10 @@ def variance_components(first: Estimate, second: Estimate) -> list[tuple[float, 
         (variance, degrees of freedom) of each component; empty if a row has one figure.
     """
     rows = [first.values, second.values]
-    shared_levels = [getattr(first, name) == getattr(second, name) for name in ("figures", "lights")]
+    shared_levels = [first.figures == second.figures, first.lights == second.lights]
     if min(len(values) for values in rows) < 2:
         return []
-    factors: list[list[tuple[float, float]]] = []
+    factors: list[list[tuple[float, float]]] = []  # the components of the figures, and those of the lights
     for axis, shared in enumerate(shared_levels):
         means = [values.mean(1 - axis) for values in rows]
         samples = [means[0] - means[1]] if shared else means
@@ -236,7 +255,7 @@ def variance_components(first: Estimate, second: Estimate) -> list[tuple[float, 
     interaction = [component for component in interaction if component[1]]
     shared_variance = sum(variance for variance, _ in interaction)
     totals = [sum(variance for variance, _ in factor) + shared_variance for factor in factors]
-    if not factors[1]:
+    if not factors[1]:  # a single light
         return factors[0]
     return factors[int(np.argmax(totals))] if min(totals) <= 0 else [*factors[0], *factors[1], *interaction]
 

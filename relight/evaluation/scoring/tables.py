@@ -15,7 +15,7 @@ from relight.evaluation.scoring.truth import COLUMNS, READINGS
 
 
 def columns_of(*quantities: str) -> tuple[str, ...]:
-    """Returns the columns of RMSE and SSIM of quantities."""
+    """Returns the columns of scores of quantities: first the RMSE of each, such as light_rmse, then the SSIM."""
     return tuple(f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in quantities)
 
 
@@ -66,7 +66,7 @@ class Table:
         return "network" if row in self.trainings else "baseline"
 
     def present(self, columns: Iterable[str]) -> list[str]:
-        """Returns those of the given columns that any row has, sorted by reading."""
+        """Returns those of the given columns that any row has, sorted by reading (READINGS)."""
         present = [column for column in columns if any(column in cells for cells in self.rows.values())]
         return sorted(present, key=lambda column: READINGS.index(split_column(column)[1]))
 
@@ -115,9 +115,15 @@ def experiment_table(
         for row, cell in estimates(given, column, networks if pool is None else pool, baselines).items():
             rows[row][column] = cell
     rank([rows[row] for row in networks], columns)
-    trainings, any_scores = {row: len(scores) for row, scores in networks.items()}, next(iter(networks.values()))[0]
-    printed_rows = {row: printed(row) for row in rows if name in PRINTED and printed(row)}
-    return Table(columns, rows, trainings, len(any_scores.figures), len(any_scores.lights), printed_rows)
+    any_scores = next(iter(networks.values()))[0]  # all have the same figures and lights
+    return Table(
+        columns,
+        rows,
+        trainings={row: len(scores) for row, scores in networks.items()},
+        figures=len(any_scores.figures),
+        lights=len(any_scores.lights),
+        printed={row: printed(row) for row in rows if name in PRINTED and printed(row)},
+    )
 
 
 def estimates(rows: Rows, column: str, pool: Rows, fixed: Iterable[str] = ()) -> dict[str, Estimate]:

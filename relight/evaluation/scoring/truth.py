@@ -75,15 +75,6 @@ class Truth:
     Shading has all K coefficients, and is clipped at 0, below which lights of few bands can be. Transport and light are
     compared in the first nine coefficients, so that networks of any order can be compared.
 
-    Args:
-        pixel: (P,) flat indices of the mask into a `size` x `size` image.
-        transport: (P,K).
-        albedo: (P,3).
-        normal: (P,3).
-        ao: (P,).
-        lights: (N,K,3).
-        size: pixels.
-
     Attributes:
         maps: by name, (1,P,C), and (N,P,3) for shading and reconstruction; transport has nine coefficients.
         transport: (1,P,K).
@@ -91,6 +82,17 @@ class Truth:
     """
 
     def __init__(self, pixel, transport, albedo, normal, ao, lights, size: int):
+        """Takes arrays of any float type, and computes shading and reconstruction.
+
+        Args:
+            pixel: (P,) flat indices of the mask into a `size` x `size` image.
+            transport: (P,K).
+            albedo: (P,3).
+            normal: (P,3).
+            ao: (P,).
+            lights: (N,K,3).
+            size: of the image, pixels.
+        """
         self.maps = {"transport": transport, "albedo": albedo, "normal": normal, "ao": ao[:, None]}
         self.maps = {name: np.asarray(array, np.float32)[None] for name, array in self.maps.items()}
         self.transport, self.lights = self.maps["transport"], np.asarray(lights, np.float32)
@@ -100,7 +102,16 @@ class Truth:
         self.box = MaskBox(np.asarray(pixel), size)
 
     def compare(self, name: str, values: np.ndarray, quantity: str | None = None) -> dict[str, np.ndarray]:
-        """Returns the READINGS, (N,) or (1,), of `values` (N or 1,P,C) against the true map `name`, by column."""
+        """Compares values with a true map in each of READINGS.
+
+        Args:
+            name: of the map, a key of `maps`.
+            values: (N or 1,P,C).
+            quantity: that the columns name; by default that of the map.
+
+        Returns:
+            Column, such as albedo_rmse -> (N,), or (1,) if neither the values nor the map depend on the light.
+        """
         truth, quantity = self.maps[name], quantity or name
         values = np.broadcast_to(values, (max(len(values), len(truth)), *values.shape[1:]))
         pictures = self.box.crop(values), self.box.crop(truth)
@@ -166,22 +177,29 @@ def light_errors(inferred: np.ndarray, truth: np.ndarray) -> dict[str, np.ndarra
     inferred = np.broadcast_to(inferred, (len(truth), *inferred.shape[1:])).astype(np.float64)
     first, second = inferred[:, :COMMON_COEFFICIENTS], truth[:, :COMMON_COEFFICIENTS]
     element = np.sqrt(np.mean((first - second) ** 2, (1, 2)))
-    columns = _readings("light", element, 1, (first[..., None], second[..., None]), window=3)
+    as_pictures = first[..., None], second[..., None]  # (N,9,3,1)
+    columns = _readings("light", element, channels=1, pictures=as_pictures, window=3)
 
     disc, transport = unoccluded_ball(SPHERE, order_of(truth.shape[1]))
     spheres = [shade(transport, light.astype(np.float64)) for light in (inferred, truth)]
     pictures = np.zeros((2, len(truth), *disc.shape, 3))
     pictures[:, :, disc] = spheres
-    return columns | _readings("sphere", rmse(*spheres), 3, (pictures[0], pictures[1]))
+    return columns | _readings("sphere", rmse(*spheres), channels=3, pictures=(pictures[0], pictures[1]))
 
 
 def _readings(
     quantity: str, error: np.ndarray, channels: int, pictures: tuple[np.ndarray, np.ndarray], window: int = WINDOW
 ) -> dict[str, np.ndarray]:
-    """Returns the READINGS of a quantity by column, from its RMSE (N,), and inferred and true pictures (N,H,W,C)."""
+    """Returns the READINGS of a quantity by column, (N,) each.
+
+    Args:
+        quantity: a key of RANGE.
+        error: (N,) RMSE of the vector norm.
+        channels: C, by whose root the RMSE over elements is smaller.
+        pictures: the inferred and the true ones, (N,H,W,C).
+        window: side of the windows of SSIM, pixels.
+    """
     spans = (RANGE[quantity], OLD_RANGE)
-    similarity = {
-        span: ssim(*pictures, span=span, window=window) for span in set(spans)
-    }  # computed once if both are equal
-    names = (f"{quantity}_{reading}" for reading in READINGS)
-    return dict(zip(names, (error, error / np.sqrt(channels), *(similarity[span] for span in spans))))
+    similarity = {span: ssim(*pictures, span=span, window=window) for span in set(spans)}  # once if both are equal
+    readings = (error, error / np.sqrt(channels), *(similarity[span] for span in spans))
+    return {f"{quantity}_{name}": values for name, values in zip(READINGS, readings)}
