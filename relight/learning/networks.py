@@ -191,7 +191,18 @@ class Refinement(nn.Module):
     def normal_equations(
         self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Returns the matrix (B,3K,3K), symmetric and positive definite, and the right-hand side (B,3K)."""
+        """Returns the linear system of the regression, for the 3K unknowns of each light, channel by channel.
+
+        Args:
+            light: (B,K,3) of the head.
+            albedo: inferred (B,3,H,W).
+            transport: inferred (B,K,H,W).
+            image: linear (B,3,H,W).
+            mask: (B,1,H,W); pixels where it is 0 do not count.
+
+        Returns:
+            The matrix (B,3K,3K), symmetric and positive definite, and the right-hand side (B,3K).
+        """
         albedo, transport, image, mask = (x.flatten(2) for x in (albedo, transport, image, mask))
         pixels = mask.sum((1, 2)).clamp_min(1)[:, None, None]
         transport = transport * mask
@@ -206,7 +217,7 @@ class Refinement(nn.Module):
         return blocks.transpose(2, 3).flatten(3).flatten(1, 2), right.flatten(1)
 
     def _load_from_state_dict(self, state: dict[str, Tensor], prefix: str, *others: Any) -> None:
-        # Networks of version 0.2 have no coupling.
+        """Loads the parameters; those of networks of version 0.2 get a coupling of 0."""
         state.setdefault(f"{prefix}coupling", torch.zeros(len(self.trust), 3, 3))
         super()._load_from_state_dict(state, prefix, *others)
 

@@ -128,7 +128,13 @@ def ball_cell(light: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 
 def concatenated(parts: list[np.ndarray], axis: int, gap: int = GAP) -> np.ndarray:
-    """Concatenates pictures (h,w,3) along `axis`, with gaps of the background color."""
+    """Concatenates pictures with gaps of the background color.
+
+    Args:
+        parts: (h,w,3) each, of equal size across `axis`.
+        axis: 0 puts them one below another, 1 side by side.
+        gap: pixels.
+    """
     shape = list(parts[0].shape)
     shape[axis] = gap
     space = np.full(shape, BACKGROUND, np.float32)

@@ -61,8 +61,11 @@ def sample_wall_albedo(rng: np.random.Generator, kind: str) -> np.ndarray:
 def add_daylight(room: Room, rng: np.random.Generator, kind: str) -> None:
     """Adds up to four windows that show sky and ground, and sometimes a skylight and the sun.
 
-    Plain rooms have most windows in one wall or in two opposite walls, sided rooms all in one wall; soft rooms have
-    windows with curtains on all sides.
+    Args:
+        room: is changed.
+        rng: draws everything.
+        kind: `plain` rooms have most windows in one wall or in two opposite walls, `sided` rooms all in one wall;
+            `soft` rooms have windows with curtains on all sides.
     """
     sky = log_uniform(rng, 2, 40)
     is_overcast = rng.random() < 0.7
@@ -124,7 +127,7 @@ def add_window(room: Room, rng: np.random.Generator, wall: int, above: np.ndarra
 
 
 def add_skylight(room: Room, rng: np.random.Generator, radiance: np.ndarray) -> None:
-    """Adds a square window of radiance (3,) at a random place of the ceiling."""
+    """Adds a square window of `radiance` (3,), at a place of the ceiling that `rng` draws."""
     x, y, z = room.size
     side = log_uniform(rng, 0.8, 3)
     sx, sz = min(side, 0.6 * x), min(side, 0.6 * z)
@@ -135,7 +138,11 @@ def add_skylight(room: Room, rng: np.random.Generator, radiance: np.ndarray) -> 
 def add_lamps(room: Room, rng: np.random.Generator, kind: str) -> None:
     """Adds a luminous ceiling, two lamps on opposite sides, panels in the ceiling, or single lamps.
 
-    Sided rooms get panels or one or two lamps; soft rooms a luminous ceiling, panels or many lamps.
+    Args:
+        room: is changed.
+        rng: draws everything.
+        kind: `plain` rooms get any of these; `sided` rooms panels or one or two lamps; `soft` rooms a luminous ceiling,
+            panels or many lamps.
     """
     temperature = sample_temperature(rng)
     power = log_uniform(rng, 0.3, 3.0) * room.size[0] * room.size[2] * 6  # proportional to the floor's area
@@ -176,7 +183,14 @@ def add_luminous_ceiling(room: Room, rng: np.random.Generator, power: np.ndarray
 
 
 def add_two_lamps(room: Room, rng: np.random.Generator, temperature: float, power: float) -> None:
-    """Adds two lamps on opposite sides of the camera and darkens the room, for light with a strong second band."""
+    """Adds two lamps on opposite sides of the camera and darkens the room, for light with a strong second band.
+
+    Args:
+        room: is changed.
+        rng: draws places and shares.
+        temperature: color of both, kelvin.
+        power: of both together, radiant flux in the unit of radiance times square metres.
+    """
     room.albedo *= rng.uniform(0.25, 0.6)
     heading = rng.uniform(0, 2 * np.pi)
     for angle, share in ((0.0, 1.0), (np.pi + rng.normal(0, 0.4), rng.uniform(0.35, 0.8))):
