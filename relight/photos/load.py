@@ -21,7 +21,7 @@ class LoadedPhoto:
     """A photo and where its people are.
 
     Attributes:
-        pixels: (H,W,3) as of `Photo`.
+        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
         coverage: (H,W) uint8 of all people, its edge fitted to the photo (relight.photos.mask.edge).
         name: of the file, without its suffix.
         suffix: of pictures that are written in kind.
@@ -63,7 +63,7 @@ def load_photo(
         image: (H,W,3) uint8 or uint16 sRGB, an image of Pillow, a file, or a `Photo`.
         mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1]; an image of Pillow, or a file. By default the file beside
             the photo, its alpha, or an automatic mask.
-        mask_model: as `find_mask` takes it.
+        mask_model: file of the network (.onnx) that finds the people; None for the one that is installed.
 
     Raises:
         UserError: if an argument is none of these, or the mask is empty or of another size.

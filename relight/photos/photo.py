@@ -99,7 +99,16 @@ class Options:
     def infer(
         self, relighter: Relighter, path: Path | str, mask: Path | str | None
     ) -> tuple[LoadedPhoto, list[Person]]:
-        """Loads a photo and infers its people."""
+        """Loads a photo and infers its people.
+
+        Args:
+            relighter: the network.
+            path: of the photo.
+            mask: file; None for the one beside the photo, its alpha, or an automatic mask.
+
+        Returns:
+            The photo, and its people from left to right.
+        """
         photo = load_photo(path, mask, self.mask_model)
         return photo, relighter.infer(photo, None, not self.together, self.white_balance)
 

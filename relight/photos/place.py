@@ -26,7 +26,11 @@ def default_light(background: str) -> str:
 
 
 def split_place(text: str) -> tuple[str, tuple[str, str | None] | None]:
-    """Splits the name of a place's light, with or without PREFIX, into its file and the two numbers of a direction."""
+    """Splits the name of a place's light, such as "place:street.jpg@30,10", with or without its prefix.
+
+    Returns:
+        The file, and the two numbers after the @ as text, the second None if left out; or None if there is no @.
+    """
     text = text.removeprefix(PREFIX)
     match = None if Path(text).is_file() else STATED.fullmatch(text)
     return (match[1], (match[2], match[3])) if match else (text, None)

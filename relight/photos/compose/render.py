@@ -83,7 +83,7 @@ def render(
     """Relights the people of a photo.
 
     Args:
-        pixels: (H,W,3) as of `Photo`.
+        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
         people: as inferred from it.
         light: (K,3) radiance coefficients, already turned; or one for each person.
         mode: `ratio` multiplies the photo by new / old shading and keeps all its detail; `full` is albedo * shading.
@@ -114,8 +114,8 @@ def render(
         part = split_layers(pixels, people, (first, last))
         if transparent:
             rows[:] = to_codes(part.foreground, out.dtype)
-            for own in filter(None, part.people):
-                own.linear, own.alpha = own.foreground, np.ones_like(own.alpha)
+            for person in filter(None, part.people):  # opaque: the alpha channel holds the coverage
+                person.linear, person.alpha = person.foreground, np.ones_like(person.alpha)
         compose(rows, part, maps, None if behind is None else behind[first:last], stops)
     if transparent:
         out[..., 3] = coverage * np.array({1: 1, 2: 257, 4: 1 / 255}[out.itemsize], out.dtype)
@@ -135,11 +135,20 @@ def ground_of(people: Sequence[Person]) -> Ground | None:
 def fit_maps(
     people: Sequence[Person], light: np.ndarray | Sequence[np.ndarray], mode: str
 ) -> list[tuple[FittedMap, ...]]:
-    """Fits the gain of each person (mode `ratio`), or albedo and shading (`full`), under one light or one for each."""
+    """Fits to the photo's pixels what relights each person.
+
+    Args:
+        people: of the photo.
+        light: (K,3) radiance coefficients, or one for each person.
+        mode: `ratio` or `full`.
+
+    Returns:
+        For each person one map, the gain (`ratio`), or two, albedo and shading (`full`).
+    """
     lights = [light] * len(people) if isinstance(light, np.ndarray) else light
     if mode == "ratio":
-        return [(person.fit_gain(own),) for person, own in zip(people, lights)]
-    return [(person.fitted_albedo, person.fit_shading(own)) for person, own in zip(people, lights)]
+        return [(person.fit_gain(new_light),) for person, new_light in zip(people, lights)]
+    return [(person.fitted_albedo, person.fit_shading(new_light)) for person, new_light in zip(people, lights)]
 
 
 def split_layers(
@@ -148,7 +157,7 @@ def split_layers(
     """Separates a part of a photo into people and background. The result does not depend on how rows are cut.
 
     Args:
-        pixels: (H,W,3) as of `Photo`.
+        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
         people: in the photo.
         rows: half-open.
         columns: half-open, with the crops of all people within; all columns by default.
@@ -157,13 +166,14 @@ def split_layers(
     top, bottom = max(first - REACH, 0), min(last + REACH, len(pixels))
     linear = to_linear(pixels[top:bottom])
     alpha = total_coverage(people, slice(top, bottom)).astype(np.float32) / 255
-    own = slice(first - top, last - top), across
-    part = Layers(first, across.start, linear[own], alpha[own], estimate_foreground(linear, alpha)[own], [])
+    window = slice(first - top, last - top), across  # without the rows that only the foreground's estimate needs
+    part = Layers(first, across.start, linear[window], alpha[window], estimate_foreground(linear, alpha)[window], [])
     part.people = [_person_pixels(person, part) for person in people]
     return part
 
 
 def _person_pixels(person: Person, part: Layers) -> PersonPixels | None:
+    """Returns the pixels of a person in a part of a photo; None if the rows of their crop are outside of it."""
     rows = max(part.top, person.crop.rows[0]), min(part.top + len(part.foreground), person.crop.rows[1])
     if rows[0] >= rows[1]:
         return None
@@ -195,38 +205,48 @@ def compose(
     """Writes a part of a photo with its people relit.
 
     Args:
-        out: (h,w,3) of a type as of `Photo` to write to; without `behind` it holds the photo.
+        out: (h,w,3) uint8 or uint16 sRGB, or float32 linear, to write to; without `behind` it holds the photo.
         part: of the photo.
         maps: of each person, from `fit_maps`.
         behind: (h,w,3) linear background of the same part; None for the photo's own.
         stops: exposure of the people.
     """
     front = None if behind is None else part.foreground.copy()
-    for own, fits in zip(part.people, maps):
-        if own is None:
+    for person, fits in zip(part.people, maps):
+        if person is None:
             continue
-        values = _relight(own, fits, np.float32(2**stops), scene=out.dtype.kind == "f")
+        values = _relight(person, fits, np.float32(2**stops), scene=out.dtype.kind == "f")
         if front is None:
-            out[own.index] = to_codes(own.linear + own.alpha * (values - own.foreground), out.dtype)
+            out[person.index] = to_codes(person.linear + person.alpha * (values - person.foreground), out.dtype)
         else:
-            front[own.index] = values
+            front[person.index] = values
     if front is not None and behind is not None:
         out[:] = to_codes(over(front, part.alpha, behind), out.dtype)
 
 
-def _relight(own: PersonPixels, fits: tuple[FittedMap, ...], factor: np.float32, scene: bool) -> np.ndarray:
-    """Relights the person's own color (N,3): by the gain, or as albedo times shading; rolled off unless of a scene."""
+def _relight(pixels: PersonPixels, fits: tuple[FittedMap, ...], factor: np.float32, scene: bool) -> np.ndarray:
+    """Relights the person's own color: by the gain, or as albedo times shading.
+
+    Args:
+        pixels: the N pixels.
+        fits: the gain; or square roots of albedo, and shading.
+        factor: of the exposure.
+        scene: whether the photo is linear; otherwise highlights are rolled off.
+
+    Returns:
+        (N,3) linear.
+    """
     *albedo, last = fits
-    crop = own.person.crop
-    values = last.place(crop, luma(own.detail), own.rows, own.where) * factor
+    crop = pixels.person.crop
+    values = last.place(crop, luma(pixels.detail), pixels.rows, pixels.where) * factor
     if not albedo:
-        return own.foreground * values if scene else apply_gain(own.foreground, values, own.excess)
-    product = albedo[0].place(crop, own.detail, own.rows, own.where) ** 2 * values
+        return pixels.foreground * values if scene else apply_gain(pixels.foreground, values, pixels.excess)
+    product = albedo[0].place(crop, pixels.detail, pixels.rows, pixels.where) ** 2 * values
     return product if scene else roll_off(product)
 
 
 def strips(first: int, last: int) -> Iterator[tuple[int, int]]:
-    """Cuts the range [first, last) into ranges of at most STRIP rows."""
+    """Yields the first row and the end of each part of the rows [first, last), of at most STRIP rows."""
     for row in range(first, last, STRIP):
         yield row, min(row + STRIP, last)
 
@@ -278,6 +298,7 @@ def over(front: np.ndarray, alpha: np.ndarray, behind: np.ndarray) -> np.ndarray
 
 
 def _box_mean(image: np.ndarray, radius: int) -> np.ndarray:
+    """Returns means over squares of 2 radius + 1 pixels; border pixels are replicated."""
     for axis in (0, 1):
         image = uniform_filter1d(image, 2 * radius + 1, axis=axis, mode="nearest")
     return image

@@ -178,4 +178,5 @@ def _is_the_photo(mask: np.ndarray, pixels: np.ndarray) -> bool:
 
 
 def _has_min_size(mask: np.ndarray) -> bool:
+    """Returns whether a mask has pixels in at least MIN_SIZE of its rows or of its columns."""
     return max(mask.any(1).sum(), mask.any(0).sum()) >= MIN_SIZE

