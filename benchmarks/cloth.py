@@ -57,6 +57,7 @@ def roughness(luminance: np.ndarray, mask: np.ndarray) -> list[float]:
     depth = distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
 
     def blurred(sigma: float) -> np.ndarray:
+        """Returns the mean (H,W) of ln luminance inside the mask by a Gaussian of `sigma` pixels."""
         return gaussian_filter(log * inside, sigma) / np.maximum(gaussian_filter(inside, sigma), 1e-9)
 
     out = []
@@ -67,7 +68,16 @@ def roughness(luminance: np.ndarray, mask: np.ndarray) -> list[float]:
 
 
 def figure(seed: int, detail: str, texture: int) -> tuple[Mesh, list[set[int]], float]:
-    """Generates the aligned figure of a seed; returns also the materials of each garment, and the CPU seconds."""
+    """Generates the figure of a seed.
+
+    Args:
+        seed: of the figure.
+        detail: a key of `dress.DETAILS`.
+        texture: side of the textures, pixels.
+
+    Returns:
+        The aligned mesh, the materials of each garment (indices), and the CPU seconds without the alignment.
+    """
     from relight.config import composed
     from relight.meshes import align
 
@@ -102,6 +112,7 @@ def visible(mesh: Mesh) -> np.ndarray:
 
 
 def kind(name: str, fabric: str) -> str:
+    """Returns the row of the table in which a garment counts, by its name and its fabric."""
     if name in group("bottoms"):
         return "denim trousers" if fabric == "denim" else "trousers"
     groups = {
@@ -115,6 +126,7 @@ def kind(name: str, fabric: str) -> str:
 
 
 def lights() -> list[np.ndarray]:
+    """Returns the luminance of the lights (9,) of ROOMS."""
     from relight.panoramas import Panorama, generate_room, project
 
     return [project(Panorama(generate_room(seed))) @ LUMINANCE for seed in ROOMS]

@@ -59,7 +59,13 @@ SPREAD = {
 
 
 def figures(cache: Path, seeds: range, per_subject: int = 1) -> list[Maps]:
-    """Returns baked figures, generated and baked if they are not in `cache`."""
+    """Returns baked figures, generated and baked if they are not in `cache`.
+
+    Args:
+        cache: folder of maps (.exr).
+        seeds: of the figures.
+        per_subject: number of consecutive seeds that are one person in one outfit, in different poses.
+    """
     from transport import figure
 
     from relight.transport import bake
@@ -73,19 +79,25 @@ def figures(cache: Path, seeds: range, per_subject: int = 1) -> list[Maps]:
 
 
 def take_photograph(maps: Maps, light: np.ndarray, gain: np.ndarray | float = 1.0) -> np.ndarray:
-    """Returns the 8-bit photograph (H,W,3) of a figure under a light (9,3), with a gain on channels before clipping."""
+    """Returns the 8-bit photograph (H,W,3) of a figure before a plain background.
+
+    Args:
+        maps: of the figure.
+        light: (9,3) radiance coefficients.
+        gain: (3,) or a number, on linear values before they are clipped.
+    """
     linear = maps.albedo * np.maximum(maps.transport @ light, 0)
     coverage = maps.coverage[..., None]
     return to_bytes(encode(np.clip((linear * coverage + BACKGROUND * (1 - coverage)) * gain, 0, 1)))
 
 
 def truth(maps: Maps, light: np.ndarray, box: Crop) -> Intrinsics:
-    """Returns the true maps on the square."""
+    """Returns the true maps of a figure under a `light` (9,3), resampled to the square `box` of a network."""
     return on_square(maps, np.maximum(maps.transport @ light, 0), light, box)
 
 
 def score(relighter: Relighter, maps: Maps, light: np.ndarray) -> dict[str, float]:
-    """Returns all rows of the table for one figure under one light."""
+    """Returns the values of all rows of the table by name, for one figure under one light (9,3)."""
     shots = variants(partial(take_photograph, maps, light), to_bytes(maps.coverage), relighter.network.size)
     inferred = {name: relighter.infer_person(shot.photo, shot.mask, shot.square) for name, shot in shots.items()}
     true = truth(maps, light, shots[""].square)

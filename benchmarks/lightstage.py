@@ -49,7 +49,17 @@ def lamps(count: int) -> np.ndarray:
 
 
 def render_frames(tracer: PathTracer, positions: np.ndarray, samples: int, bounces: int) -> Iterator[np.ndarray]:
-    """Yields the frame (S,S,3) uint8 of each lamp."""
+    """Renders a figure under one lamp at a time.
+
+    Args:
+        tracer: of the figure.
+        positions: (L,3) of the lamps, in the frame of the maps.
+        samples: per pixel.
+        bounces: between surfaces.
+
+    Yields:
+        The frame (S,S,3) uint8 sRGB of each lamp.
+    """
     film = {"type": "hdrfilm", "width": tracer.size, "height": tracer.size, "pixel_format": "rgb"}
     sampler = {"type": "multijitter", "sample_count": samples}
     scene = tracer.mi.load_dict(

@@ -23,7 +23,17 @@ SIZE = 720, 940
 
 
 def time_frames(photo: Path | None, mask: Path | None, frames: int, last_frames: Path) -> dict[str, float]:
-    """Returns the median CPU-seconds per frame, by background, and saves the last frames to an .npz."""
+    """Measures the frames of a movie of a photo, and saves the last frame for each background.
+
+    Args:
+        photo: file; None for a portrait that scikit-image has.
+        mask: of the photo.
+        frames: number of frames to time; the first is left out.
+        last_frames: .npz to write.
+
+    Returns:
+        The median CPU-seconds of a frame, by background.
+    """
     import time
 
     import torch
@@ -67,7 +77,16 @@ def time_frames(photo: Path | None, mask: Path | None, frames: int, last_frames:
 
 
 def run_checkout(checkout: Path, words: list[str], last_frames: Path) -> dict[str, float]:
-    """Runs `time_frames` with the package in `checkout`."""
+    """Runs `time_frames` in a process with the package of another checkout.
+
+    Args:
+        checkout: folder of the package.
+        words: arguments of this program.
+        last_frames: .npz to write.
+
+    Returns:
+        The median CPU-seconds of a frame, by background.
+    """
     environment = os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, __file__, *words, "--child", str(last_frames)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)

@@ -34,7 +34,16 @@ Figures = list[tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 @torch.inference_mode()
 def pixels(network: torch.nn.Module, data: RelitSet, kind: list[str]) -> Figures:
-    """Returns inferred and true transport (P,9) and normals (P,3) of each figure, under one test light each."""
+    """Infers each figure under one test light.
+
+    Args:
+        network: in evaluation mode.
+        data: figures and lights.
+        kind: overrides of the settings of the pictures, a value of KINDS.
+
+    Returns:
+        For each figure inferred transport (P,9), true transport (P,9) and true normals (P,3) at its P pixels.
+    """
     settings, test = OmegaConf.to_object(composed(kind).augment), np.flatnonzero(data.light_split == "test")
     figures = data.figures(sorted(set(data.figure_of)))
     rows = []

@@ -23,7 +23,13 @@ from relight.panoramas import Panorama, generate_room, generate_sky, project, re
 
 
 def hdr_bytes(height: int, width: int, runs: bool) -> bytes:
-    """Returns a Radiance picture of noise: literals of 128 bytes, or (slower) runs of 4 between literals of 4."""
+    """Returns a Radiance picture of noise in the new run-length coding.
+
+    Args:
+        height: pixels.
+        width: pixels, a multiple of 128.
+        runs: whether runs of 4 bytes alternate with literals of 4 (slower to read); else literals of 128 bytes.
+    """
     rng = np.random.default_rng(0)
     noise = rng.integers(100, 140, (height, 4, width), np.uint8)
     if runs:
@@ -39,6 +45,7 @@ def hdr_bytes(height: int, width: int, runs: bool) -> bytes:
 
 
 def write_exr(path: Path, height: int, width: int) -> None:
+    """Writes an OpenEXR file of noise, (height,width,3) half floats, compressed by ZIP."""
     pixels = np.random.default_rng(0).random((height, width, 3)).astype(np.float16)
     OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, {"RGB": pixels}).write(
         str(path)
@@ -46,6 +53,7 @@ def write_exr(path: Path, height: int, width: int) -> None:
 
 
 def report(what: str, start: float, count: int = 1) -> float:
+    """Prints and returns the CPU-seconds since `start` for each of `count` runs, with the peak memory so far."""
     seconds = (time.process_time() - start) / count
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"{what:44s} {seconds:8.3f} s CPU each   {memory:6.0f} MB at most")

@@ -37,6 +37,14 @@ def compare(name: str, traced: np.ndarray, baked: np.ndarray, where: np.ndarray,
     """Prints a row: mean and RMS difference over pixels and channels, in percent of the traced mean.
 
     It also has the correlation of the difference between neighbouring pixels: 0 for noise, near 1 for structure.
+
+    Args:
+        name: of the row.
+        traced: (S,S,C) radiance of the path tracer.
+        baked: (S,S,C) radiance by the transport.
+        where: (S,S) bool, pixels to compare.
+        noise: standard deviation of the path tracer's noise, in the unit of radiance. If given, the row ends with the
+            RMS difference without it.
     """
     level = traced[where].mean()
     image = (baked - traced) / level * 100
@@ -116,7 +124,13 @@ def main() -> None:
 
 
 def plate(pictures: list[np.ndarray], white: float, path: Path) -> None:
-    """Writes pictures side by side: traced, baked, five times their relative difference; traced, order 2, order 4."""
+    """Writes pictures side by side, at twice their size.
+
+    Args:
+        pictures: (S,S,3) each: traced, baked, five times their relative difference; traced, order 2, order 4.
+        white: radiance that is white; the difference has its own scale.
+        path: .png.
+    """
     from PIL import Image
 
     columns = np.flatnonzero(pictures[0].sum((0, 2)) > 0)

@@ -45,7 +45,17 @@ DETAILS = ("albedo", "transport", "shading")
 
 @torch.inference_mode()
 def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: list[str]) -> np.ndarray:
-    """Returns the means of COLUMNS and of the energies of DETAILS over figures and lights."""
+    """Measures a network on figures, each under LIGHTS_PER_FIGURE test lights.
+
+    Args:
+        network: in evaluation mode.
+        data: figures and lights.
+        figures: indices of maps.
+        kind: overrides of the settings of the pictures, a value of KINDS.
+
+    Returns:
+        The means of COLUMNS and of the energies of DETAILS over figures and lights, in this order.
+    """
     settings = OmegaConf.to_object(composed(kind).augment)
     test_lights = np.flatnonzero(data.light_split == "test")
     rows, energies = [], []

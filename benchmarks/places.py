@@ -74,7 +74,16 @@ Method = Callable[[Views], np.ndarray]  # to lights (N,9,3)
 
 
 def take_views(panoramas: Sequence[Panorama], count: int, seed: int) -> Views:
-    """Takes `count` pictures, of each panorama in turn, as phones take them: hand-held, exposed by their median."""
+    """Takes pictures of panoramas in turn, as phones take them: hand-held, exposed by their median.
+
+    Args:
+        panoramas: to photograph.
+        count: number of pictures.
+        seed: of headings, angles, exposure, white balance and noise.
+
+    Returns:
+        The pictures with their true lights, in the frame of the camera, and angles of view.
+    """
     rng = np.random.default_rng(seed)
     lights = [project(panorama) for panorama in panoramas]
     codes, light, angles = [], [], []
@@ -154,7 +163,13 @@ def cells(views: Views) -> np.ndarray:
 
 
 def by(coefficients: np.ndarray, inputs: Callable[[Views], np.ndarray], tinted: bool = True) -> Method:
-    """Returns the method of coefficients that `fit` found."""
+    """Returns the linear method of coefficients that `fit` found.
+
+    Args:
+        coefficients: (inputs, outputs).
+        inputs: from views to (views, inputs).
+        tinted: whether the method infers the light without the tint of the picture, which is then multiplied in.
+    """
     return lambda views: (inputs(views) @ coefficients).reshape(-1, 9, 3) * (views.tints if tinted else 1)
 
 

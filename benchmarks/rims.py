@@ -88,7 +88,13 @@ class Case:
         return {name: np.rint(255.0 * values).astype(np.uint8) for name, values in (soft | hard).items()} | known
 
     def errors(self, relighter: Relighter, coverage: np.ndarray, true: bool) -> list[np.ndarray]:
-        """Returns the errors (H,W,3) under each lamp, with the true maps or those of the network."""
+        """Returns the errors (H,W,3) of the relit picture under each of LAMPS, in codes.
+
+        Args:
+            relighter: the network.
+            coverage: (H,W) uint8 of the person, as a mask says.
+            true: whether the maps are the true ones, in place of the network's.
+        """
         self.crop, keep = crop_around(coverage, relighter.network.size), read_background("keep")
         person = [infer_person(self, self.codes, coverage, self.crop)]
         people = person if true else relighter.infer(LoadedPhoto(self.codes, coverage))

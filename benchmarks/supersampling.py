@@ -21,6 +21,7 @@ from relight.transport import bake
 
 
 def blocks(values: np.ndarray, k: int) -> np.ndarray:
+    """Cuts a picture (S,S,...) into blocks of k x k pixels, (S/k,S/k,k*k,...)."""
     n = len(values) // k
     return values.reshape(n, k, n, k, *values.shape[2:]).swapaxes(1, 2).reshape(n, n, k * k, *values.shape[2:])
 

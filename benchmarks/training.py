@@ -93,7 +93,13 @@ def figure(size: int, name: str) -> Maps:
 
 
 def data_set(size: int, folder: Path, device: str) -> RelitSet:
-    """Writes and loads a data set of four figures and 40 lights."""
+    """Writes and loads a data set of four figures and 40 lights.
+
+    Args:
+        size: side of the maps, pixels.
+        folder: to write to.
+        device: of the tensors.
+    """
     paths = [folder / f"{i}.exr" for i in range(4)]
     for path in paths:
         write_maps(path, figure(size, path.stem))
@@ -110,6 +116,7 @@ class Clock:
         self.cuda, self.cpu_time, self.seconds = device == "cuda", device == "cpu" and threads == 1, seconds
 
     def now(self) -> float:
+        """Returns the time in seconds, after all work of a GPU is done; CPU time for one thread of a CPU."""
         if self.cuda:
             torch.cuda.synchronize()
         return time.process_time() if self.cpu_time else time.perf_counter()
@@ -136,12 +143,15 @@ class Case:
         self.rng = np.random.default_rng(1)
 
     def draw(self) -> Batch:
+        """Returns a batch of random figures and lights."""
         return self.data.batch(self.rng.integers(0, 4, self.count), self.rng.integers(0, 40, self.count))
 
     def total(self, outputs: dict, batch: Batch) -> torch.Tensor:
+        """Returns the total of the losses of `loss=full`, weighted."""
         return losses(outputs, batch, FULL)[0]
 
     def step(self) -> None:
+        """Does one step of a training: draws a batch, infers it, and updates the weights."""
         batch = self.draw()
         with self.autocast:
             outputs = self.forward(batch.image, batch.mask)
@@ -152,10 +162,26 @@ class Case:
 
 
 def measure(text: str, device: str, clock: Clock, compiled: bool) -> None:
+    """Measures one case and prints its row of the table.
+
+    Args:
+        text: SIZE:WIDTH:BATCH:PRECISION, as of the option --cases.
+        device: `cpu` or `cuda`.
+        clock: measures repeated calls.
+        compiled: whether torch.compile compiles the network.
+    """
     size, width, count, precision = text.split(":")
     size, count = int(size), int(count)
     model = Model(
-        "ours", float(width), "instance" if count == 1 else "batch", 0.5, 2, "clip", "strided", False, "image"
+        name="ours",
+        width=float(width),
+        norm="instance" if count == 1 else "batch",
+        dropout=0.5,
+        order=2,
+        albedo="clip",
+        light_head="strided",
+        refine=False,
+        sees="image",
     )
     if device == "cuda":
         torch.cuda.reset_peak_memory_stats()

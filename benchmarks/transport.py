@@ -58,7 +58,17 @@ def figure(path: Path | None, seed: int, per_subject: int = 1) -> Mesh:
 
 
 def pixels(mesh: Mesh, caster: RayCaster, size: int, every: int) -> tuple[np.ndarray, ...]:
-    """Returns points, shading normals and geometric normals of every `every`-th row of an image, in raster order."""
+    """Returns the surface at the pixels of every `every`-th row of an image, in raster order.
+
+    Args:
+        mesh: the figure.
+        caster: of the mesh.
+        size: side of the image, pixels.
+        every: rows from one to the next.
+
+    Returns:
+        Points, shading normals and geometric normals, (P,3) each; normals face the camera.
+    """
     row, column = np.divmod(np.arange(size * size), size)
     keep = row % every == every // 2
     _, face, weights = primary_hits(caster, Camera(size), column[keep] + 0.5, row[keep] + 0.5)
@@ -69,6 +79,7 @@ def pixels(mesh: Mesh, caster: RayCaster, size: int, every: int) -> tuple[np.nda
 
 
 def relight_baker(caster: RayCaster, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
+    """Returns the transport (P,9) of points by the baker of this project, with `rays` rays a point."""
     return integrate(caster, points, normals, geometric, rays, seed=seed)[0]
 
 
@@ -80,11 +91,13 @@ def local_rays(caster: RayCaster, points, normals, geometric, directions: np.nda
 
 
 def cosine_directions(uniform: np.ndarray) -> np.ndarray:
+    """Maps uniform numbers (...,2) in [0,1) to directions (...,3) about +z, with a density of cos / pi."""
     radius, angle = np.sqrt(uniform[..., 0]), 2 * np.pi * uniform[..., 1]
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - uniform[..., 0])], -1)
 
 
 def cosine(caster: RayCaster, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
+    """Returns the transport (P,9) of points by `rays` random rays each, with a density of cos / pi."""
     rng = np.random.default_rng(seed)
     result = np.empty((len(points), 9))
     step = max(1, BATCH // rays)
@@ -98,13 +111,24 @@ def cosine(caster: RayCaster, points, normals, geometric, rays: int, seed: int) 
 
 
 def sphere_directions(uniform: np.ndarray) -> np.ndarray:
+    """Maps uniform numbers (N,2) in [0,1) to directions (N,3), evenly over the sphere."""
     z, angle = 1 - 2 * uniform[:, 0], 2 * np.pi * uniform[:, 1]
     radius = np.sqrt(1 - z * z)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], -1)
 
 
 def pifu(intersector, caster: RayCaster, points, normals, geometric, n: int, seed: int) -> np.ndarray:
-    """Computes transport as published: n slices of n directions, with all pairs of point and direction."""
+    """Returns transport (P,9) as published with PIFu: n slices of n directions, with all pairs of point and direction.
+
+    Args:
+        intersector: of the mesh, from trimesh.
+        caster: of the same mesh; its `offset` keeps rays from hitting where they start.
+        points: (P,3).
+        normals: (P,3) for shading.
+        geometric: (P,3) normals of the triangles.
+        n: square root of the number of rays.
+        seed: of the directions, which are the same at all points.
+    """
     directions = sphere_directions(np.random.default_rng(seed).random((n * n, 2)))
     values = basis(directions)
     starts = np.repeat(points + caster.offset * geometric, n, 0)
@@ -120,7 +144,17 @@ def pifu(intersector, caster: RayCaster, points, normals, geometric, n: int, see
 
 
 def stratified(intersector, caster: RayCaster, points, normals, geometric, n: int, seed: int) -> np.ndarray:
-    """Computes transport by an improved form of `pifu`: a jittered n x n grid of directions, and matrix products."""
+    """Returns transport (P,9) by an improved form of `pifu`: a jittered grid of directions, and matrix products.
+
+    Args:
+        intersector: of the mesh, from trimesh.
+        caster: of the same mesh; its `offset` keeps rays from hitting where they start.
+        points: (P,3).
+        normals: (P,3) for shading.
+        geometric: (P,3) normals of the triangles.
+        n: cells of the grid in each direction, so that there are n^2 rays.
+        seed: of the directions, which are the same at all points.
+    """
     cell = np.indices((n, n)).reshape(2, -1).T
     directions = sphere_directions((cell + np.random.default_rng(seed).random((n * n, 2))) / n)
     values = basis(directions)
@@ -134,14 +168,25 @@ def stratified(intersector, caster: RayCaster, points, normals, geometric, n: in
 
 
 def reference(caster: RayCaster, points, normals, geometric, power: int = 15) -> tuple[np.ndarray, float]:
-    """Returns transport by two independent sets of 2^power Sobol rays, and half the RMSE between the two."""
+    """Computes transport by two independent sets of Sobol rays, with a density of cos / pi.
+
+    Args:
+        caster: of the mesh.
+        points: (P,3).
+        normals: (P,3) for shading.
+        geometric: (P,3) normals of the triangles.
+        power: each set has 2^power rays a point.
+
+    Returns:
+        The mean of both (P,9), and half the RMSE between them.
+    """
     halves = []
     for seed in (1, 2):
         directions = cosine_directions(qmc.Sobol(2, seed=seed).random_base2(power))
         values = np.empty((len(points), 9))
         for p in range(len(points)):
-            one = slice(p, p + 1)
-            cast = local_rays(caster, points[one], normals[one], geometric[one], directions, seed * 1000 + p)
+            single = slice(p, p + 1)
+            cast = local_rays(caster, points[single], normals[single], geometric[single], directions, seed * 1000 + p)
             blocked = caster.occluded(cast.reshape(-1, 6))
             values[p] = unoccluded(normals[p]) - np.pi / len(directions) * basis(cast[0, blocked, 3:]).sum(0)
         halves.append(values)
@@ -149,16 +194,19 @@ def reference(caster: RayCaster, points, normals, geometric, power: int = 15) ->
 
 
 def rmse(values: np.ndarray, truth: np.ndarray) -> float:
+    """Returns the root mean square difference over all elements."""
     return float(np.sqrt(((values - truth) ** 2).mean()))
 
 
 def cpu_seconds(function, *arguments) -> float:
+    """Returns the CPU-seconds of one call of `function`."""
     start = time.process_time()
     function(*arguments)
     return time.process_time() - start
 
 
 def machine() -> str:
+    """Returns the name of the processor and its number of cores."""
     names = [
         line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line
     ]
@@ -235,6 +283,7 @@ def main() -> None:
 
 
 def plot(rows: list[tuple], path: Path) -> None:
+    """Plots error by cost for rows of (method, rays a point, RMSE, CPU-seconds per 100,000 points)."""
     import matplotlib
 
     matplotlib.use("agg")

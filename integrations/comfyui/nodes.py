@@ -29,6 +29,14 @@ class RememberingRelighter(Relighter):
         self.memory = OrderedDict()
 
     def infer(self, image, mask=None, split=True, white_balance="keep"):
+        """Infers the people of a picture, or returns those of an earlier call with the same arguments.
+
+        Args:
+            image: (H,W,3) uint8 or uint16 sRGB, or a loaded photo with its mask.
+            mask: (H,W) of an array; None to find it.
+            split: whether people who do not touch are inferred one by one.
+            white_balance: `keep` (the light is white on average) or `scene` (as inferred).
+        """
         pixels = image if isinstance(image, np.ndarray) else image.pixels
         options = pixels.shape, hashlib.sha256(pixels.tobytes()).digest(), split, white_balance
         coverage = mask if isinstance(image, np.ndarray) else image.coverage
@@ -186,10 +194,15 @@ class InferMaps:
 
 
 def infer_maps(picture, coverage):
-    """Returns what the network infers about a picture, guided by it as in `relight photo --maps`.
+    """Returns what the network infers about a picture, resampled to its pixels as `relight photo --maps` writes it.
 
-    Albedo (H,W,3) and half the shading (H,W,3) are sRGB codes in [0,1]; then come coverage (H,W), and normals (H,W,3)
-    coded as (n + 1) / 2.
+    Args:
+        picture: (H,W,3) uint16 sRGB.
+        coverage: (H,W) uint8 of the people, or None to find it.
+
+    Returns:
+        Albedo (H,W,3) and half the shading (H,W,3), sRGB codes in [0,1]; coverage (H,W) in [0,1]; and normals (H,W,3)
+        coded as (n + 1) / 2.
     """
     import OpenEXR
 
@@ -208,6 +221,7 @@ def infer_maps(picture, coverage):
         channels = {name: channel.pixels for name, channel in file.channels().items()}
 
     def whole(*names):
+        """Returns channels of the file by name, (H,W,number of names), at the size of the picture."""
         values = np.zeros((*picture.shape[:2], len(names)), np.float32)
         values[top : bottom + 1, left : right + 1] = np.stack([channels[name] for name in names], -1)
         return values
