@@ -81,12 +81,13 @@ def figure(seed: int, detail: str, texture: int) -> tuple[Mesh, list[set[int]], 
     from relight.config import composed
     from relight.meshes import align
 
-    inner, mine = Assembly.add_garment, []
+    add, added = Assembly.add_garment, []  # `added`: for each garment its figure's builder and its materials
 
     def add_garment(self, *args) -> np.ndarray:
+        """Adds a garment as the generator does, and records which materials it got."""
         first = len(self.builder.paints)
-        positions = inner(self, *args)
-        mine.append((self.builder, set(range(first, len(self.builder.paints)))))
+        positions = add(self, *args)
+        added.append((self.builder, set(range(first, len(self.builder.paints)))))
         return positions
 
     Assembly.add_garment = add_garment
@@ -94,10 +95,10 @@ def figure(seed: int, detail: str, texture: int) -> tuple[Mesh, list[set[int]], 
     try:
         mesh = dress.make_figure(seed, detail, texture)
     finally:
-        Assembly.add_garment = inner
+        Assembly.add_garment = add
     seconds = time.process_time() - start
-    last = mine[-1][0]
-    return align(mesh, composed().align), [materials for builder, materials in mine if builder is last], seconds
+    last = added[-1][0]  # outfits that collide are drawn again, with a new builder
+    return align(mesh, composed().align), [materials for builder, materials in added if builder is last], seconds
 
 
 def visible(mesh: Mesh) -> np.ndarray:
@@ -133,6 +134,7 @@ def lights() -> list[np.ndarray]:
 
 
 def main() -> None:
+    """Prints the roughness of the clothes of each seed, and the medians by kind of garment."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="5000-5009")
     parser.add_argument("--detail", default="full", choices=dress.DETAILS)

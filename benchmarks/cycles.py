@@ -74,6 +74,7 @@ def blender_panoramas() -> Path:
 
 
 def main() -> None:
+    """Prints, for each panorama, the relative error of our irradiance against the rendered sphere."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, nargs="?")
     folder = parser.parse_args().folder or blender_panoramas()

@@ -23,6 +23,7 @@ PARTS = {  # label: a function's module or class, and its name
 
 
 def main() -> None:
+    """Prints the CPU-seconds of each figure and the share of each part of the generator."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", default="0-11")
     parser.add_argument("--detail", default="full", choices=dress.DETAILS)

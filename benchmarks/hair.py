@@ -45,6 +45,15 @@ class Head:
     """The head of a seed, ready for baking, with the kind of each face."""
 
     def __init__(self, seed: int, style: str | None, detail: str, texture: int, rays: int):
+        """Generates the head of a seed, without the rest of the figure.
+
+        Args:
+            seed: of the figure.
+            style: name of the hair style; None for the seed's own.
+            detail: a key of DETAILS.
+            texture: side of the textures, pixels.
+            rays: of the baker, per pixel.
+        """
         draw = dress.sample(seed, 0, 1, 0.0)
         outfit, detail = draw.outfit, dress.replace(DETAILS[detail], texture=texture)
         if style is not None:
@@ -135,6 +144,7 @@ def lit(maps, light: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
+    """Prints the measurements of each head and their means, and draws the heads."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="20000-20011")
     parser.add_argument("--styles", nargs="*", help="hair styles instead of the seeds' own, one a seed, in turn")
@@ -150,7 +160,8 @@ def main() -> None:
     from relight.panoramas import Panorama, generate_room, project
 
     light = project(Panorama(generate_room(ROOM)))
-    light = light * (0.5 / (light[0] @ LUMINANCE * 0.8862))
+    irradiance_of_constant = 0.8862  # pi Y_00, of a constant light with coefficient 1
+    light = light * (0.5 / (light[0] @ LUMINANCE * irradiance_of_constant))
     rows, total = [], []
     for number, seed in enumerate(seeds_of(args.seeds)):
         style = args.styles[number % len(args.styles)] if args.styles else None

@@ -74,7 +74,7 @@ def figures(cache: Path, seeds: range, per_subject: int = 1) -> list[Maps]:
     for seed in progress(seeds, "figures"):
         path = cache / f"v{GENERATOR}_{SIZE}px_{seed}.exr"
         if not path.exists():
-            write_maps(path, bake(figure(None, seed, per_subject), SIZE, 256, supersample=2))
+            write_maps(path, bake(figure(None, seed, per_subject), SIZE, rays=256, supersample=2))
     return [read_maps(cache / f"v{GENERATOR}_{SIZE}px_{seed}.exr") for seed in seeds]
 
 
@@ -146,6 +146,7 @@ def pose_spread(relighter: Relighter, poses: list[Maps], lights: list[np.ndarray
 
 
 def main() -> None:
+    """Prints the errors and invariances of each network."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("weights", type=Path, nargs="+")
     parser.add_argument("--cache", type=Path, default=Path("results/invariance"), help="of the figures' maps")

@@ -78,6 +78,7 @@ def masks(pixels: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def main() -> None:
+    """Prints the errors of the masks on rendered pictures, and draws the masks."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--sheet", type=Path, help="A picture of all masks, the worst first.")

@@ -82,6 +82,7 @@ def angles(directions: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
+    """Prints the angle in degrees between the normal and each estimate of it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path)
     parser.add_argument("weights", type=Path)

@@ -61,6 +61,7 @@ def report(what: str, start: float, count: int = 1) -> float:
 
 
 def main() -> None:
+    """Prints the CPU-seconds for reading and generating panoramas."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--folder", type=int, default=64, help="number of 1k panoramas to read")
     arguments = parser.parse_args()

@@ -60,6 +60,7 @@ def compare(name: str, traced: np.ndarray, baked: np.ndarray, where: np.ndarray,
 
 
 def main() -> None:
+    """Prints the differences of baked and traced pictures, and draws them."""
     from transport import figure, machine
 
     from relight.transport import bake
@@ -77,11 +78,12 @@ def main() -> None:
     mesh.materials, mesh.color = [Material(np.full(3, albedo, np.float32))], None
     mesh.material = np.zeros(len(mesh.faces), np.int16)
     tracer = PathTracer(mesh, size)
-    maps = bake(mesh, size, 1024, order=4, supersample=4, bounces=1)
+    maps = bake(mesh, size, rays=1024, order=4, supersample=4, bounces=1)
     transport, bounced, where = maps.transport, maps.bounced[..., 0], binary_erosion(maps.mask, np.ones((3, 3)))
     print(f"{machine()}; {len(mesh.faces)} triangles, {where.sum()} pixels, {samples} samples per pixel\n")
 
     def shade(light: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+        """Returns the radiance (S,S,C) of a matt figure under a light (K,C), by vectors (S,S,>=K) of transport."""
         return albedo / np.pi * vectors[..., : len(light)] @ light
 
     print("Light: a constant plus one harmonic per color channel, so that each coefficient is tested alone\n")

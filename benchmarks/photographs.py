@@ -81,6 +81,7 @@ def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: 
 
 
 def main() -> None:
+    """Prints the errors of each network on each kind of pictures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path)
     parser.add_argument("weights", type=Path, nargs="+")

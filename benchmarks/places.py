@@ -262,6 +262,7 @@ def write(statistics: PlaceStatistics, provenance: str) -> None:
 
 
 def main() -> None:
+    """Prints the errors of all methods, each real place left out of its fit; writes the statistics if asked to."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--views", type=int, default=64, help="of each real panorama")
     parser.add_argument("--rooms", type=int, default=1200, help="generated panoramas, with four views each")

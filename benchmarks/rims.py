@@ -47,6 +47,13 @@ class Case:
     """A photo of a figure, and the network that infers its true maps."""
 
     def __init__(self, path: Path, number: int, relighter: Relighter):
+        """Renders a photo of a figure in front of the panorama that lights it.
+
+        Args:
+            path: baked maps (.exr) of the figure.
+            number: of the picture: seed, choice of the place, and whether the clothes are dark (odd numbers).
+            relighter: reads the lights.
+        """
         rng, maps, self.config = np.random.default_rng(number), read_maps(path), {}
         self.own, self.shape = maps.mask & (maps.coverage > 0), maps.coverage.astype(np.float32)
         self.albedo, self.transport = (
@@ -104,6 +111,7 @@ class Case:
 
 
 def main(folder: str) -> None:
+    """Prints the errors on both sides of the rim, by kind of mask, for all pictures (.exr) of a folder."""
     relighter, rows = relight.load(threads=1), {}
     for number, path in enumerate(sorted(Path(folder).glob("*.exr"))):
         case = Case(path, number, relighter)

@@ -70,6 +70,7 @@ def print_real(count: int) -> None:
 
 
 def main() -> None:
+    """Prints the percentiles of the lights of measured maps and of generated rooms."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rooms", type=int, default=400)
     count = parser.parse_args().rooms

@@ -19,6 +19,10 @@ from transport import figure
 
 from relight.transport import bake
 
+REFERENCE = 4  # side of a pixel in pixels of the reference
+SMOOTH = 0.05  # largest distance of a subpixel's transport from the pixel's mean, in smooth pixels
+BLACK = 0.02  # ambient occlusion below which a pixel is black
+
 
 def blocks(values: np.ndarray, k: int) -> np.ndarray:
     """Cuts a picture (S,S,...) into blocks of k x k pixels, (S/k,S/k,k*k,...)."""
@@ -27,6 +31,7 @@ def blocks(values: np.ndarray, k: int) -> np.ndarray:
 
 
 def main() -> None:
+    """Prints the RMSE and the CPU-seconds of each number of samples and rays."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", type=int, default=256)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 4, 10], help="of the generated figures")
@@ -36,17 +41,17 @@ def main() -> None:
     errors, seconds = {case: [] for case in cases}, dict.fromkeys(cases, 0.0)
     for seed in args.seeds:
         mesh = figure(None, seed)
-        reference = bake(mesh, 4 * args.size, 1024)
-        inside = blocks(reference.mask, 4).all(2)
-        subpixels = blocks(reference.transport, 4)[inside]
+        reference = bake(mesh, REFERENCE * args.size, rays=1024)
+        inside = blocks(reference.mask, REFERENCE).all(2)
+        subpixels = blocks(reference.transport, REFERENCE)[inside]
         truth = subpixels.mean(1)
-        smooth = np.sqrt(((subpixels - truth[:, None]) ** 2).sum(-1)).max(1) < 0.05
+        smooth = np.sqrt(((subpixels - truth[:, None]) ** 2).sum(-1)).max(1) < SMOOTH
         for k, rays in cases:
             start = time.process_time()
             maps = bake(mesh, args.size, rays, supersample=k)
             seconds[k, rays] += time.process_time() - start
             squares = ((maps.transport[inside] - truth) ** 2).sum(-1)
-            errors[k, rays].append([squares.mean(), squares[smooth].mean(), (maps.ao[inside] < 0.02).sum()])
+            errors[k, rays].append([squares.mean(), squares[smooth].mean(), (maps.ao[inside] < BLACK).sum()])
     print(f"{args.size} px, figures {args.seeds}")
     print("| supersample | rays | RMSE | smooth pixels | black pixels a figure | CPU-s a figure |")
     print("|---|---|---|---|---|---|")

@@ -113,6 +113,13 @@ class Clock:
     """Measures the seconds of a call: the least CPU time on one thread, else the median of wall time."""
 
     def __init__(self, device: str, threads: int, seconds: float):
+        """Chooses the clock: CPU time for one thread of a CPU, else wall time.
+
+        Args:
+            device: `cpu` or `cuda`.
+            threads: of the CPU.
+            seconds: least duration of each measurement.
+        """
         self.cuda, self.cpu_time, self.seconds = device == "cuda", device == "cpu" and threads == 1, seconds
 
     def now(self) -> float:
@@ -122,6 +129,7 @@ class Clock:
         return time.process_time() if self.cpu_time else time.perf_counter()
 
     def __call__(self, call: Callable[[], object]) -> float:
+        """Returns the seconds of a call, after one to warm up: the least CPU time, or the median of wall times."""
         call()
         times, deadline = [], time.perf_counter() + self.seconds
         while len(times) < 3 or time.perf_counter() < deadline:
@@ -135,6 +143,17 @@ class Case:
     """A training: network, data, and step."""
 
     def __init__(self, model: Model, size: int, count: int, precision: str, device: str, compiled: bool, folder: Path):
+        """Creates data, network and optimizer.
+
+        Args:
+            model: settings of the network.
+            size: side of the images, pixels.
+            count: pairs of a batch.
+            precision: `f32` or `bf16`.
+            device: `cpu` or `cuda`.
+            compiled: whether torch.compile compiles the network.
+            folder: for the files of the data set.
+        """
         self.data, self.count = data_set(size, folder, device), count
         self.network = build(model, size).to(device).train()
         self.forward = torch.compile(self.network) if compiled else self.network
@@ -193,6 +212,7 @@ def measure(text: str, device: str, clock: Clock, compiled: bool) -> None:
         leaves = {name: value.detach().requires_grad_() for name, value in outputs.items()}
 
     def infer() -> None:
+        """Infers one picture."""
         with case.autocast, torch.inference_mode():
             case.network(fixed.image[:1], fixed.mask[:1])
 
@@ -278,6 +298,7 @@ def optimizer_times(clock: Clock, width: float, device: str) -> dict[str, float]
 
 
 def main() -> None:
+    """Prints the speed and memory of the cases that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
     parser.add_argument("--threads", type=int, default=1, help="of the CPU; with more than one, wall time is measured")

@@ -214,6 +214,7 @@ def machine() -> str:
 
 
 def main() -> None:
+    """Prints and plots the error and the CPU time of each baker, by the number of rays."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--mesh", type=Path, help="a mesh instead of a generated figure")
     parser.add_argument("--seed", type=int, default=0, help="of the generated figure")

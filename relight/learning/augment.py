@@ -65,7 +65,8 @@ def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Ge
     stops = [rng.uniform(low, high) for rng in generators]
     exposure = torch.tensor([2.0**stop for stop in stops], device=mask.device)
     dense, highlights = dense.split([sum(channels), dense.shape[1] - sum(channels)], 1)
-    scene = dense[:, : channels[0]] * dense[:, -channels[-1] :]
+    resampled_albedo, _, _, _, resampled_shading = dense.split(channels, 1)
+    scene = resampled_albedo * resampled_shading
     if settings.gloss:
         scene = scene + highlights
     scene = scene * exposure[:, None, None, None]

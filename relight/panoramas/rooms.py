@@ -13,6 +13,7 @@ from relight.panoramas.color import blackbody, daylight, luminance
 from relight.panoramas.projection import latlong_solid_angles
 from relight.panoramas.radiosity import HEIGHT, WIDTH, AreaLight, Box, Lamp, Room, Sun, render_room
 
+CEILING = 3  # its number among the walls, 2 * axis + side
 SIDE_WALLS = (0, 1, 4, 5)  # the walls that are neither floor nor ceiling
 CLEARANCE = 0.6  # metres around the camera without lamps and furniture
 KINDS = {"plain": 0.36, "sided": 0.4, "soft": 0.24}  # probabilities of the kinds of rooms
@@ -132,7 +133,7 @@ def add_skylight(room: Room, rng: np.random.Generator, radiance: np.ndarray) -> 
     side = log_uniform(rng, 0.8, 3)
     sx, sz = min(side, 0.6 * x), min(side, 0.6 * z)
     low = np.array([rng.uniform(0, x - sx), y, rng.uniform(0, z - sz)])
-    room.area_lights.append(AreaLight(3, low, low + [sx, 0, sz], radiance, daylight=True))
+    room.area_lights.append(AreaLight(CEILING, low, low + [sx, 0, sz], radiance, daylight=True))
 
 
 def add_lamps(room: Room, rng: np.random.Generator, kind: str) -> None:
@@ -179,7 +180,7 @@ def add_luminous_ceiling(room: Room, rng: np.random.Generator, power: np.ndarray
     low, high = np.array([0, room.size[1], 0]), room.size.copy()
     margin = rng.uniform(0.02, 0.12) * room.size * [1, 0, 1]
     low, high = low + margin, high - margin
-    room.area_lights.append(AreaLight(3, low, high, power / ((high - low)[0] * (high - low)[2] * np.pi)))
+    room.area_lights.append(AreaLight(CEILING, low, high, power / ((high - low)[0] * (high - low)[2] * np.pi)))
 
 
 def add_two_lamps(room: Room, rng: np.random.Generator, temperature: float, power: float) -> None:
@@ -211,7 +212,7 @@ def add_panels(room: Room, rng: np.random.Generator, power: np.ndarray) -> None:
         if is_on[i, j]:
             centre = np.array([(i + 0.5) * x / nx, y, (j + 0.5) * z / nz])
             half = np.array([sx / 2, 0, sz / 2])
-            room.area_lights.append(AreaLight(3, centre - half, centre + half, radiance))
+            room.area_lights.append(AreaLight(CEILING, centre - half, centre + half, radiance))
 
 
 def add_single_lamps(

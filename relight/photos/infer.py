@@ -110,10 +110,12 @@ class Person:
 
     @cached_property
     def _color_guide(self) -> Guide:
+        """The guide of maps that follow the colors of the photo, such as albedo: square roots of linear RGB."""
         return Guide(square_root(self._linear(self.image)), self.mask)
 
     @cached_property
     def _grey_guide(self) -> Guide:
+        """The guide of maps that follow its brightness, such as shading: luma of the square roots of linear RGB."""
         return Guide(luma(square_root(self._linear(self.image))), self.mask)
 
     def _linear(self, values: np.ndarray) -> np.ndarray:

@@ -84,6 +84,7 @@ def load_photo(
 
 
 def _checked_image(image: np.ndarray) -> np.ndarray:
+    """Returns the image; raises UserError unless it is (H,W,3) uint8 or uint16."""
     image = np.asarray(image)
     if image.dtype not in (np.uint8, np.uint16) or image.ndim != 3 or image.shape[2] != 3:
         raise UserError(f"the image is {image.dtype} {image.shape}: give (height, width, 3) uint8 sRGB, or uint16")
@@ -91,6 +92,18 @@ def _checked_image(image: np.ndarray) -> np.ndarray:
 
 
 def _checked_mask(mask: np.ndarray | Image.Image, shape: tuple[int, ...]) -> np.ndarray:
+    """Converts a mask to coverage.
+
+    Args:
+        mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1], or an image of Pillow.
+        shape: (H,W) of the photo.
+
+    Returns:
+        Coverage (H,W) uint8.
+
+    Raises:
+        UserError: if it is empty or of another size.
+    """
     values = mask_from_image(mask, (shape[0], shape[1])) if isinstance(mask, Image.Image) else np.asarray(mask)
     if values.ndim != 2:
         raise UserError(f"the mask has shape {values.shape}: give (height, width)")

@@ -288,7 +288,10 @@ def _gaussian(count: int, centre: int, radius: int) -> np.ndarray:
 
 
 def _smooth_crop(crops: list[Crop], i: int) -> Crop:
-    """Returns the weighted mean square of neighbouring frames for frame `i` of `crops`."""
+    """Returns the square of frame `i`, smoothed over time.
+
+    Its top, left and side are the weighted means of those of `crops`, the squares of the frame and of those around it.
+    """
     weights = _gaussian(len(crops), i, CROP_RADIUS)
     top, left, side = weights @ np.array([[crop.top, crop.left, crop.side] for crop in crops])
     return replace(crops[i], top=float(top), left=float(left), side=float(side))

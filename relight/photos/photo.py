@@ -80,7 +80,11 @@ class Options:
         require_white_balance(self.white_balance)
 
     def named_light(self, relighter: Relighter) -> Light | None:
-        """Reads the light; None for a lamp that depends on the photo."""
+        """Reads the light that the options name.
+
+        Returns:
+            The light; None for a lamp that depends on the photo (`auto` without a picture as the background).
+        """
         light = default_light(self.background) if self.light == AUTO else self.light
         if light == AUTO:
             return None

@@ -135,6 +135,7 @@ def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarr
         return pixels, ["its color profile is damaged, or not one of RGB pictures: it was left out, as by browsers"]
 
     def convert(values: np.ndarray) -> np.ndarray:
+        """Converts 8-bit pixels (H,W,3) by the profile, to sRGB."""
         image = ImageCms.applyTransform(Image.fromarray(values), transform)
         assert image is not None  # as it is where the image is changed in place
         return np.asarray(image)
@@ -144,11 +145,11 @@ def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarr
     if pixels.dtype == np.uint8:
         return convert(pixels), []
     curves = [_curve(profile, tag) for tag in (b"rTRC", b"gTRC", b"bTRC")]
-    own, srgb = _colorants(source.profile), _colorants(target)
+    to_xyz, srgb_to_xyz = _colorants(source.profile), _colorants(target)
     known = [curve for curve in curves if curve is not None]
-    if own is None or srgb is None or _tag(profile, b"A2B0") or len(known) < 3:
+    if to_xyz is None or srgb_to_xyz is None or _tag(profile, b"A2B0") or len(known) < 3:
         raise UserError(f"{what} has 16 bits and a color profile of tables: convert it to sRGB, or save it in 8 bits")
-    return _by_curves(pixels, known, np.linalg.solve(srgb, own)), []
+    return _by_curves(pixels, known, np.linalg.solve(srgb_to_xyz, to_xyz)), []
 
 
 def _by_curves(pixels: np.ndarray, curves: Sequence[Curve], matrix: np.ndarray) -> np.ndarray:

@@ -118,7 +118,8 @@ def render(
                 person.linear, person.alpha = person.foreground, np.ones_like(person.alpha)
         compose(rows, part, maps, None if behind is None else behind[first:last], stops)
     if transparent:
-        out[..., 3] = coverage * np.array({1: 1, 2: 257, 4: 1 / 255}[out.itemsize], out.dtype)
+        factor = {1: 1, 2: 257, 4: 1 / 255}[out.itemsize]  # by bytes a channel: 255 becomes 255, 65535 or 1.0
+        out[..., 3] = coverage * np.array(factor, out.dtype)
     return out
 
 

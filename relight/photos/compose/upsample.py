@@ -50,10 +50,11 @@ class Guide:
         return self._mean((self._mean(self.values * maps) - self._average * level) / (self._variance + smooth))
 
     def fill_outside(self, maps: np.ndarray) -> np.ndarray:
-        """As relight.crop.fill_outside, for maps (S,S,C) of this mask."""
+        """Returns maps (S,S,C) as float32, with the value of the nearest pixel of the mask outside of it."""
         return np.asarray(maps, np.float32)[self._nearest]
 
     def _mean(self, values: np.ndarray) -> np.ndarray:
+        """Returns means (S,S,C) of values over the pixels inside of each window."""
         return _window_mean(self._weight * values) / self._total
 
 

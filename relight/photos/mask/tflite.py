@@ -221,6 +221,7 @@ class _Record(Table):
         return list(self._records(field))
 
     def _records(self, field: int) -> Iterator["_Record"]:
+        """Yields the tables in a field that is a vector of them."""
         place = self.Offset(4 + 2 * field)
         for i in range(self.VectorLen(place) if place else 0):
             yield _Record(self.Bytes, self.Indirect(self.Vector(place) + 4 * i))
