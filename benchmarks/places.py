@@ -193,7 +193,7 @@ def mirrored_sphere(views: Views) -> np.ndarray:
 
 def main_directions(lights: np.ndarray) -> np.ndarray:
     """Returns the unit vectors (N,3) from which lights (N,9,3) mainly come."""
-    vectors = luminance(lights)[:, [3, 1, 2]]
+    vectors = luminance(lights)[:, [3, 1, 2]]  # band 1 has y, z, x
     return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 

@@ -55,7 +55,8 @@ def _maps(network: Network, image: Tensor, inside: Tensor) -> dict[str, Tensor]:
     outputs = network(image.permute(0, 3, 1, 2), inside.permute(0, 3, 1, 2))
     light = outputs.pop("light").float()
     maps = {name: dense.permute(0, 2, 3, 1).float() for name, dense in outputs.items()}
-    return {**{name: values * inside for name, values in with_transport(maps, network.order).items()}, "light": light}
+    maps = with_transport(maps, network.order)
+    return {name: values * inside for name, values in maps.items()} | {"light": light}
 
 
 def _unmirrored(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:

@@ -10,6 +10,7 @@ from relight.errors import UserError
 
 VALIDATION = 0.1  # share of the figures for training that are left out of it for the validation
 MAX_VALIDATION = 8  # figures
+VALIDATION_DRAWS = 1  # beside the seed: makes the draws of the validation independent of those of the test
 
 
 def split_figures(
@@ -50,7 +51,9 @@ def split_figures(
     unit_of = dict(zip(names, subjects if split.kind == "subject" else names))
     train, test = sibling_split(names, subjects, split) if paired else subject_split(unit_of, split)
     wanted = min(MAX_VALIDATION, VALIDATION * len(train))
-    held_out = draw({name: unit_of[name] for name in train}, wanted, np.random.default_rng([split.seed, 1]))
+    held_out = draw(
+        {name: unit_of[name] for name in train}, wanted, np.random.default_rng([split.seed, VALIDATION_DRAWS])
+    )
     train = [name for name in train if name not in held_out]
     return {"train": train, "validation": held_out, "test": test, "sitting": seated}
 

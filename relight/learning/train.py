@@ -403,6 +403,9 @@ class Meter:
     def means(self, world: int) -> dict[str, float]:
         """Returns the means over steps and processes since the last call.
 
+        Args:
+            world: number of processes.
+
         Raises:
             UserError: if a loss was not finite; it names the first such step.
         """

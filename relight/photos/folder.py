@@ -129,7 +129,7 @@ def _run(tasks: dict, jobs: int, options: Options, weights: Path | None) -> Iter
             queue = iter(list(left.items()))
             try:
                 while True:
-                    for name, task in queue:
+                    for name, task in queue:  # at most `jobs` wait at a time, so that few are lost with a pool
                         waiting[pool.submit(_relight_one, options, *task)] = name
                         if len(waiting) >= jobs:
                             break
@@ -141,7 +141,7 @@ def _run(tasks: dict, jobs: int, options: Options, weights: Path | None) -> Iter
                         del left[name]
                         yield name, reason
             except BrokenProcessPool:
-                if jobs == 1:
+                if jobs == 1:  # the first of those left was running
                     name = next(iter(left))
                     del left[name]
                     yield name, "its process died, perhaps for want of memory"

@@ -63,6 +63,10 @@ def find_mask(photo: Photo, path: Path | str | None = None, model: Path | str | 
 def automatic_mask(photo: Photo, model: Path | str | None = None) -> np.ndarray:
     """Segments the people of a photo with the network that `automatic_model` chooses.
 
+    Args:
+        photo: as read.
+        model: an ONNX segmentation model of rembg's kind; None for the one that is installed.
+
     Returns:
         Coverage (H,W) uint8, its edge fitted to the photo.
 
