@@ -37,6 +37,7 @@ class Preferences(bpy.types.AddonPreferences):
     )
 
     def draw(self, context):
+        """Draws the setting in Blender's preferences."""
         self.layout.prop(self, "program")
 
 
@@ -48,9 +49,11 @@ class BakeTransport(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
+        """Returns whether the active object is a mesh, which the operator needs."""
         return context.active_object is not None and context.active_object.type == "MESH"
 
     def execute(self, context):
+        """Bakes the transport of the active object, and lights it by the world; errors go to the status bar."""
         addon = context.preferences.addons.get(__package__)
         try:
             transport.bake(context.active_object, addon.preferences.program if addon else "relight", self.rays)
@@ -69,6 +72,7 @@ class ImportMaps(bpy.types.Operator, ImportHelper):
     filter_glob: bpy.props.StringProperty(default="*.exr", options={"HIDDEN"})
 
     def execute(self, context):
+        """Adds a plane with the maps of the chosen file, and lights it by the world; errors go to the status bar."""
         try:
             context.view_layer.objects.active = transport.add_plane(self.filepath, context)
             update(context.scene, force=True)
@@ -84,6 +88,7 @@ class UpdateLight(bpy.types.Operator):
     bl_idname, bl_label = "relight.update_light", "Update the Light"
 
     def execute(self, context):
+        """Projects the light of the world again, for all objects with transport."""
         update(context.scene, force=True)
         return {"FINISHED"}
 
@@ -95,6 +100,7 @@ class Panel(bpy.types.Panel):
     bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "relight"
 
     def draw(self, context):
+        """Draws a button for each operator."""
         for operator in (BakeTransport, ImportMaps, UpdateLight):
             self.layout.operator(operator.bl_idname)
 

@@ -53,7 +53,17 @@ def node_group():
 
 
 def math(nodes, link, operation, *values):
-    """Adds a Math node, and returns its output."""
+    """Adds a Math node.
+
+    Args:
+        nodes: of the shader's tree.
+        link: connects an output of a node to an input.
+        operation: of the node, such as "MULTIPLY".
+        *values: its inputs, each a number (float) or the output of another node.
+
+    Returns:
+        The output of the node.
+    """
     node = nodes.new("ShaderNodeMath")
     node.operation = operation
     for socket, value in zip(node.inputs, values):

@@ -104,9 +104,17 @@ def read_maps(path):
 
 
 def grown(values, known, steps=4):
-    """Returns values (H,W,C) with those near the known pixels (H,W) filled by means of known neighbors, step by step.
+    """Fills pixels near the known ones by means of known neighbors, step by step.
 
     Maps end at the mask, but a render interpolates across its edge, which would get dark.
+
+    Args:
+        values: (H,W,C).
+        known: (H,W) bool.
+        steps: how far to fill, pixels.
+
+    Returns:
+        (H,W,C), 0 farther away.
     """
     values = np.where(known[..., None], values, 0)
     for _ in range(steps):

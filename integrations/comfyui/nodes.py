@@ -29,14 +29,22 @@ class RememberingRelighter(Relighter):
         self.memory = OrderedDict()
 
     def infer(self, image, mask=None, split=True, white_balance="keep"):
+        """Infers the people of a picture, or returns those of an earlier call with the same arguments.
+
+        Args:
+            image: (H,W,3) uint8 or uint16 sRGB, or a loaded photo, which has its own mask.
+            mask: (H,W) uint8 for a picture that is an array; None to find the people.
+            split: whether people who do not touch are inferred one by one.
+            white_balance: `keep` (the light is white on average) or `scene` (as inferred).
+        """
         pixels = image if isinstance(image, np.ndarray) else image.pixels
         options = pixels.shape, hashlib.sha256(pixels.tobytes()).digest(), split, white_balance
         coverage = mask if isinstance(image, np.ndarray) else image.coverage
         key = *options, None if coverage is None else np.asarray(coverage).tobytes()
         people = self.memory.get(key) or super().infer(image, mask, split, white_balance)
-        for known in (key, (*options, coverage_of_all(people).tobytes())):  # with the mask that was found, or as given
-            self.memory[known] = people
-            self.memory.move_to_end(known)
+        for same in (key, (*options, coverage_of_all(people).tobytes())):  # with the mask that was found, or as given
+            self.memory[same] = people
+            self.memory.move_to_end(same)
         while len(self.memory) > MEMORY:
             self.memory.popitem(last=False)
         return people
@@ -83,9 +91,11 @@ class FindMask:
 
     @classmethod
     def INPUT_TYPES(cls):
+        """Returns the inputs and widgets of the node, in the form that ComfyUI asks for."""
         return {"required": {"image": ("IMAGE",)}}
 
     def run(self, image):
+        """Returns the MASK (B,H,W) of an IMAGE (B,H,W,3), 1 on people."""
         return (to_image([coverage_of_all(relighter().infer(picture)) for picture in pictures(image)]),)
 
 
@@ -98,14 +108,17 @@ class NamedLight:
 
     @classmethod
     def INPUT_TYPES(cls):
+        """Returns the inputs and widgets of the node, in the form that ComfyUI asks for."""
         return {"required": {"light": ("STRING", {"default": "room:7"})}}
 
     @classmethod
     def IS_CHANGED(cls, light):
+        """Returns a value that differs when the light does: for a file, its name and its time of change."""
         path = Path(light)
         return (light, path.stat().st_mtime_ns) if path.is_file() else light
 
     def run(self, light):
+        """Returns the light that a text names."""
         return (relighter().read_light(light),)
 
 
@@ -118,9 +131,11 @@ class PanoramaLight:
 
     @classmethod
     def INPUT_TYPES(cls):
+        """Returns the inputs and widgets of the node, in the form that ComfyUI asks for."""
         return {"required": {"panorama": ("IMAGE",), "encoding": (["sRGB", "linear"],)}}
 
     def run(self, panorama, encoding):
+        """Returns the light of the first picture of an IMAGE (B,H,W,3); negative values count as 0."""
         from relight import srgb
         from relight.lights import Light
         from relight.panoramas import Panorama, project
@@ -143,6 +158,7 @@ class Relight:
 
     @classmethod
     def INPUT_TYPES(cls):
+        """Returns the inputs and widgets of the node, in the form that ComfyUI asks for."""
         numbers = {
             "turn": ("FLOAT", {"default": 0.0, "min": -180.0, "max": 180.0, "step": 1.0}),
             "stops": ("FLOAT", {"default": 0.0, "min": -8.0, "max": 8.0, "step": 0.1}),
@@ -152,6 +168,21 @@ class Relight:
         return {"required": required, "optional": {"mask": ("MASK",), "background": ("IMAGE",)}}
 
     def run(self, image, light, mode, strength, turn, stops, mask=None, background=None):
+        """Relights each picture of an IMAGE.
+
+        Args:
+            image: (B,H,W,3) sRGB codes in [0,1].
+            light: a `relight.lights.Light`.
+            mode: `ratio` keeps all detail of the picture, `full` is albedo * shading.
+            strength: of the light, "matched to the picture" or "its own".
+            turn: of the light about the vertical, degrees.
+            stops: exposure, as a power of two.
+            mask: (B,H,W) or (1,H,W), 1 on people; None to find them.
+            background: IMAGE with the new backgrounds, used in turn; None keeps the own.
+
+        Returns:
+            The relit IMAGE (B,H,W,3), and the MASK (B,H,W) of the people.
+        """
         images, alphas = [], []
         options = {"mode": mode, "match": strength == "matched to the picture", "turn": turn, "stops": stops}
         behind = [] if background is None else [picture >> 8 for picture in pictures(background)]
@@ -178,18 +209,25 @@ class InferMaps:
 
     @classmethod
     def INPUT_TYPES(cls):
+        """Returns the inputs and widgets of the node, in the form that ComfyUI asks for."""
         return {"required": {"image": ("IMAGE",)}, "optional": {"mask": ("MASK",)}}
 
     def run(self, image, mask=None):
+        """Returns for an IMAGE, and the MASK of its people or None, what `infer_maps` returns, as IMAGEs and a MASK."""
         maps = [infer_maps(*pair) for pair in zip(pictures(image), coverages(mask, len(image)))]
         return tuple(to_image(kind) for kind in zip(*maps))
 
 
 def infer_maps(picture, coverage):
-    """Returns what the network infers about a picture, guided by it as in `relight photo --maps`.
+    """Returns what the network infers about a picture, resampled to its pixels as `relight photo --maps` writes it.
 
-    Albedo (H,W,3) and half the shading (H,W,3) are sRGB codes in [0,1]; then come coverage (H,W), and normals (H,W,3)
-    coded as (n + 1) / 2.
+    Args:
+        picture: (H,W,3) uint16 sRGB.
+        coverage: (H,W) uint8 of the people, or None to find it.
+
+    Returns:
+        Albedo (H,W,3) and half the shading (H,W,3), sRGB codes in [0,1]; coverage (H,W) in [0,1]; and normals (H,W,3)
+        coded as (n + 1) / 2.
     """
     import OpenEXR
 
@@ -208,6 +246,7 @@ def infer_maps(picture, coverage):
         channels = {name: channel.pixels for name, channel in file.channels().items()}
 
     def whole(*names):
+        """Returns channels of the file by name, (H,W,number of names), at the size of the picture."""
         values = np.zeros((*picture.shape[:2], len(names)), np.float32)
         values[top : bottom + 1, left : right + 1] = np.stack([channels[name] for name in names], -1)
         return values

@@ -65,7 +65,8 @@ def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Ge
     stops = [rng.uniform(low, high) for rng in generators]
     exposure = torch.tensor([2.0**stop for stop in stops], device=mask.device)
     dense, highlights = dense.split([sum(channels), dense.shape[1] - sum(channels)], 1)
-    scene = dense[:, : channels[0]] * dense[:, -channels[-1] :]
+    resampled_albedo, _, _, _, resampled_shading = dense.split(channels, 1)
+    scene = resampled_albedo * resampled_shading
     if settings.gloss:
         scene = scene + highlights
     scene = scene * exposure[:, None, None, None]
@@ -103,6 +104,11 @@ def _recolored(batch: Batch, settings: Augment, generators: list[np.random.Gener
     """Shifts ln albedo, which gives garments another color or a print and keeps their texture.
 
     Pixels whose color is close to that of a random pixel count as one garment.
+
+    Args:
+        batch: its `albedo` (B,P,3) is linear.
+        settings: `recolor` and `prints` are the probabilities of a change.
+        generators: one per image.
     """
     albedo, normal = batch.albedo.clone(), batch.normal
     for i, rng in enumerate(generators):
@@ -122,9 +128,13 @@ def _recolored(batch: Batch, settings: Augment, generators: list[np.random.Gener
 
 
 def _shifted_albedo(albedo: Tensor, color: Tensor, dye: np.ndarray, strength: Tensor | float = 1.0) -> Tensor:
-    """Returns an albedo (P,3) whose pixels of about `color` (3,) are shifted toward `dye` (3,) by `strength` (P,1).
+    """Returns an albedo whose pixels of about one color are shifted to another; skin keeps its color.
 
-    Where `color` is that of skin, the albedo is returned unchanged.
+    Args:
+        albedo: (P,3) linear.
+        color: (3,) linear albedo of the garment. If it is that of skin, the albedo is returned unchanged.
+        dye: (3,) linear albedo that the garment gets.
+        strength: share of the shift, (P,1) or a number in [0,1].
     """
     color = color.clamp_min(0.02)
     red, blue = float(color[0] / color[1]), float(color[1] / color[2])
@@ -170,6 +180,11 @@ def _specular_highlights(batch: Batch, settings: Augment, generators: list[np.ra
 
     Roughness and specular come from the maps and are varied at random. Where the maps have none, pixels whose color is
     close to that of a random pixel get a random material.
+
+    Args:
+        batch: relit images at exposure 1.
+        settings: `gloss` is the share of images with highlights.
+        generators: one per image.
     """
     # The share of the light that arrives: highlights are occluded, too.
     visibility = (batch.shading / shade(unoccluded(batch.normal, 2), batch.light[:, :9]).clamp_min(1e-3)).clamp(0, 1)
@@ -225,6 +240,7 @@ def specular_reflection(normal: Tensor, light: Tensor, roughness: float | Tensor
 
 
 def _schlick(cosine: Tensor, reflectance: float) -> Tensor:
+    """Returns Fresnel reflectance by the angle of incidence, given that at normal incidence (Schlick 1994)."""
     return reflectance + (1 - reflectance) * (1 - cosine) ** 5
 
 
@@ -235,7 +251,13 @@ def _color_similarity(albedo: Tensor, color: Tensor) -> Tensor:
 
 
 def _white_balanced(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Batch:
-    """Returns the batch with a random white balance of light and shading; the largest gain is 1."""
+    """Returns the batch with a random white balance of light and shading; the largest gain is 1.
+
+    Args:
+        batch: relit images.
+        settings: `tint` is the standard deviation of ln(B/G).
+        generators: one per image.
+    """
     if not settings.tint:
         return batch
     blue = np.array([rng.normal(0, settings.tint) for rng in generators])
@@ -248,10 +270,20 @@ def _white_balanced(batch: Batch, settings: Augment, generators: list[np.random.
 def _reframed(
     maps: Tensor, mask: Tensor, settings: Augment, generators: list[np.random.Generator], size: int
 ) -> tuple[Tensor, Tensor]:
-    """Resamples maps (B,C,S,S) and mask (B,1,S,S) into new squares of `size` pixels; cuts some figures.
+    """Resamples maps and masks into new squares, with a random framing; cuts some figures.
 
     Interpolation is bilinear over the pixels inside the mask. At half the size and with unchanged framing, it is the
     mean of four pixels.
+
+    Args:
+        maps: (B,C,S,S).
+        mask: (B,1,S,S) of 0 and 1.
+        settings: `framing` is the share of images with another framing.
+        generators: one per image.
+        size: side of the new squares, pixels.
+
+    Returns:
+        The maps (B,C,size,size), zero outside the mask, and the mask (B,1,size,size) of 0 and 1.
     """
     side, mask = mask.shape[-1], mask.clone()
     affine = torch.zeros(len(mask), 2, 3)  # from the new square to the old one, both from -1 to 1: scale and centre
@@ -290,7 +322,16 @@ def cut_figure(mask: Tensor, rng: np.random.Generator) -> None:
 
 
 def _perturbed_masks(mask: Tensor, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
-    """Dilates or erodes masks (B,1,S,S) by up to `settings.mask` pixels, by amounts that vary along the outline."""
+    """Dilates or erodes masks by random amounts that vary along the outline.
+
+    Args:
+        mask: (B,1,S,S) of 0 and 1.
+        settings: `mask` is the largest amount, pixels.
+        generators: one per image.
+
+    Returns:
+        (B,1,S,S); the pixel at the top left is outside, as compact maps need.
+    """
     radius = settings.mask
     if not radius:
         return mask
@@ -311,7 +352,10 @@ def _perturbed_masks(mask: Tensor, settings: Augment, generators: list[np.random
 
 
 def _over_random_background(scene: Tensor, mask: Tensor, generators: list[np.random.Generator]) -> Tensor:
-    """Fills linear radiance (B,3,S,S) with random colors where the mask (B,1,S,S) is 0."""
+    """Fills linear radiance (B,3,S,S) with random colors where the mask (B,1,S,S) is 0.
+
+    The colors vary smoothly over a grid of 1, 4 or 16 cells a side. `generators` holds one for each image.
+    """
     size = scene.shape[-1]
     fields = []
     for rng in generators:

@@ -79,7 +79,13 @@ def simulate_camera(image: Tensor, camera: Camera, generators: list[np.random.Ge
 
 
 def _with_tone_curve(coded: Tensor, strength: float, rng: np.random.Generator) -> Tensor:
-    """Applies a gamma, an S-curve and a saturation to coded values (3,S,S); monotone for strengths below 1."""
+    """Applies a random gamma, S-curve and saturation to an image.
+
+    Args:
+        coded: (3,S,S) codes in [0,1].
+        strength: of all three, as `Camera.tone`; below 1 the curve is monotone, and 0 changes nothing.
+        rng: draws the three amounts.
+    """
     if not strength:
         return coded
     coded = coded ** math.exp(rng.uniform(-strength, strength))

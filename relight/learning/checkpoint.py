@@ -66,11 +66,16 @@ def read_config(path: Path | str) -> dict[str, Any]:
 def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[Network, dict[str, Any]]:
     """Reads a network.
 
+    Args:
+        path: .safetensors of a training, or .onnx of an export.
+        device: of the weights.
+
     Returns:
-        The network, float32 and in evaluation mode; and its config, as from `read_config`.
+        The network, float32 and in evaluation mode; and the values of its header: `size` in pixels, the settings
+        `model`, and what else `save_network` was given.
 
     Raises:
-        UserError: if the file does not exist, is not safetensors, or holds no network of this version.
+        UserError: if the file does not exist, is neither safetensors nor .onnx, or holds no network of this version.
     """
     config = read_config(path)
     try:
@@ -93,7 +98,10 @@ def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[
 
 
 def read_weights(path: Path, network: Network) -> dict[str, torch.Tensor]:
-    """Reads the weights of a file by their names in the network."""
+    """Reads the weights of a file (.safetensors or .onnx) by their names in `network`.
+
+    An .onnx file has the names with a prefix, and no counters of batch norm: they are 0.
+    """
     if path.suffix != ".onnx":
         with safe_open(path, "pt") as file:
             return {name: file.get_tensor(name) for name in file.keys()}
@@ -134,6 +142,12 @@ def restore_state(
     path: Path, digest: str, parts: Mapping[str, nn.Module | torch.optim.Optimizer], device: torch.device
 ) -> tuple[int, list[dict[str, float]], str]:
     """Loads the state of the same training into `parts`, if it exists.
+
+    Args:
+        path: .pt, from `save_state`.
+        digest: fingerprint of the training. The state of another one is ignored.
+        parts: modules and optimisers by name, changed in place.
+        device: to load to.
 
     Returns:
         The first step to do, the rows logged before, and a message about the file, "" if there is none.

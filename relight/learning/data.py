@@ -144,7 +144,16 @@ class Batch(CompactIndex):
 
 
 def scatter(compact: Tensor, pixel: Tensor, size: int) -> Tensor:
-    """Scatters (B,P,C) to (B,C,S,S), channels_last; zeros of the padding go to pixels outside the mask."""
+    """Scatters a compact map to a dense one.
+
+    Args:
+        compact: (B,P,C), zero at the padding.
+        pixel: (B*P,) index among the B*S*S pixels; that of the padding is outside the mask.
+        size: S, pixels.
+
+    Returns:
+        (B,C,S,S), channels_last, zero outside the mask.
+    """
     batch, _, channels = compact.shape
     dense = compact.new_zeros(batch * size * size, channels)
     dense[pixel] = compact.reshape(-1, channels)
@@ -197,6 +206,7 @@ class RelitSet:
         below, interior, outside = neighbours(np.asarray(arrays["pixel"]), offset, self.size)
 
         def load(array: np.ndarray) -> Tensor:
+            """Copies an array, which may be a read-only view of the file, to the device."""
             return torch.from_numpy(np.array(array)).to(device)
 
         self.pixel, self.below, self.interior = load(arrays["pixel"]), load(below), load(interior)
@@ -343,7 +353,18 @@ def draw_pairs(seed: int, step: int, batch: int, figures: int, lights: int, orde
 
 @lru_cache(maxsize=4)
 def epoch_order(seed: int, epoch: int, figures: int, lights: int, order: str) -> np.ndarray:
-    """Returns the order (figures * lights,) of the pairs in an epoch, numbered figure * lights + light."""
+    """Returns the order of the pairs of figure and light in an epoch.
+
+    Args:
+        seed: of the training.
+        epoch: from 0.
+        figures: number of figures.
+        lights: number of lights.
+        order: `shuffled`, all pairs in random order; `rows`, figures in random order, each with its lights in a row.
+
+    Returns:
+        (figures * lights,) int64 numbers of pairs, figure * lights + light.
+    """
     rng = generator(seed, epoch)
     if order == "shuffled":
         return rng.permutation(figures * lights)
@@ -352,5 +373,11 @@ def epoch_order(seed: int, epoch: int, figures: int, lights: int, order: str) ->
 
 
 def generator(seed: int, counter: int, purpose: int = 0) -> np.random.Generator:
-    """Returns a random generator for (seed, counter, purpose), independent of all others."""
+    """Returns a random generator that is independent of all others.
+
+    Args:
+        seed: of the training.
+        counter: which generator, such as the number of a step, below 2^48.
+        purpose: separates uses that count the same things.
+    """
     return np.random.Generator(np.random.Philox(key=[seed, (purpose << 48) + counter]))

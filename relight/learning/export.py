@@ -46,7 +46,15 @@ class PhotoGraph(nn.Module):
         self.register_buffer("signs", mirror_signs(network.order), persistent=False)
 
     def forward(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Runs the network on both images and averages the outputs."""
+        """Runs the network on both images and averages the outputs.
+
+        Args:
+            image: (B,3,H,W) linear in [0,1].
+            mask: (B,1,H,W) of 0 and 1.
+
+        Returns:
+            Albedo (B,3,H,W) and transport (B,K,H,W), zero outside the mask, and light (B,K,3).
+        """
         maps = self.network(torch.cat([image, image.flip(3)]), torch.cat([mask, mask.flip(3)]))
         dense = {name: values.permute(0, 2, 3, 1) for name, values in maps.items() if name != "light"}
         dense = {name: values.permute(0, 3, 1, 2) for name, values in with_transport(dense, self.order).items()}
@@ -92,11 +100,22 @@ class OpenRefinement(Refinement):
         self.load_state_dict(refinement.state_dict())
 
     def forward(self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor) -> Tensor:
-        """Returns the refined light (B,K,3), as `Refinement.forward` does."""
+        """Returns the refined light, by Gauss-Jordan elimination of the normal equations.
+
+        Args:
+            light: (B,K,3) of the head.
+            albedo: inferred (B,3,H,W).
+            transport: inferred (B,K,H,W).
+            image: linear (B,3,H,W).
+            mask: (B,1,H,W) of 0 and 1.
+
+        Returns:
+            The refined light (B,K,3).
+        """
         mask = mask * _thinning(*image.shape[-2:])
         left, right = self.normal_equations(light, albedo, transport, image, mask)
         system = torch.cat([left, right[..., None]], -1)
-        for k in range(3 * len(self.trust)):
+        for k in range(3 * len(self.trust)):  # removes unknown k from all equations but its own
             row = system[:, k : k + 1] / system[:, k : k + 1, k : k + 1]
             others = system - system[..., k : k + 1] * row
             system = torch.cat([others[:, :k], row, others[:, k + 1 :]], 1)
@@ -111,10 +130,14 @@ def _thinning(height: int, width: int) -> Tensor:
 
 
 def photo_network(path: Path, threads: int = 0) -> PhotoNetwork:
-    """Reads a checkpoint (.safetensors) for photos; torch runs it, with one thread per core or `threads`.
+    """Reads a network (.safetensors or .onnx) for photos; torch runs it.
+
+    Args:
+        path: the file.
+        threads: of torch; 0 leaves its own number.
 
     Raises:
-        UserError: as `load_network`.
+        UserError: if the file does not exist or holds no network of this version.
     """
     network, config = load_network(path)
     graph = PhotoGraph(network)
@@ -123,6 +146,7 @@ def photo_network(path: Path, threads: int = 0) -> PhotoNetwork:
 
     @torch.inference_mode()
     def run(image: np.ndarray, mask: np.ndarray) -> list[np.ndarray]:
+        """Returns albedo, transport and light for an image (B,3,H,W) and a mask (B,1,H,W)."""
         return [values.numpy() for values in graph(torch.from_numpy(image), torch.from_numpy(mask))]
 
     return PhotoNetwork(network.size, config, file_hash(path), run)
@@ -134,7 +158,7 @@ def export(network: Network, path: Path | str, config: dict[str, Any]) -> float:
     Args:
         network: any.
         path: the file.
-        config: to store in it, as `save_network` takes it: `size` and `model` are added.
+        config: plain values to store in the header, with the settings `model`; `size` is added.
 
     Returns:
         The largest difference from torch at batches and sizes that the export has not seen.
@@ -191,7 +215,10 @@ def least(network: Network) -> int:
 
 
 def sample(batch: int, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """Returns an image and a mask of the right kind, always the same ones."""
+    """Returns an image (batch,3,height,width) linear in [0,1] and a mask (batch,1,height,width) of a rectangle.
+
+    Sizes are in pixels. The same sizes give the same values.
+    """
     rng = np.random.default_rng(batch * height + width)
     image = torch.from_numpy(rng.random((batch, 3, height, width), np.float32))
     mask = torch.zeros(batch, 1, height, width)
@@ -213,6 +240,7 @@ def _open_sized(network: Network) -> Network:
 
 
 def _reads_weights(node: Any) -> bool:
+    """Returns whether a node of the graph has a weight of the network among its inputs."""
     return any(value is not None and value.name.startswith(PREFIX) for value in node.inputs)
 
 

@@ -43,6 +43,7 @@ class InstanceNorm(nn.Module):
         self.bias = nn.Parameter(torch.zeros(channels))
 
     def forward(self, x: Tensor) -> Tensor:
+        """Normalises each channel of each image (B,C,H,W) over its pixels, then scales and shifts it."""
         if len(x) == 1:  # equal to instance norm, and this kernel keeps channels_last
             return F.batch_norm(x, None, None, self.weight, self.bias, training=True)
         return F.group_norm(x, x.shape[1], self.weight, self.bias)  # twice as fast as instance_norm in channels_last
@@ -71,11 +72,19 @@ class Residual(nn.Module):
     """A residual block x + norm(conv(relu(norm(conv(x))))), without an activation after the sum."""
 
     def __init__(self, channels: int, side: int, norm: str):
+        """Creates the layers.
+
+        Args:
+            channels: of input and output.
+            side: S of the features, pixels.
+            norm: a key of NORMS.
+        """
         super().__init__()
         self.first = normalised(nn.Conv2d, channels, channels, (3, 1, 1), side, norm)
         self.second = normalised(nn.Conv2d, channels, channels, (3, 1, 1), side, norm)
 
     def forward(self, x: Tensor) -> Tensor:
+        """Returns (B,C,S,S) for features (B,C,S,S)."""
         return x + self.second(F.relu(self.first(x)))
 
 
@@ -83,6 +92,16 @@ class Decoder(nn.Module):
     """The paper's decoder: a residual block, then six deconvolutions to a map of `outputs` channels at full size."""
 
     def __init__(self, encoder: list[int], channels: list[int], outputs: int, side: int, norm: str, dropout: float):
+        """Creates the layers.
+
+        Args:
+            encoder: channels of the encoder's layers, the first (finest) first.
+            channels: of the layers that double the side, the coarsest first.
+            outputs: channels of the map.
+            side: of the bottleneck, pixels.
+            norm: a key of NORMS.
+            dropout: share of features that are zeroed in training.
+        """
         super().__init__()
         self.dropout = dropout
         self.residual = Residual(encoder[-1], side, norm)
@@ -120,15 +139,26 @@ class StridedHead(nn.Module):
     """
 
     def __init__(self, inputs: int, channels: list[int], outputs: int, side: int, norm: str):
+        """Creates the layers.
+
+        Args:
+            inputs: channels of the bottleneck.
+            channels: of the layers but the last.
+            outputs: numbers to infer.
+            side: of the bottleneck, pixels.
+            norm: a key of NORMS.
+        """
         super().__init__()
         self.layers = nn.ModuleList()
         for width in channels:
+            # Kernel, stride and padding: halves the side, until it is one pixel.
             kernel, side = ((4, 2, 1), side // 2) if side > 1 else ((1, 1, 0), 1)
             self.layers.append(normalised(nn.Conv2d, inputs, width, kernel, side, norm))
             inputs = width
         self.last = nn.Conv2d(inputs, outputs, *((4, 2, 1) if side > 1 else (1, 1, 0)))
 
     def forward(self, x: Tensor, mask: Tensor) -> Tensor:
+        """Returns (B,outputs), the mean over the last features, for features (B,C,S,S); the mask is not used."""
         for layer in self.layers:
             x = F.leaky_relu(layer(x), SLOPE)
         return self.last(x).mean((2, 3))
@@ -138,13 +168,13 @@ class PooledHead(nn.Module):
     """A light head that averages features over the mask; their size is 1/stride of the image's."""
 
     def __init__(self, inputs: int, channels: list[int], outputs: int, stride: int):
-        """Builds a perceptron of the channels `inputs`, `channels`, `outputs`.
+        """Creates the layers.
 
         Args:
             inputs: channels of the features.
-            channels: of the hidden layers; the first sees each pixel, the others the mean.
-            outputs: three per coefficient of the light.
-            stride: side of the image over side of the features.
+            channels: of the layers but the last.
+            outputs: numbers to infer.
+            stride: pixels of the mask for each pixel of the features.
         """
         super().__init__()
         self.stride = stride
@@ -153,6 +183,7 @@ class PooledHead(nn.Module):
         self.last = nn.Conv2d(sizes[-1], outputs, 1)
 
     def forward(self, x: Tensor, mask: Tensor) -> Tensor:
+        """Returns (B,outputs) for features (B,C,S,S), pooled over the mask (B,1,stride S,stride S)."""
         share = F.avg_pool2d(mask, self.stride)
         x = F.leaky_relu(self.layers[0](x), SLOPE)  # before the pooling: the network can weight pixels
         x = (x * share).sum((2, 3), keepdim=True) / share.sum((2, 3), keepdim=True).clamp_min(1e-6)
@@ -174,11 +205,6 @@ class Refinement(nn.Module):
     SIDE = 64  # pixels per side to which maps are subsampled: hundreds of equations for 27 unknowns
 
     def __init__(self, coefficients: int):
-        """Begins with uncoupled channels.
-
-        Args:
-            coefficients: K of the light.
-        """
         super().__init__()
         self.trust = nn.Parameter(torch.full((coefficients,), -4.0))
         self.coupling = nn.Parameter(torch.zeros(coefficients, 3, 3))
@@ -204,7 +230,18 @@ class Refinement(nn.Module):
     def normal_equations(
         self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Returns the matrix (B,3K,3K), symmetric and positive definite, and the right-hand side (B,3K)."""
+        """Returns the linear system of the regression, for the 3K unknowns of each light, channel by channel.
+
+        Args:
+            light: (B,K,3) of the head.
+            albedo: inferred (B,3,H,W).
+            transport: inferred (B,K,H,W).
+            image: linear (B,3,H,W).
+            mask: (B,1,H,W); pixels where it is 0 do not count.
+
+        Returns:
+            The matrix (B,3K,3K), symmetric and positive definite, and the right-hand side (B,3K).
+        """
         albedo, transport, image, mask = (x.flatten(2) for x in (albedo, transport, image, mask))
         pixels = mask.sum((1, 2)).clamp_min(1)[:, None, None]
         transport = transport * mask
@@ -219,7 +256,7 @@ class Refinement(nn.Module):
         return blocks.transpose(2, 3).flatten(3).flatten(1, 2), right.flatten(1)
 
     def _load_from_state_dict(self, state: dict[str, Tensor], prefix: str, *others: Any) -> None:
-        # Networks of version 0.2 have no coupling.
+        """Loads the parameters; those of networks of version 0.2 get a coupling of 0."""
         state.setdefault(f"{prefix}coupling", torch.zeros(len(self.trust), 3, 3))
         super()._load_from_state_dict(state, prefix, *others)
 
@@ -237,6 +274,12 @@ class Network(nn.Module):
     refinement: "Refinement | None"
 
     def __init__(self, model: Model, size: int):
+        """Keeps the settings; subclasses create the layers.
+
+        Args:
+            model: settings of the network.
+            size: side of the images, pixels.
+        """
         super().__init__()
         self.order, self.size, self.albedo, self.sees = model.order, size, model.albedo, model.sees
 
@@ -283,6 +326,14 @@ class PaperNetwork(Network):
     """One encoder, a decoder with skip connections for each map, and a light head (paper, section 5)."""
 
     def __init__(self, model: Model, size: int):
+        """Creates the encoder, a decoder for each map, and the head of the light.
+
+        Convolutions have kernel 4, stride 2 and padding 1, so that each layer halves the side.
+
+        Args:
+            model: settings of the network.
+            size: side of the images, pixels.
+        """
         super().__init__(model, size)
         coefficients = (model.order + 1) ** 2
         maps = {"ours": {"transport": coefficients}, "sfsnet": {"normal": 3}, "sfsnet_ao": {"normal": 3, "ao": 1}}

@@ -55,11 +55,18 @@ def _maps(network: Network, image: Tensor, inside: Tensor) -> dict[str, Tensor]:
     outputs = network(image.permute(0, 3, 1, 2), inside.permute(0, 3, 1, 2))
     light = outputs.pop("light").float()
     maps = {name: dense.permute(0, 2, 3, 1).float() for name, dense in outputs.items()}
-    return {**{name: values * inside for name, values in with_transport(maps, network.order).items()}, "light": light}
+    maps = with_transport(maps, network.order)
+    return {name: values * inside for name, values in maps.items()} | {"light": light}
 
 
 def _unmirrored(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
-    """Returns the maps of an image, given those of its mirror image."""
+    """Returns the maps of an image, given those of its mirror image.
+
+    Args:
+        maps: (B,S,S,C) by name, and `light` (B,K,3). Columns are reversed, and what changes its sign under x -> -x is
+            negated: the x of normals, and the coefficients of transport and light that are odd in x.
+        order: of the harmonics.
+    """
     signs = {"transport": mirror_signs(order), "light": mirror_signs(order)[:, None], "normal": torch.ones(3)}
     signs["normal"][0] = -1
     flipped = {name: values if name == "light" else values.flip(2) for name, values in maps.items()}

@@ -10,6 +10,7 @@ from relight.errors import UserError
 
 VALIDATION = 0.1  # share of the figures for training that are left out of it for the validation
 MAX_VALIDATION = 8  # figures
+VALIDATION_DRAWS = 1  # beside the seed: makes the draws of the validation independent of those of the test
 
 
 def split_figures(
@@ -50,7 +51,9 @@ def split_figures(
     unit_of = dict(zip(names, subjects if split.kind == "subject" else names))
     train, test = sibling_split(names, subjects, split) if paired else subject_split(unit_of, split)
     wanted = min(MAX_VALIDATION, VALIDATION * len(train))
-    held_out = draw({name: unit_of[name] for name in train}, wanted, np.random.default_rng([split.seed, 1]))
+    held_out = draw(
+        {name: unit_of[name] for name in train}, wanted, np.random.default_rng([split.seed, VALIDATION_DRAWS])
+    )
     train = [name for name in train if name not in held_out]
     return {"train": train, "validation": held_out, "test": test, "sitting": seated}
 
@@ -78,7 +81,18 @@ def draw(unit_of: Mapping[str, str], wanted: float, rng: np.random.Generator) ->
 
 
 def subject_split(unit_of: Mapping[str, str], split: Split) -> tuple[list[str], list[str]]:
-    """Returns the figures for training and for the test of the splits `subject` and `paper` (see `split_figures`)."""
+    """Splits figures at random by their units (kinds `subject` and `paper` of the split).
+
+    Args:
+        unit_of: by figure, what stays together: its subject for the kind `subject`, itself for `paper`.
+        split: share `test` of the test figures, seed and kind.
+
+    Returns:
+        Names of the figures for training, and of those for the test.
+
+    Raises:
+        UserError: if there are fewer than two units.
+    """
     if len(set(unit_of.values())) < 2:
         what = "subjects" if split.kind == "subject" else "figures"
         raise UserError(
@@ -90,7 +104,22 @@ def subject_split(unit_of: Mapping[str, str], split: Split) -> tuple[list[str], 
 
 
 def sibling_split(names: list[str], subjects: list[str], split: Split) -> tuple[list[str], list[str]]:
-    """Returns the figures for training and for the test of `disjoint` or `siblings` (see `split_figures`)."""
+    """Splits figures so that the training has others of the test subjects, or none (`siblings`, `disjoint`).
+
+    Every second figure of a test subject is a test figure, and the others are its siblings. `siblings` trains on them
+    in place of the same number of figures of other people; `disjoint` trains on other people alone.
+
+    Args:
+        names: of the figures.
+        subjects: the person of each.
+        split: share `test` of the test figures, seed and kind.
+
+    Returns:
+        Names of the figures for training, and of those for the test.
+
+    Raises:
+        UserError: if too few people have several figures, or too few figures are of other people.
+    """
     figures_of: dict[str, list[str]] = {}
     for name, subject in zip(names, subjects):
         figures_of.setdefault(subject, []).append(name)

@@ -220,7 +220,10 @@ def multiplies_bfloat16(device: torch.device) -> bool:
 
 @contextmanager
 def distributed_process(train: Train) -> Iterator[tuple[torch.device, int, int]]:
-    """Yields device, rank and number of processes; under torchrun, joins the process group.
+    """Joins the process group, if torchrun started several processes.
+
+    Yields:
+        The device of this process, its rank from 0, and the number of processes; rank 0 of 1 without torchrun.
 
     Raises:
         UserError: if there is no GPU for `train.device=cuda`, or the batch cannot be divided among the processes.
@@ -249,6 +252,11 @@ def select_training_data(data: RelitSet, split: Path, train: Train) -> tuple[np.
     With `train.figures` N, the figures are the first N of an order drawn from the seed: a smaller set is a subset of a
     larger one.
 
+    Args:
+        data: all figures and lights.
+        split: file with the names of the figures by part (.json).
+        train: settings.
+
     Returns:
         Indices of the figures' maps, those of all their views and outfits included, and indices of the lights.
 
@@ -270,9 +278,14 @@ def select_training_data(data: RelitSet, split: Path, train: Train) -> tuple[np.
 
 
 def initial_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
-    """Returns the network at step 0: a new one, or that of `train.start`.
+    """Returns the network at step 0, in training mode: a new one, or that of `train.start`.
 
     With `train.only=encoder` all parts except the encoder are frozen, including their running statistics.
+
+    Args:
+        recipe: all settings.
+        data: gives the size of the images if `train.size` is 0.
+        packed: file of the data, for messages.
 
     Raises:
         UserError: if the size is larger than that of the maps, or `train.start` has other model settings.
@@ -319,7 +332,20 @@ def learning_rate(train: Train, step: int) -> float:
 def draw_batch(
     data: RelitSet, figures: np.ndarray, lights: np.ndarray, recipe: Recipe, step: int, rank: int, world: int
 ) -> Batch:
-    """Draws the batch of a step, or this process's share of it; also seeds torch for the dropout of the step."""
+    """Draws the batch of a step, or this process's share of it; also seeds torch for the dropout of the step.
+
+    Args:
+        data: figures and lights.
+        figures: indices of the figures' maps to train on.
+        lights: indices of the lights to train on.
+        recipe: all settings.
+        step: from 0.
+        rank: of this process, from 0. It takes every `world`-th pair of the step.
+        world: number of processes.
+
+    Returns:
+        Augmented pairs (train.batch / world of them), a function of the seed, the step and the rank.
+    """
     settings = recipe.train
     chosen = draw_pairs(settings.seed, step, settings.batch, len(figures), len(lights), settings.pairs)
     rng = generator(settings.seed, step, STEP_DRAWS)
@@ -376,6 +402,9 @@ class Meter:
 
     def means(self, world: int) -> dict[str, float]:
         """Returns the means over steps and processes since the last call.
+
+        Args:
+            world: number of processes.
 
         Raises:
             UserError: if a loss was not finite; it names the first such step.

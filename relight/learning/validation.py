@@ -38,6 +38,14 @@ class Validation:
     """
 
     def __init__(self, data: RelitSet, split: Path, loss: Loss, size: int):
+        """Draws the pairs; there are none if the split has no validation figures, or the table no validation lights.
+
+        Args:
+            data: figures and lights.
+            split: file with the names of the figures by part (.json).
+            loss: weights of the losses.
+            size: side of the network's images, pixels.
+        """
         figures = data.figures(read_split(split).get("validation", []))
         lights = np.flatnonzero(data.light_split == "validation")
         self.loss, self.color = loss, data.color
@@ -128,7 +136,13 @@ def ball_cell(light: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 
 def concatenated(parts: list[np.ndarray], axis: int, gap: int = GAP) -> np.ndarray:
-    """Concatenates pictures (h,w,3) along `axis`, with gaps of the background color."""
+    """Concatenates pictures with gaps of the background color.
+
+    Args:
+        parts: (h,w,3) each, of equal size across `axis`.
+        axis: 0 puts them one below another, 1 side by side.
+        gap: pixels.
+    """
     shape = list(parts[0].shape)
     shape[axis] = gap
     space = np.full(shape, BACKGROUND, np.float32)

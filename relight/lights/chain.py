@@ -119,6 +119,11 @@ def project_panoramas(
 ) -> tuple[list[str], np.ndarray, dict[str, str], dict[str, str]]:
     """Projects all panoramas that the settings name.
 
+    Args:
+        panoramas: a folder, or the numbers of generated rooms and skies.
+        order: of the spherical harmonics.
+        progress: whether to show a bar.
+
     Returns:
         The sources of the N panoramas that could be read; their lights (N,K,3); the errors of the others, by source;
         and the repairs, by source.
@@ -172,6 +177,11 @@ def generated_light(source: str, order: int, flip: bool = False) -> np.ndarray:
 def file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarray, list[str]] | str:
     """Reads one panorama of a folder and projects it.
 
+    Args:
+        source: path of the file within `panoramas.folder`.
+        panoramas: layout, orientation and repair.
+        order: of the spherical harmonics.
+
     Returns:
         The light (K,3) and the reader's repairs; or, for a file that cannot be read, the message of the error, since
         one bad file must not end a long run.
@@ -192,7 +202,7 @@ def read_from_folder(source: str, panoramas: Panoramas, yaw: float = 0.0) -> Pan
         yaw: degrees of rotation about the vertical, from +z toward +x.
 
     Raises:
-        UserError: as `read_panorama`.
+        UserError: if the name of the file is unsafe, or it is no panorama of this layout.
     """
     path = Path(panoramas.folder or "") / source
     require_safe_name(path)

@@ -140,7 +140,13 @@ def find_panorama(text: str) -> str | Path:
 
 
 def notes_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[str]:
-    """Returns a note if a panorama's light (K,3) is brighter from below than from above, or an empty list."""
+    """Returns a note if the light of a panorama is brighter from below than from above, or an empty list.
+
+    Args:
+        text: name of the light in the note.
+        coefficients: (K,3) of the panorama.
+        upside_down: whether its rows were read from the bottom up; the note advises the opposite.
+    """
     if not is_lit_from_below(measure(coefficients[None]))[0]:
         return []
     option = "without --upside-down" if upside_down else "with --upside-down, if its rows run from the bottom up"

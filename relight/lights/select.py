@@ -125,7 +125,15 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
 
 
 def record_step(record: dict[str, Any], step: str, before: int, after: int, reasons: dict[str, int]) -> None:
-    """Adds a step to the record: the numbers of lights before and after it, and of those removed by each reason."""
+    """Adds a step of the selection to the record.
+
+    Args:
+        record: its list `steps` is extended.
+        step: name.
+        before: number of lights before it.
+        after: number of lights that it kept.
+        reasons: numbers of lights that it removed, by reason; a light may have several.
+    """
     record["steps"].append({"step": step, "in": before, "out": after, "why": reasons})
 
 
@@ -278,6 +286,14 @@ def split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -
 
     If every light breaks a rule, those that break the fewest rules are usual. Lights of scale 0 are neither.
 
+    Args:
+        copies: the lights of all panoramas at all headings; its `reason` is changed.
+        settings: `rules` names the set of rules.
+        record: of the selection; gets this step, and a warning if every light breaks a rule.
+
+    Returns:
+        The usual lights and the unusual ones.
+
     Raises:
         UserError: if all lights have scale 0.
     """
@@ -299,7 +315,16 @@ def split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -
 
 
 def unlit_panoramas(sources: list[str], copies: LightSet, usual: LightSet) -> dict[str, str]:
-    """Returns the panoramas without a usual light at any heading, with the rules that their copies break."""
+    """Returns the panoramas without a usual light at any heading, with the rules that their copies break.
+
+    Args:
+        sources: all panoramas.
+        copies: their lights at all headings, with `reason`.
+        usual: those of `copies` that are kept.
+
+    Returns:
+        Reasons by panorama, such as "bright at 3 of 12 headings, color at 1 of 12 headings".
+    """
     left = set(sources) - set(usual.source.tolist())
     reasons = {}
     for source in filter(left.__contains__, sources):

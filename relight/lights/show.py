@@ -151,6 +151,7 @@ def oriented_pixels(panorama: Panorama) -> np.ndarray:
     width = pixels.shape[1]
     azimuth = (np.arange(0, width, step) + 0.5) / width + panorama.yaw / 360
     azimuth = (1 - azimuth if panorama.flip else azimuth) + (0.5 if panorama.front == "+z" else 0)
+    # The small number keeps centres that rounding puts just below a column in it.
     column = np.floor(azimuth % 1 * width + 1e-6).astype(int) % width
     return pixels[::step, column]
 
@@ -161,12 +162,12 @@ def nearest_pixels(panorama: Panorama, height: int) -> np.ndarray:
 
     step = max(1, max(panorama.pixels.shape[:2]) // 1024)
     toward = directions(panorama)[::step, ::step].reshape(-1, 3)
-    shown = np.isfinite(toward[:, 0])
-    x, y, z = toward[shown].T
+    valid = np.isfinite(toward[:, 0])  # pixels around a ball or a cross show nothing
+    x, y, z = toward[valid].T
     x, yaw = -x if panorama.flip else x, np.radians(panorama.yaw)
     rotated = np.stack([x * np.cos(yaw) + z * np.sin(yaw), y, z * np.cos(yaw) - x * np.sin(yaw)], -1)
     nearest = KDTree(rotated).query(latlong_directions(height, 2 * height).reshape(-1, 3))[1]
-    return panorama.pixels[::step, ::step].reshape(-1, 3)[shown][nearest].reshape(height, 2 * height, 3)
+    return panorama.pixels[::step, ::step].reshape(-1, 3)[valid][nearest].reshape(height, 2 * height, 3)
 
 
 def tone_mapped(pixels: np.ndarray) -> np.ndarray:

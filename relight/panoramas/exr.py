@@ -176,7 +176,7 @@ def suppress_output() -> Iterator[None]:
 
 
 def window(box: Any) -> tuple[int, int, int, int]:
-    """Converts a window of the OpenEXR binding to (x0, y0, x1, y1)."""
+    """Converts a window of the OpenEXR binding to (x0, y0, x1, y1) in pixels; x1 and y1 are included."""
     (x0, y0), (x1, y1) = box
     return int(x0), int(y0), int(x1), int(y1)
 
@@ -258,9 +258,16 @@ def stack_channels(path: Path, names: str, pop_channel: Callable[[str], np.ndarr
 
 
 def to_display_window(path: Path, header: Header, pixels: np.ndarray, repairs: list[str]) -> np.ndarray:
-    """Crops and pads pixels (h,w,C) from the data window to the display window; missing ones are black.
+    """Crops and pads pixels from the data window to the display window; missing ones are black.
 
-    Appends to `repairs` if the windows differ.
+    Args:
+        path: for messages.
+        header: has both windows.
+        pixels: (h,w,C) of the data window.
+        repairs: gets a line for each difference of the windows.
+
+    Returns:
+        (H,W,C) float32 of the display window; `pixels` themselves if the windows are equal.
 
     Raises:
         UserError: if pixels and header disagree, or if the windows do not overlap.

@@ -140,7 +140,17 @@ def read_resolution(data: bytes, position: int) -> tuple[bool, bytes, bytes, int
 
 
 def read_pixels(data: bytes, position: int, height: int, width: int) -> np.ndarray:
-    """Decodes scanlines to (height,width,3) float32; each may be flat, or in the old or new run-length coding."""
+    """Decodes all scanlines; each may be flat, or in the old or new run-length coding.
+
+    Args:
+        data: the file.
+        position: byte of the first scanline.
+        height: rows.
+        width: pixels of a row.
+
+    Returns:
+        (height,width,3) float32, linear.
+    """
     # A value is m * 2^(e - 136), and 0 for e = 0; float32 holds all but the 20 smallest exponents.
     scale = np.ldexp(1.0, np.arange(256) - 136).astype(np.float32)
     scale[0] = 0
@@ -184,7 +194,17 @@ def read_scanline(data: bytes, source: np.ndarray, position: int, line: np.ndarr
 
 
 def read_runs(data: bytes, source: np.ndarray, position: int, line: np.ndarray) -> int:
-    """Decodes the new run-length coding, channel by channel; arguments and result as for `read_scanline`."""
+    """Decodes a scanline of the new run-length coding, channel by channel.
+
+    Args:
+        data: the file.
+        source: the same bytes as an array.
+        position: of the first packet in the file, after the marker.
+        line: (W,4) uint8, is filled with the RGBE codes.
+
+    Returns:
+        The position of the next scanline.
+    """
     width, begin = len(line), position
     packet_starts = []
     try:
@@ -212,7 +232,18 @@ def read_runs(data: bytes, source: np.ndarray, position: int, line: np.ndarray) 
 
 
 def read_old_runs(data: bytes, position: int, line: np.ndarray) -> int:
-    """Decodes the old run-length coding: (1,1,1,n) repeats the previous pixel n times, a second one 256 n times."""
+    """Decodes a scanline of the old run-length coding: (1,1,1,n) repeats the previous pixel n times.
+
+    A second such code right after the first counts 256 n times, and so on.
+
+    Args:
+        data: the file.
+        position: of the scanline in the file.
+        line: (W,4) uint8, is filled with the RGBE codes.
+
+    Returns:
+        The position of the next scanline.
+    """
     width, filled, shift = len(line), 0, 0
     while filled < width:
         pixel = data[position : position + 4]

@@ -47,6 +47,7 @@ def setup(package: Path | str | None = None) -> Path:
 
 
 def _read(archive: tarfile.TarFile, name: str) -> bytes:
+    """Returns the content of a member of an archive; raises KeyError if there is none, or if it is no file."""
     file = archive.extractfile(name)
     if file is None:
         raise KeyError(f"{name} is not a file")

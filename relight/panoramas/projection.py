@@ -116,11 +116,13 @@ def project_latlong(pixels: np.ndarray, order: int, corners: bool = False) -> np
     height, width = pixels.shape[:2]
 
     def rows(t: np.ndarray) -> np.ndarray:
+        """Returns Y_lm at azimuth 0 times the solid angle per unit of t, (T,K), for t from the top 0 to 1."""
         theta = np.pi * t
         meridian = np.stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)], -1)  # azimuth 0: cos m phi = 1
         return basis(meridian, order) * (np.pi * np.sin(theta))[:, None]
 
     def columns(t: np.ndarray) -> np.ndarray:
+        """Returns cos and sin of m times the azimuth, times 2 pi, (T,2 order+1), for t from the left 0 to 1."""
         phi, m = 2 * np.pi * (t[:, None] - 0.5), np.arange(order + 1)
         return 2 * np.pi * np.concatenate([np.cos(m * phi), np.sin(m[1:] * phi)], -1)
 
@@ -201,7 +203,15 @@ def project_plane(
 
 
 def angular_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Maps an angular map (Debevec) to the sphere: -z is at the centre, the angle to -z is pi times the radius."""
+    """Maps an angular map (Debevec) to the sphere: -z is at the centre, the angle to -z is pi times the radius.
+
+    Args:
+        u: column in [-1,1], to the right.
+        v: row in [-1,1], down; broadcasts with `u`.
+
+    Returns:
+        Unit directions (...,3), and the solid angle (...) in steradian per unit of area of the image plane.
+    """
     r = np.hypot(u, v)
     sinc = np.sinc(r)  # sin(pi r) / (pi r)
     direction = np.stack([np.pi * u * sinc, -np.pi * v * sinc, -np.cos(np.pi * r)], -1)
@@ -209,7 +219,15 @@ def angular_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def ball_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Maps an orthographic photo of a mirror ball to the sphere: the centre reflects +z, the rim -z."""
+    """Maps an orthographic photo of a mirror ball to the sphere: the centre reflects +z, the rim -z.
+
+    Args:
+        u: column in [-1,1], to the right.
+        v: row in [-1,1], down; broadcasts with `u`.
+
+    Returns:
+        Unit directions (...,3), and the solid angle (...) in steradian per unit of area of the image plane.
+    """
     r2 = np.minimum(u * u + v * v, 1.0)
     forward = 2 * np.sqrt(1 - r2)  # reflection of +z about the normal (u, -v, sqrt(1 - r2))
     direction = np.stack([u * forward, -v * forward, 1 - 2 * r2], -1)
@@ -217,7 +235,15 @@ def ball_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def face_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Maps the face of a cube at +z to the sphere, image right along +x and image down along -y."""
+    """Maps the face of a cube at +z to the sphere, image right along +x and image down along -y.
+
+    Args:
+        u: column in [-1,1], to the right.
+        v: row in [-1,1], down; broadcasts with `u`.
+
+    Returns:
+        Unit directions (...,3), and the solid angle (...) in steradian per unit of area of the image plane.
+    """
     u, v = np.broadcast_arrays(u, v)
     length = np.sqrt(1 + u * u + v * v)
     return np.stack([u, -v, np.ones_like(u)], -1) / length[..., None], length**-3
@@ -240,7 +266,16 @@ def cut_faces(pixels: np.ndarray, layout: str) -> dict[str, np.ndarray]:
 
 
 def project_cube(faces: dict[str, np.ndarray], order: int, corners: bool = False) -> np.ndarray:
-    """Projects six faces (n,n,C) to coefficients (K,C): each as the face at +z, then rotated to its axis."""
+    """Projects the faces of a cube to spherical harmonics: each as the face at +z, then rotated to its axis.
+
+    Args:
+        faces: six images (n,n,C) by the keys of CUBE_FACES.
+        order: of the spherical harmonics.
+        corners: whether the outermost samples lie on the edges of the image, as in OpenEXR environment maps.
+
+    Returns:
+        Coefficients (K,C).
+    """
     channels = next(iter(faces.values())).shape[2]
     stacked = project_plane(np.concatenate(list(faces.values()), -1), face_to_sphere, order, corners)
     total = np.zeros((stacked.shape[0], channels))

@@ -172,7 +172,16 @@ class Grid:
 
 
 def intersect_walls(size: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns distance (N,) and wall (N,) of the first intersection of rays that start inside the room."""
+    """Intersects rays that start inside a room with its walls.
+
+    Args:
+        size: (3,) of the room, metres; one corner is at 0.
+        origin: (N,3) metres.
+        direction: (N,3), any length.
+
+    Returns:
+        Distance (N,) in lengths of `direction`, and wall (N,) 0 to 5: 2 * axis, plus 1 for the wall at `size`.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = np.where(direction > 0, size - origin, -origin) / direction
     distance = np.where(direction == 0, np.inf, distance)
@@ -280,7 +289,16 @@ def direct_irradiance(room: Room, position: np.ndarray, normal: np.ndarray) -> n
 
 
 def sunlit(room: Room, sun: Sun, point: np.ndarray) -> np.ndarray:
-    """Returns whether the sun reaches points (N,3) through a window or skylight, as (N,) bool."""
+    """Returns whether the sun reaches points through a window or skylight.
+
+    Args:
+        room: with its windows, and the furniture that occludes.
+        sun: its `direction` points toward it.
+        point: (N,3) metres.
+
+    Returns:
+        (N,) bool.
+    """
     toward = np.broadcast_to(sun.direction, point.shape)
     distance, wall = intersect_walls(room.size, point, toward)
     exit_point = point + toward * distance[:, None]
@@ -296,7 +314,16 @@ def sunlit(room: Room, sun: Sun, point: np.ndarray) -> np.ndarray:
 
 
 def sun_irradiance(room: Room, sun: Sun, grid: Grid) -> np.ndarray:
-    """Returns the irradiance (N,3) of the sun on the cells of a grid, sampled at four points per cell."""
+    """Returns the irradiance of the sun on the cells of a grid, sampled at four points per cell.
+
+    Args:
+        room: with its windows, and the furniture that occludes.
+        sun: direction and irradiance.
+        grid: N cells on walls and boxes.
+
+    Returns:
+        (N,3), in the unit of `sun.irradiance`.
+    """
     n = len(grid.position)
     cosine = np.maximum(grid.normal @ sun.direction, 0)
     lit = np.zeros(n)

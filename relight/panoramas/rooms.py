@@ -13,7 +13,8 @@ from relight.panoramas.color import blackbody, daylight, luminance
 from relight.panoramas.projection import latlong_solid_angles
 from relight.panoramas.radiosity import HEIGHT, WIDTH, AreaLight, Box, Lamp, Room, Sun, render_room
 
-FLOOR, CEILING, SIDE_WALLS = 2, 3, (0, 1, 4, 5)  # walls by number: at -x, +x, -y, +y, -z, +z
+CEILING = 3  # its number among the walls, 2 * axis + side
+SIDE_WALLS = (0, 1, 4, 5)  # the walls that are neither floor nor ceiling
 CLEARANCE = 0.6  # metres around the camera without lamps and furniture
 KINDS = {"plain": 0.36, "sided": 0.4, "soft": 0.24}  # probabilities of the kinds of rooms
 
@@ -44,15 +45,7 @@ def sample_room(rng: np.random.Generator) -> Room:
 
 
 def sample_wall_albedo(rng: np.random.Generator, kind: str) -> np.ndarray:
-    """Draws the linear albedo of a room's walls: one color, a few accent walls, a darker floor, a lighter ceiling.
-
-    Args:
-        rng: source of the random numbers.
-        kind: plain; sided, dark but for its windows; or soft, bright on all sides.
-
-    Returns:
-        (6,3), in the order of FLOOR, CEILING and SIDE_WALLS.
-    """
+    """Draws the albedo (6,3) of the walls: one color, a few accent walls, a darker floor and a lighter ceiling."""
     walls = {"plain": (0.2, 0.9), "sided": (0.12, 0.45), "soft": (0.7, 0.92)}[kind]
     floor = {"plain": (0.06, 0.5), "sided": (0.06, 0.35), "soft": (0.25, 0.7)}[kind]
     wall = log_uniform(rng, *walls) * np.array([1, rng.uniform(0.92, 1.0), rng.uniform(0.82, 1.02)])
@@ -60,17 +53,20 @@ def sample_wall_albedo(rng: np.random.Generator, kind: str) -> np.ndarray:
     for i in SIDE_WALLS:
         if kind != "soft" and rng.random() < 0.22:
             albedo[i] = np.clip(rng.uniform(0.1, 0.75) * (0.5 + 0.7 * rng.random(3)), 0.03, 0.9)
-    albedo[FLOOR] = log_uniform(rng, *floor) * np.array([1, rng.uniform(0.75, 1.0), rng.uniform(0.5, 1.0)])
+    albedo[2] = log_uniform(rng, *floor) * np.array([1, rng.uniform(0.75, 1.0), rng.uniform(0.5, 1.0)])
     has_light_ceiling = rng.random() < {"plain": 0.9, "sided": 0.6, "soft": 1.0}[kind]
-    albedo[CEILING] = min(log_uniform(rng, *((0.55, 0.95) if has_light_ceiling else (0.05, 0.4))), 0.92)
+    albedo[3] = min(log_uniform(rng, *((0.55, 0.95) if has_light_ceiling else (0.05, 0.4))), 0.92)
     return albedo
 
 
 def add_daylight(room: Room, rng: np.random.Generator, kind: str) -> None:
     """Adds up to four windows that show sky and ground, and sometimes a skylight and the sun.
 
-    Plain rooms have most windows in one wall or in two opposite walls, sided rooms all in one wall; soft rooms have
-    windows with curtains on all sides.
+    Args:
+        room: is changed.
+        rng: draws everything.
+        kind: `plain` rooms have most windows in one wall or in two opposite walls, `sided` rooms all in one wall;
+            `soft` rooms have windows with curtains on all sides.
     """
     sky = log_uniform(rng, 2, 40)
     is_overcast = rng.random() < 0.7
@@ -132,18 +128,22 @@ def add_window(room: Room, rng: np.random.Generator, wall: int, above: np.ndarra
 
 
 def add_skylight(room: Room, rng: np.random.Generator, radiance: np.ndarray) -> None:
-    """Adds a square window of radiance (3,) at a random place of the ceiling."""
+    """Adds a square window of `radiance` (3,), at a place of the ceiling that `rng` draws."""
     x, y, z = room.size
     side = log_uniform(rng, 0.8, 3)
     sx, sz = min(side, 0.6 * x), min(side, 0.6 * z)
     low = np.array([rng.uniform(0, x - sx), y, rng.uniform(0, z - sz)])
-    room.area_lights.append(AreaLight(3, low, low + [sx, 0, sz], radiance, daylight=True))
+    room.area_lights.append(AreaLight(CEILING, low, low + [sx, 0, sz], radiance, daylight=True))
 
 
 def add_lamps(room: Room, rng: np.random.Generator, kind: str) -> None:
     """Adds a luminous ceiling, two lamps on opposite sides, panels in the ceiling, or single lamps.
 
-    Sided rooms get panels or one or two lamps; soft rooms a luminous ceiling, panels or many lamps.
+    Args:
+        room: is changed.
+        rng: draws everything.
+        kind: `plain` rooms get any of these; `sided` rooms panels or one or two lamps; `soft` rooms a luminous ceiling,
+            panels or many lamps.
     """
     temperature = sample_temperature(rng)
     power = log_uniform(rng, 0.3, 3.0) * room.size[0] * room.size[2] * 6  # proportional to the floor's area
@@ -180,11 +180,18 @@ def add_luminous_ceiling(room: Room, rng: np.random.Generator, power: np.ndarray
     low, high = np.array([0, room.size[1], 0]), room.size.copy()
     margin = rng.uniform(0.02, 0.12) * room.size * [1, 0, 1]
     low, high = low + margin, high - margin
-    room.area_lights.append(AreaLight(3, low, high, power / ((high - low)[0] * (high - low)[2] * np.pi)))
+    room.area_lights.append(AreaLight(CEILING, low, high, power / ((high - low)[0] * (high - low)[2] * np.pi)))
 
 
 def add_two_lamps(room: Room, rng: np.random.Generator, temperature: float, power: float) -> None:
-    """Adds two lamps on opposite sides of the camera and darkens the room, for light with a strong second band."""
+    """Adds two lamps on opposite sides of the camera and darkens the room, for light with a strong second band.
+
+    Args:
+        room: is changed.
+        rng: draws places and shares.
+        temperature: color of both, kelvin.
+        power: of both together, radiant flux in the unit of radiance times square metres.
+    """
     room.albedo *= rng.uniform(0.25, 0.6)
     heading = rng.uniform(0, 2 * np.pi)
     for angle, share in ((0.0, 1.0), (np.pi + rng.normal(0, 0.4), rng.uniform(0.35, 0.8))):
@@ -205,7 +212,7 @@ def add_panels(room: Room, rng: np.random.Generator, power: np.ndarray) -> None:
         if is_on[i, j]:
             centre = np.array([(i + 0.5) * x / nx, y, (j + 0.5) * z / nz])
             half = np.array([sx / 2, 0, sz / 2])
-            room.area_lights.append(AreaLight(3, centre - half, centre + half, radiance))
+            room.area_lights.append(AreaLight(CEILING, centre - half, centre + half, radiance))
 
 
 def add_single_lamps(

@@ -74,7 +74,7 @@ class RelitPhoto(np.ndarray):
 
 
 def _webp(pixels: np.ndarray) -> str:
-    """Returns a picture (H,W,3), at most PREVIEW pixels wide and high, as WebP in base64."""
+    """Returns a preview of an image (H,W,3), at most PREVIEW pixels a side, as WebP in base64."""
     image = Image.fromarray(as_codes(np.asarray(pixels)))
     image.thumbnail((PREVIEW, PREVIEW), Image.Resampling.LANCZOS)
     file = io.BytesIO()
@@ -113,8 +113,9 @@ class Relighter:
         """Infers the light, albedo and transport of each person in a photo.
 
         Args:
-            image: as `load_photo` takes it, or what it returned.
-            mask: as `load_photo` takes it.
+            image: (H,W,3) uint8 or uint16 sRGB, an image of Pillow, a file, a `Photo`, or what `load_photo` returned.
+            mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1]; an image of Pillow, or a file. By default the file
+                beside the photo, its alpha, or an automatic mask.
             split: whether people who do not touch are inferred one by one.
             white_balance: `keep` takes the photo's light to be white on average (relight.photos.infer.balanced),
                 `scene` to have the color that the network infers.
@@ -132,7 +133,16 @@ class Relighter:
         return balanced(people) if white_balance == "keep" else people
 
     def infer_person(self, pixels: np.ndarray, coverage: np.ndarray, crop: Crop | None = None) -> Person:
-        """Infers one person, in a given square or the one around the coverage (relight.photos.infer.infer_person)."""
+        """Infers one person.
+
+        Args:
+            pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
+            coverage: (H,W) uint8 of the person.
+            crop: the square to use; by default the one around the coverage.
+
+        Raises:
+            UserError: if the coverage is empty.
+        """
         return infer_person(self.network, pixels, coverage, crop)
 
     def read_light(
@@ -150,7 +160,7 @@ class Relighter:
                 photo of somebody.
             mask: of that photo.
             mask_model: for its automatic mask.
-            white_balance: of that photo, as in `infer`.
+            white_balance: of that photo, `keep` (its light is white on average) or `scene` (as inferred).
             **options: of `relight.lights.load_light`, for panoramas and coefficients.
 
         Returns:
@@ -180,9 +190,10 @@ class Relighter:
         """Relights the people of a photo.
 
         Args:
-            image: as in `infer`.
-            mask: as in `infer`.
-            light: (K,3) radiance coefficients (docs/conventions.md), a text as in `read_light`, or `auto`: the light of
+            image: (H,W,3) uint8 or uint16 sRGB, an image of Pillow, or a file.
+            mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1]; an image of Pillow, or a file. By default the file
+                beside the photo, its alpha, or an automatic mask.
+            light: (K,3) radiance coefficients (docs/conventions.md), a text for `read_light`, or `auto`: the light of
                 the place in the background if this is a picture file, else a warm lamp from the darker side
                 (`opposite_lamp`).
             mode: `ratio` keeps all detail of the photo, `full` is albedo * shading.
@@ -190,7 +201,8 @@ class Relighter:
             turn: of the light about the vertical axis, its front toward +x, degrees.
             match: whether the light is scaled to the photo's exposure.
             stops: exposure, as a power of two.
-            white_balance: as in `infer`; also of a photo that `light` names.
+            white_balance: `keep` (the light is white on average) or `scene` (as inferred); also of a photo that
+                `light` names.
 
         Returns:
             (H,W,3) of the photo's type, or (H,W,4) for a transparent background; linear floats for OpenEXR.

@@ -47,7 +47,15 @@ MOVIE_EXAMPLES = """relight movie me.jpg --out turn.mp4
 
 
 def option(text: str, *names: str, panel: str | None = None, metavar: str | None = None, **bounds: Any) -> Any:
-    """Returns an option whose row fits the help of a narrow terminal."""
+    """Returns an option whose row fits the help of a narrow terminal.
+
+    Args:
+        text: the help.
+        *names: such as "--out" and "-o".
+        panel: heading in the help; None for the general one.
+        metavar: name of the value, short.
+        **bounds: `min` and `max` of a number.
+    """
     return typer.Option(*names, help=text, rich_help_panel=panel, metavar=metavar, **bounds)
 
 
@@ -379,10 +387,12 @@ def at_terminal() -> bool:
 
 
 def _text(path: Path | None) -> str | None:
+    """Returns a path as text, or None for None: the options of a photo are plain values."""
     return None if path is None else str(path)
 
 
 def _print_notes(record: dict) -> None:
+    """Prints the notes and warnings of a record of `relight_file`, one a line."""
     for note in record["notes"] + record["light"]["notes"] + record["mask"]["notes"]:
         print(f"note: {note}")
     for number, person in enumerate(record["people"], 1):

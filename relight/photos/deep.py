@@ -106,6 +106,12 @@ def write_deep(path: Path, pixels: np.ndarray) -> None:
 
 
 def _encoded(pixels: np.ndarray, coder: str) -> bytes:
+    """Returns the bytes of a picture of 16 bits.
+
+    Args:
+        pixels: (H,W,3) or (H,W,4) uint16.
+        coder: `png` or `tiff`, an encoder of FFmpeg.
+    """
     import av
 
     form = {3: "rgb48", 4: "rgba64"}[pixels.shape[2]] + {"png": "be", "tiff": "le"}[coder]

@@ -66,7 +66,7 @@ def relight_folder(
         options: of the command.
         masks: a folder with a mask of the same stem for each photo; by default <stem>_mask.png beside the photo, its
             alpha, or an automatic mask.
-        weights: of the network, as `relight.load` takes them.
+        weights: of the network (.onnx or .safetensors); None for the one that comes with relight.
         jobs: processes; by default as many as there are cores.
 
     Raises:
@@ -101,11 +101,20 @@ def relight_folder(
 
 
 def _run(tasks: dict, jobs: int, options: Options, weights: Path | None) -> Iterator[tuple[str, str | None]]:
-    """Runs the tasks in processes; yields (name, reason of failure or None) as they end.
+    """Runs the tasks in processes, in the order in which they end.
 
     When a process dies, for want of memory for example, its pool dies with it. The remaining tasks are then run one
     process at a time, and a photo that kills this one has failed. Where processes cannot share a queue, this process
     runs them all.
+
+    Args:
+        tasks: by the photo's name, its file, the folder of its results, its mask or None, and its fingerprint.
+        jobs: number of processes.
+        options: of the command.
+        weights: of the network; None for its own.
+
+    Yields:
+        The photo's name, and the reason of its failure or None.
     """
     if not has_semaphores():
         _start(weights, os.cpu_count() or 1, options)
@@ -120,7 +129,7 @@ def _run(tasks: dict, jobs: int, options: Options, weights: Path | None) -> Iter
             queue = iter(list(left.items()))
             try:
                 while True:
-                    for name, task in queue:
+                    for name, task in queue:  # at most `jobs` wait at a time, so that few are lost with a pool
                         waiting[pool.submit(_relight_one, options, *task)] = name
                         if len(waiting) >= jobs:
                             break
@@ -132,7 +141,7 @@ def _run(tasks: dict, jobs: int, options: Options, weights: Path | None) -> Iter
                         del left[name]
                         yield name, reason
             except BrokenProcessPool:
-                if jobs == 1:
+                if jobs == 1:  # the first of those left was running
                     name = next(iter(left))
                     del left[name]
                     yield name, "its process died, perhaps for want of memory"
@@ -143,6 +152,7 @@ _worker: "tuple[Relighter, Light | None] | None" = None  # those of this process
 
 
 def _start(weights: Path | None, threads: int, options: Options) -> None:
+    """Loads the network and the light once for each process, which `_relight_one` uses there."""
     from relight.photos.api import load
 
     global _worker
@@ -151,6 +161,18 @@ def _start(weights: Path | None, threads: int, options: Options) -> None:
 
 
 def _relight_one(options: Options, photo: Path, out: Path, mask: Path | None, fingerprint: str) -> str | None:
+    """Relights one photo in a process that `_start` prepared, and records what its results depend on.
+
+    Args:
+        options: of the command.
+        photo: the file.
+        out: folder of the results.
+        mask: file, or None for the photo's alpha or an automatic mask.
+        fingerprint: written to the record; a later run with the same one skips the photo.
+
+    Returns:
+        The reason of a failure, or None.
+    """
     assert _worker is not None  # `_start` ran before
     relighter, light = _worker
     try:
@@ -176,6 +198,7 @@ def _fingerprint(options: Options, photo: Path, mask: Path | None, network: str)
 
 
 def _recorded(out: Path) -> str | None:
+    """Returns the fingerprint in the record of a folder of results, or None if there is none."""
     try:
         return json.loads((out / RECORD).read_text()).get("fingerprint")
     except (OSError, ValueError, AttributeError):

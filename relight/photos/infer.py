@@ -110,13 +110,16 @@ class Person:
 
     @cached_property
     def _color_guide(self) -> Guide:
+        """The guide of maps that follow the colors of the photo, such as albedo: square roots of linear RGB."""
         return Guide(square_root(self._linear(self.image)), self.mask)
 
     @cached_property
     def _grey_guide(self) -> Guide:
+        """The guide of maps that follow its brightness, such as shading: luma of the square roots of linear RGB."""
         return Guide(luma(square_root(self._linear(self.image))), self.mask)
 
     def _linear(self, values: np.ndarray) -> np.ndarray:
+        """Returns linear values, given those of the network: networks of the paper take sRGB codes as linear."""
         return values if self.gamma == 1 else decode(values).astype(np.float32)
 
 
@@ -125,7 +128,7 @@ def infer_person(network: PhotoNetwork, pixels: np.ndarray, coverage: np.ndarray
 
     Args:
         network: `train.color` of its config says which values its images have.
-        pixels: (H,W,3) as of `Photo`.
+        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
         coverage: (H,W) uint8 of the person.
         crop: the square to use; by default the one around the coverage.
 
@@ -157,7 +160,7 @@ def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple
     at the silhouette.
 
     Args:
-        pixels: (H,W,3) as of `Photo`.
+        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
         coverage: (H,W) uint8.
         crop: the square.
 

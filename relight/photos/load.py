@@ -21,7 +21,7 @@ class LoadedPhoto:
     """A photo and where its people are.
 
     Attributes:
-        pixels: (H,W,3) as of `Photo`.
+        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
         coverage: (H,W) uint8 of all people, its edge fitted to the photo (relight.photos.mask.edge).
         name: of the file, without its suffix.
         suffix: of pictures that are written in kind.
@@ -63,7 +63,7 @@ def load_photo(
         image: (H,W,3) uint8 or uint16 sRGB, an image of Pillow, a file, or a `Photo`.
         mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1]; an image of Pillow, or a file. By default the file beside
             the photo, its alpha, or an automatic mask.
-        mask_model: as `find_mask` takes it.
+        mask_model: file of the network (.onnx) that finds the people; None for the one that is installed.
 
     Raises:
         UserError: if an argument is none of these, or the mask is empty or of another size.
@@ -84,6 +84,7 @@ def load_photo(
 
 
 def _checked_image(image: np.ndarray) -> np.ndarray:
+    """Returns the image; raises UserError unless it is (H,W,3) uint8 or uint16."""
     image = np.asarray(image)
     if image.dtype not in (np.uint8, np.uint16) or image.ndim != 3 or image.shape[2] != 3:
         raise UserError(f"the image is {image.dtype} {image.shape}: give (height, width, 3) uint8 sRGB, or uint16")
@@ -91,6 +92,18 @@ def _checked_image(image: np.ndarray) -> np.ndarray:
 
 
 def _checked_mask(mask: np.ndarray | Image.Image, shape: tuple[int, ...]) -> np.ndarray:
+    """Converts a mask to coverage.
+
+    Args:
+        mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1], or an image of Pillow.
+        shape: (H,W) of the photo.
+
+    Returns:
+        Coverage (H,W) uint8.
+
+    Raises:
+        UserError: if it is empty or of another size.
+    """
     values = mask_from_image(mask, (shape[0], shape[1])) if isinstance(mask, Image.Image) else np.asarray(mask)
     if values.ndim != 2:
         raise UserError(f"the mask has shape {values.shape}: give (height, width)")

@@ -179,6 +179,18 @@ def relight_clip(
 def _with_masks(
     clip: Path | str, frames: Iterator[Photo], masks: Path | str | None, options: Options
 ) -> Iterator[LoadedPhoto]:
+    """Yields the frames of a clip with their masks.
+
+    Args:
+        clip: video, or folder of frames.
+        frames: of the clip, in order.
+        masks: a video, or a folder: by the frames' names if any has one, else in order. None: a frame's file has its
+            mask beside it, or it is found.
+        options: of the command.
+
+    Raises:
+        UserError: if a mask is missing or is of another size.
+    """
     if masks is None:
         for photo in frames:  # those of a folder have the names of their files
             beside = mask_beside(Path(clip) / f"{photo.name}.png") if Path(clip).is_dir() else None
@@ -236,6 +248,16 @@ def smooth_over_time(
 
 
 def _infer_smoothed(near: list, i: int, infer: Callable) -> tuple[np.ndarray, Person]:
+    """Infers one frame in a square that is smoothed over time.
+
+    Args:
+        near: pixels, coverage and crop of the frame and of those around it.
+        i: the frame's index in `near`.
+        infer: from pixels, coverage and crop to a person.
+
+    Returns:
+        The pixels (H,W,3) of the frame, and its person.
+    """
     pixels, coverage, _ = near[i]
     return pixels, infer(pixels, coverage, _smooth_crop([crop for _, _, crop in near], i))
 
@@ -254,18 +276,33 @@ def windows(items: Iterable[T], radius: int) -> Iterator[tuple[list[T], int]]:
 
 
 def _gaussian(count: int, centre: int, radius: int) -> np.ndarray:
-    """Weights of `count` frames around `centre`, with `radius` at 2 sigma."""
+    """Returns the weights of frames around one of them: (count,), with a sum of 1.
+
+    Args:
+        count: number of frames.
+        centre: index of the frame with the largest weight.
+        radius: frames at which the Gaussian has 2 standard deviations.
+    """
     weights = np.exp(-2 * ((np.arange(count) - centre) / radius) ** 2)
     return weights / weights.sum()
 
 
 def _smooth_crop(crops: list[Crop], i: int) -> Crop:
+    """Returns the square of frame `i`, smoothed over time.
+
+    Its top, left and side are the weighted means of those of `crops`, the squares of the frame and of those around it.
+    """
     weights = _gaussian(len(crops), i, CROP_RADIUS)
     top, left, side = weights @ np.array([[crop.top, crop.left, crop.side] for crop in crops])
     return replace(crops[i], top=float(top), left=float(left), side=float(side))
 
 
 def _smooth_transport(person: Person, around: list[Person]) -> np.ndarray:
+    """Returns a person's transport (S,S,K), averaged over the frames `around` where the image hardly changes.
+
+    So what moves is not smeared: a pixel's weight falls with its change (in units of CHANGE) and is 0 outside of both
+    masks.
+    """
     total = np.zeros_like(person.transport)
     weight = np.zeros((*person.mask.shape, 1), np.float32)
     for other in around:

@@ -80,7 +80,11 @@ class Options:
         require_white_balance(self.white_balance)
 
     def named_light(self, relighter: Relighter) -> Light | None:
-        """Reads the light; None for a lamp that depends on the photo."""
+        """Reads the light that the options name.
+
+        Returns:
+            The light; None for a lamp that depends on the photo (`auto` without a picture as the background).
+        """
         light = default_light(self.background) if self.light == AUTO else self.light
         if light == AUTO:
             return None
@@ -99,7 +103,16 @@ class Options:
     def infer(
         self, relighter: Relighter, path: Path | str, mask: Path | str | None
     ) -> tuple[LoadedPhoto, list[Person]]:
-        """Loads a photo and infers its people."""
+        """Loads a photo and infers its people.
+
+        Args:
+            relighter: the network.
+            path: of the photo.
+            mask: file; None for the one beside the photo, its alpha, or an automatic mask.
+
+        Returns:
+            The photo, and its people from left to right.
+        """
         photo = load_photo(path, mask, self.mask_model)
         return photo, relighter.infer(photo, None, not self.together, self.white_balance)
 

@@ -26,11 +26,10 @@ def default_light(background: str) -> str:
 
 
 def split_place(text: str) -> tuple[str, tuple[str, str | None] | None]:
-    """Splits the name of a place's light, `[place:]FILE[@AZIMUTH[,ELEVATION]]`.
+    """Splits the name of a place's light, such as "place:street.jpg@30,10", with or without its prefix.
 
     Returns:
-        The file, and the azimuth and the elevation (or None) as they are written; None in place of both if the name
-        states no direction, or is itself that of a file.
+        The file, and the two numbers after the @ as text, the second None if left out; or None if there is no @.
     """
     text = text.removeprefix(PREFIX)
     match = None if Path(text).is_file() else STATED.fullmatch(text)

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from PIL import Image, ImageCms
+from PIL import ExifTags, Image, ImageCms
 
 from relight.errors import UserError
 from relight.panoramas.color import REC709, chromaticity_matrix
@@ -78,7 +78,19 @@ def to_srgb(
 
 
 def _by_coding(pixels: np.ndarray, coding: tuple[int, int], what: str) -> tuple[np.ndarray, list[str]]:
-    """Converts by the codes of ITU-T H.273. Curves for broadcasting are shown as sRGB, as browsers do."""
+    """Converts by the codes of ITU-T H.273. Curves for broadcasting are shown as sRGB, as browsers do.
+
+    Args:
+        pixels: (H,W,3) uint8 or uint16.
+        coding: ColourPrimaries and TransferCharacteristics.
+        what: name of the picture in messages.
+
+    Returns:
+        Pixels of the same type in sRGB, and a note if they were converted.
+
+    Raises:
+        UserError: for a display of high dynamic range, or other primaries or curves.
+    """
     primaries, transfer = coding
     if transfer in HDR_TRANSFERS:
         raise UserError(f"{what} is coded for displays of high dynamic range: save it as sRGB, or linear as OpenEXR")
@@ -97,12 +109,25 @@ def _is_adobe(image: Image.Image) -> bool:
     exif = image.getexif()
     if not exif:
         return False
-    space = exif.get_ifd(0x8769).get(0xA001)
-    return space == 2 or (space == 0xFFFF and str(exif.get_ifd(0xA005).get(1, "")).startswith("R03"))
+    space = exif.get_ifd(ExifTags.IFD.Exif).get(ExifTags.Base.ColorSpace)
+    mark = str(exif.get_ifd(ExifTags.IFD.Interop).get(ExifTags.Interop.InteropIndex, ""))
+    return space == 2 or (space == 0xFFFF and mark.startswith("R03"))
 
 
 def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarray, list[str]]:
-    """Converts by an ICC profile; one that is not of RGB pictures is left out with a note, as browsers do."""
+    """Converts by an ICC profile; one that is not of RGB pictures is left out with a note, as browsers do.
+
+    Args:
+        pixels: (H,W,3) uint8 or uint16.
+        profile: the bytes of the ICC profile.
+        what: name of the picture in messages.
+
+    Returns:
+        Pixels of the same type in sRGB, and a note if the profile was left out.
+
+    Raises:
+        UserError: for 16 bits with a profile of tables.
+    """
     try:
         source, target = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
         transform = ImageCms.buildTransform(source, target, "RGB", "RGB")
@@ -110,6 +135,7 @@ def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarr
         return pixels, ["its color profile is damaged, or not one of RGB pictures: it was left out, as by browsers"]
 
     def convert(values: np.ndarray) -> np.ndarray:
+        """Converts 8-bit pixels (H,W,3) by the profile, to sRGB."""
         image = ImageCms.applyTransform(Image.fromarray(values), transform)
         assert image is not None  # as it is where the image is changed in place
         return np.asarray(image)
@@ -119,11 +145,11 @@ def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarr
     if pixels.dtype == np.uint8:
         return convert(pixels), []
     curves = [_curve(profile, tag) for tag in (b"rTRC", b"gTRC", b"bTRC")]
-    own, srgb = _colorants(source.profile), _colorants(target)
+    to_xyz, srgb_to_xyz = _colorants(source.profile), _colorants(target)
     known = [curve for curve in curves if curve is not None]
-    if own is None or srgb is None or _tag(profile, b"A2B0") or len(known) < 3:
+    if to_xyz is None or srgb_to_xyz is None or _tag(profile, b"A2B0") or len(known) < 3:
         raise UserError(f"{what} has 16 bits and a color profile of tables: convert it to sRGB, or save it in 8 bits")
-    return _by_curves(pixels, known, np.linalg.solve(srgb, own)), []
+    return _by_curves(pixels, known, np.linalg.solve(srgb_to_xyz, to_xyz)), []
 
 
 def _by_curves(pixels: np.ndarray, curves: Sequence[Curve], matrix: np.ndarray) -> np.ndarray:
@@ -177,7 +203,15 @@ def _curve(profile: bytes, name: bytes) -> Curve | None:
 
 
 def _parametric(kind: int, given: np.ndarray, code: np.ndarray) -> np.ndarray:
-    """Returns (a x + b)^g + offset from x = start on, and slope x + constant below, by the type of the function."""
+    """Returns the linear values of codes by a parametric curve (ICC.1:2022, section 10.18).
+
+    It is (a x + b)^g + offset from x = start on, and slope x + constant below.
+
+    Args:
+        kind: type of the function, 0 to 4.
+        given: its parameters, the first of g, a, b, c, d, e, f.
+        code: in [0,1].
+    """
     g, a, b, c, d, e, f = np.pad(given, (0, 7 - len(given))).tolist()
     a = a if kind else 1.0
     start = d if kind > 2 else -b / (a or 1.0)

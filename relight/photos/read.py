@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageOps
+from PIL import ExifTags, Image, ImageOps
 
 from relight.errors import UserError
 from relight.files import PHOTO_SUFFIXES, existing_file, require_readable
@@ -72,7 +72,7 @@ def read_photo(path: Path | str, what: str = "photo") -> Photo:
 def photo_from_image(
     image: Image.Image, what: str = "the image", name: str = "image", file: Path | None = None
 ) -> Photo:
-    """Converts an image of Pillow as `read_photo` does.
+    """Converts an image of Pillow, turned upright by its EXIF and converted from its color profile to sRGB.
 
     Args:
         image: of any mode.
@@ -81,7 +81,7 @@ def photo_from_image(
         file: of the image, if it has one, from which 16 bits are read.
 
     Raises:
-        UserError: as `read_photo`.
+        UserError: if it is grey, CMYK, animated or too small, or has more than 16 bits.
     """
     require_still(image, what)
     if image.mode in ("L", "LA", "1") or image.mode.startswith("I;16"):
@@ -91,7 +91,7 @@ def photo_from_image(
     bits = bits_of(image, file)
     if bits > 16 or image.mode.startswith(("I", "F")):
         raise UserError(f"{what} has more than 16 bits per channel: save it in 16 bits, or as OpenEXR if it is linear")
-    stored, orientation = image, image.getexif().get(274, 1)
+    stored, orientation = image, image.getexif().get(ExifTags.Base.Orientation, 1)
     image = ImageOps.exif_transpose(image)
     alpha = None
     if "A" in image.getbands() or "transparency" in image.info:
@@ -112,6 +112,7 @@ def photo_from_image(
 
 
 def _checked(photo: Photo, what: str) -> Photo:
+    """Returns the photo; raises UserError if a side has fewer than 8 pixels."""
     height, width = photo.pixels.shape[:2]
     if min(height, width) < 8:
         raise UserError(f"{what} is only {width}x{height} pixels: 8 a side are the least")
@@ -140,7 +141,20 @@ def read_mask(path: Path | str, size: tuple[int, int], notes: list[str] | None =
 def mask_from_image(
     image: Image.Image, size: tuple[int, int], what: str = "the mask", notes: list[str] | None = None
 ) -> np.ndarray:
-    """Converts an image of Pillow as `read_mask` does; `what` is its name in errors."""
+    """Converts an image of Pillow to a mask: alpha if that varies, else its brightness, or two labels or colors.
+
+    Args:
+        image: of any mode.
+        size: (height, width) of the upright photo.
+        what: its name in errors.
+        notes: gets what was chosen where the image can mean two things, one sentence each.
+
+    Returns:
+        Coverage (H,W) uint8.
+
+    Raises:
+        UserError: if it is no still picture of that size, or a map of several labels.
+    """
     require_still(image, what)
     image = ImageOps.exif_transpose(image)
     if image.mode.startswith(("I", "F")):

@@ -81,6 +81,7 @@ def _distance(light: np.ndarray, training: np.ndarray) -> tuple[float, float]:
     weight = per_coefficient(cosine_factors(order_of(count)))[:, None]
 
     def unit(lights: np.ndarray) -> np.ndarray:
+        """Returns the coefficients of irradiance (...,3 count) of lights (...,K,3), as vectors of length 1."""
         flat = (lights[..., :count, :] * weight).reshape(*lights.shape[:-2], -1)
         return flat / np.maximum(np.linalg.norm(flat, axis=-1, keepdims=True), 1e-9)
 

@@ -55,6 +55,18 @@ def write_video(path: Path | str, frames: Iterable[np.ndarray], fps: float = FPS
 
 
 def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: str, options: dict[str, str]) -> None:
+    """Writes a video with a codec of FFmpeg, in BT.709; odd sizes are padded by a border pixel.
+
+    Args:
+        path: .mp4 or .webm.
+        frames: (H,W,3) uint8 sRGB, all of one size.
+        fps: frames per second.
+        codec: its name in FFmpeg.
+        options: of the codec.
+
+    Raises:
+        UserError: if there is no frame.
+    """
     import av
 
     with av.open(str(path), "w", options={"movflags": "faststart"} if path.suffix == ".mp4" else {}) as container:
@@ -79,7 +91,16 @@ def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: st
 
 
 def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
-    """Writes a GIF with one palette for all frames, made from four of them, so that colors do not flicker."""
+    """Writes a GIF with one palette for all frames, made from four of them, so that colors do not flicker.
+
+    Args:
+        path: .gif.
+        frames: (H,W,3) uint8 sRGB.
+        fps: frames per second.
+
+    Raises:
+        UserError: if there is no frame.
+    """
     images = [Image.fromarray(np.ascontiguousarray(f)) for f in frames]
     if not images:
         raise UserError("the movie has no frames")
@@ -123,6 +144,7 @@ def read_frames(path: Path | str) -> tuple[Iterator[Photo], int | None, float]:
 
 
 def _decoded(path: Path) -> Iterator[Photo]:
+    """Yields the frames of a video, upright; raises UserError if it is damaged."""
     import av
 
     try:

@@ -38,7 +38,13 @@ def write_picture(path: Path, pixels: np.ndarray) -> None:
 
 
 def write_before_after(path: Path, before: np.ndarray, after: np.ndarray) -> None:
-    """Writes a photo (H,W,3) and its relit version (H,W,3|4), in white where it is transparent, as a JPEG to show."""
+    """Writes a photo beside its relit version, as a JPEG to show.
+
+    Args:
+        path: .jpg.
+        before: (H,W,3) uint8 or uint16 sRGB, or float32 linear.
+        after: (H,W,3) or (H,W,4) of the same type; white where it is transparent.
+    """
     codes = [Image.fromarray(as_codes(pixels)) for pixels in (before, after[..., :3])]
     if after.shape[2] == 4:
         alpha = after[..., 3] / np.float32(np.iinfo(after.dtype).max if after.dtype.kind == "u" else 1)
@@ -142,7 +148,13 @@ def placed_maps(
 
 
 def write_light_files(stem: Path, coefficients: np.ndarray, source: str) -> None:
-    """Writes a light (K,3) as `stem`.json and `stem`.relight.npy, and `stem`.png, a matte ball that it lights."""
+    """Writes a light as `stem`.json and `stem`.relight.npy, and `stem`.png, a matte ball that it lights.
+
+    Args:
+        stem: path of the files, without a suffix.
+        coefficients: (K,3) radiance coefficients.
+        source: what the light is of, for the record.
+    """
     light = Light(np.asarray(coefficients, np.float64), source)
     write_light(light, stem.with_name(f"{stem.name}.json"))
     write_light(light, stem.with_name(f"{stem.name}.npy"))
@@ -157,4 +169,5 @@ def write_json(path: Path, record: dict) -> None:
 
 
 def _window(left: int, top: int, right: int, bottom: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns a window as OpenEXR stores it: (left, top) and the last pixel (right - 1, bottom - 1), int32."""
     return np.array([left, top], np.int32), np.array([right - 1, bottom - 1], np.int32)

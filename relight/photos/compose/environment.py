@@ -96,7 +96,18 @@ def lookup(panorama: Panorama, directions: np.ndarray) -> np.ndarray:
 
 
 def _bilinear(pixels: np.ndarray, v: np.ndarray, u: np.ndarray, corners: bool, wrap: bool = False) -> np.ndarray:
-    """Interpolates at v (down) and u (to the right), in [0,1] over the image; `wrap`: its left and right edges meet."""
+    """Interpolates an image.
+
+    Args:
+        pixels: (H,W,C).
+        v: (...) in [0,1] from the top to the bottom of the image.
+        u: (...) in [0,1] from left to right.
+        corners: whether the outermost samples lie on the edges of the image.
+        wrap: whether its left and right edges meet.
+
+    Returns:
+        (...,C) float32.
+    """
     height, width = pixels.shape[:2]
     row = v * (height - 1) if corners else v * height - 0.5
     column = u * (width - 1) if corners else u * width - 0.5

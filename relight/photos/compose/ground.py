@@ -48,7 +48,16 @@ class Camera:
     middle: float
 
     def unproject(self, x: np.ndarray | float, y: np.ndarray | float, depth: np.ndarray | float) -> np.ndarray:
-        """Returns the points (...,3) at columns x and rows y with this depth."""
+        """Returns the points at pixels.
+
+        Args:
+            x: column (...), pixels.
+            y: row (...), pixels.
+            depth: (...) along the axis.
+
+        Returns:
+            (...,3) in the unit of `depth`; x to the right, y up, and the camera at 0 looks along -z.
+        """
         right, up = (x - self.middle) / self.focal, (self.horizon - y) / self.focal
         return np.stack(np.broadcast_arrays(right * depth, up * depth, -depth), -1)
 
@@ -141,7 +150,16 @@ def ground_under(coverages: Sequence[np.ndarray], order: int = 2) -> Ground | No
 
 
 def _transport(points: np.ndarray, balls: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the transport (P,K) that `balls` (N,4) occlude at points (P,3) facing up, and the open sky's (K,)."""
+    """Returns the transport that balls occlude at points that face up.
+
+    Args:
+        points: (P,3).
+        balls: (N,4) centres and radii in the same unit.
+        order: of the harmonics.
+
+    Returns:
+        The occluded transport (P,K), and the transport (K,) of the open sky.
+    """
     directions = vogel_directions(RAYS)[:, [1, 2, 0]].astype(np.float32)  # about +y
     values = basis(directions, order) * (np.pi / RAYS)
     points, balls = points.astype(np.float32), balls.astype(np.float32)
@@ -150,16 +168,24 @@ def _transport(points: np.ndarray, balls: np.ndarray, order: int) -> tuple[np.nd
     for first in range(0, len(points), 256):
         part = points[first : first + 256]
         away = balls[:, :3] - part[:, None]
-        tangent = np.sqrt(
-            np.maximum((away**2).sum(-1) - balls[:, 3] ** 2, 0)
-        )  # cosine of the ball's edge, times distance
+        # Distance to the tangent point: the distance of the ball times the cosine of its angular radius.
+        tangent = np.sqrt(np.maximum((away**2).sum(-1) - balls[:, 3] ** 2, 0))
         nearest = (part @ directions.T)[:, None] + tangent[..., None]
         occluded[first : first + 256] = (along > nearest).any(1) @ values
     return occluded, values.sum(0)
 
 
 def _fill_with_balls(coverage: np.ndarray, box: tuple[int, int, int, int], camera: Camera) -> np.ndarray:
-    """Centres and radii (N,4) of the balls that fill a person."""
+    """Fills a person with balls, the largest first.
+
+    Args:
+        coverage: (H,W) uint8 of the person.
+        box: top, bottom, left and right of it in pixels, half-open.
+        camera: of the photo.
+
+    Returns:
+        Centres and radii (N,4) in the camera's frame; feet stand on the ground, the rest is above them.
+    """
     top, bottom, left, right = box
     scale = min(COARSE / (bottom - top), 1)
     size = max(round((right - left) * scale), 1), max(round((bottom - top) * scale), 1)
@@ -167,12 +193,12 @@ def _fill_with_balls(coverage: np.ndarray, box: tuple[int, int, int, int], camer
     solid = np.asarray(small) >= MASK_THRESHOLD
     y, x = np.mgrid[: size[1], : size[0]]
     room = distance_transform_edt(np.pad(solid, 1))[1:-1, 1:-1] - 0.5  # to the outline, not to the next pixel's centre
-    found: list[tuple[float, float, float]] = []
-    while len(found) < MAX_BALLS and (radius := room.max()) >= MIN_RADIUS:
+    balls: list[tuple[float, float, float]] = []
+    while len(balls) < MAX_BALLS and (radius := room.max()) >= MIN_RADIUS:
         row, column = np.unravel_index(room.argmax(), room.shape)
-        found.append((float(column), float(row), radius))
+        balls.append((float(column), float(row), radius))
         room = np.where(np.hypot(x - column, y - row) < SPACING * radius, 0, room)
-    column, row, radius = (np.array(found).reshape(-1, 3).T + [[0.5], [0.5], [0.0]]) / scale
+    column, row, radius = (np.array(balls).reshape(-1, 3).T + [[0.5], [0.5], [0.0]]) / scale
     foot = bottom - (_lift(solid, column * scale) + SUNK) / scale
     upright = np.clip((bottom - top - row) / (LEGS * (bottom - top)), 0, 1)
     depth = camera.ground_depth(foot) * (1 - upright) + camera.ground_depth(bottom) * upright

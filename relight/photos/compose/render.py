@@ -83,7 +83,7 @@ def render(
     """Relights the people of a photo.
 
     Args:
-        pixels: (H,W,3) as of `Photo`.
+        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
         people: as inferred from it.
         light: (K,3) radiance coefficients, already turned; or one for each person.
         mode: `ratio` multiplies the photo by new / old shading and keeps all its detail; `full` is albedo * shading.
@@ -114,11 +114,12 @@ def render(
         part = split_layers(pixels, people, (first, last))
         if transparent:
             rows[:] = to_codes(part.foreground, out.dtype)
-            for own in filter(None, part.people):
-                own.linear, own.alpha = own.foreground, np.ones_like(own.alpha)
+            for person in filter(None, part.people):  # opaque: the alpha channel holds the coverage
+                person.linear, person.alpha = person.foreground, np.ones_like(person.alpha)
         compose(rows, part, maps, None if behind is None else behind[first:last], stops)
     if transparent:
-        out[..., 3] = coverage * np.array({1: 1, 2: 257, 4: 1 / 255}[out.itemsize], out.dtype)
+        factor = {1: 1, 2: 257, 4: 1 / 255}[out.itemsize]  # by bytes a channel: 255 becomes 255, 65535 or 1.0
+        out[..., 3] = coverage * np.array(factor, out.dtype)
     return out
 
 
@@ -135,20 +136,20 @@ def ground_of(people: Sequence[Person]) -> Ground | None:
 def fit_maps(
     people: Sequence[Person], light: np.ndarray | Sequence[np.ndarray], mode: str
 ) -> list[tuple[FittedMap, ...]]:
-    """Fits what `_relight` multiplies to the photo's edges, for each person.
+    """Fits to the photo's pixels what relights each person.
 
     Args:
-        people: as inferred.
-        light: (K,3) for all, or one for each person.
+        people: of the photo.
+        light: (K,3) radiance coefficients, or one for each person.
         mode: `ratio` or `full`.
 
     Returns:
-        (gain,) of each person for `ratio`, (square root of the albedo, shading) for `full`.
+        For each person one map, the gain (`ratio`), or two, albedo and shading (`full`).
     """
     lights = [light] * len(people) if isinstance(light, np.ndarray) else light
     if mode == "ratio":
-        return [(person.fit_gain(new),) for person, new in zip(people, lights)]
-    return [(person.fitted_albedo, person.fit_shading(new)) for person, new in zip(people, lights)]
+        return [(person.fit_gain(new_light),) for person, new_light in zip(people, lights)]
+    return [(person.fitted_albedo, person.fit_shading(new_light)) for person, new_light in zip(people, lights)]
 
 
 def split_layers(
@@ -157,7 +158,7 @@ def split_layers(
     """Separates a part of a photo into people and background. The result does not depend on how rows are cut.
 
     Args:
-        pixels: (H,W,3) as of `Photo`.
+        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
         people: in the photo.
         rows: half-open.
         columns: half-open, with the crops of all people within; all columns by default.
@@ -166,13 +167,14 @@ def split_layers(
     top, bottom = max(first - REACH, 0), min(last + REACH, len(pixels))
     linear = to_linear(pixels[top:bottom])
     alpha = total_coverage(people, slice(top, bottom)).astype(np.float32) / 255
-    own = slice(first - top, last - top), across
-    part = Layers(first, across.start, linear[own], alpha[own], estimate_foreground(linear, alpha)[own], [])
+    window = slice(first - top, last - top), across  # without the rows that only the foreground's estimate needs
+    part = Layers(first, across.start, linear[window], alpha[window], estimate_foreground(linear, alpha)[window], [])
     part.people = [_person_pixels(person, part) for person in people]
     return part
 
 
 def _person_pixels(person: Person, part: Layers) -> PersonPixels | None:
+    """Returns the pixels of a person in a part of a photo; None if the rows of their crop are outside of it."""
     rows = max(part.top, person.crop.rows[0]), min(part.top + len(part.foreground), person.crop.rows[1])
     if rows[0] >= rows[1]:
         return None
@@ -204,47 +206,48 @@ def compose(
     """Writes a part of a photo with its people relit.
 
     Args:
-        out: (h,w,3) of a type as of `Photo` to write to; without `behind` it holds the photo.
+        out: (h,w,3) uint8 or uint16 sRGB, or float32 linear, to write to; without `behind` it holds the photo.
         part: of the photo.
         maps: of each person, from `fit_maps`.
         behind: (h,w,3) linear background of the same part; None for the photo's own.
         stops: exposure of the people.
     """
     front = None if behind is None else part.foreground.copy()
-    for own, fits in zip(part.people, maps):
-        if own is None:
+    for person, fits in zip(part.people, maps):
+        if person is None:
             continue
-        values = _relight(own, fits, np.float32(2**stops), scene=out.dtype.kind == "f")
+        values = _relight(person, fits, np.float32(2**stops), scene=out.dtype.kind == "f")
         if front is None:
-            out[own.index] = to_codes(own.linear + own.alpha * (values - own.foreground), out.dtype)
+            out[person.index] = to_codes(person.linear + person.alpha * (values - person.foreground), out.dtype)
         else:
-            front[own.index] = values
+            front[person.index] = values
     if front is not None and behind is not None:
         out[:] = to_codes(over(front, part.alpha, behind), out.dtype)
 
 
-def _relight(pixels: PersonPixels, maps: tuple[FittedMap, ...], factor: np.float32, scene: bool) -> np.ndarray:
-    """Relights the color of a person.
+def _relight(pixels: PersonPixels, fits: tuple[FittedMap, ...], factor: np.float32, scene: bool) -> np.ndarray:
+    """Relights the person's own color: by the gain, or as albedo times shading.
 
     Args:
-        pixels: of the person, N of them.
-        maps: (gain,) by which the photo is multiplied, or (square root of the albedo, shading).
-        factor: exposure.
-        scene: whether values above white are kept, as in an OpenEXR photo; otherwise they are rolled off.
+        pixels: the N pixels.
+        fits: the gain; or square roots of albedo, and shading.
+        factor: of the exposure.
+        scene: whether the photo is linear; otherwise highlights are rolled off.
 
     Returns:
         (N,3) linear.
     """
+    *albedo, last = fits
     crop = pixels.person.crop
-    light = maps[-1].place(crop, luma(pixels.detail), pixels.rows, pixels.where) * factor  # gain or shading
-    if len(maps) == 1:
-        return pixels.foreground * light if scene else apply_gain(pixels.foreground, light, pixels.excess)
-    product = maps[0].place(crop, pixels.detail, pixels.rows, pixels.where) ** 2 * light
+    values = last.place(crop, luma(pixels.detail), pixels.rows, pixels.where) * factor
+    if not albedo:
+        return pixels.foreground * values if scene else apply_gain(pixels.foreground, values, pixels.excess)
+    product = albedo[0].place(crop, pixels.detail, pixels.rows, pixels.where) ** 2 * values
     return product if scene else roll_off(product)
 
 
 def strips(first: int, last: int) -> Iterator[tuple[int, int]]:
-    """Cuts the range [first, last) into ranges of at most STRIP rows."""
+    """Yields the first row and the end of each part of the rows [first, last), of at most STRIP rows."""
     for row in range(first, last, STRIP):
         yield row, min(row + STRIP, last)
 
@@ -296,6 +299,7 @@ def over(front: np.ndarray, alpha: np.ndarray, behind: np.ndarray) -> np.ndarray
 
 
 def _box_mean(image: np.ndarray, radius: int) -> np.ndarray:
+    """Returns means over squares of 2 radius + 1 pixels; border pixels are replicated."""
     for axis in (0, 1):
         image = uniform_filter1d(image, 2 * radius + 1, axis=axis, mode="nearest")
     return image

@@ -50,10 +50,11 @@ class Guide:
         return self._mean((self._mean(self.values * maps) - self._average * level) / (self._variance + smooth))
 
     def fill_outside(self, maps: np.ndarray) -> np.ndarray:
-        """As relight.crop.fill_outside, for maps (S,S,C) of this mask."""
+        """Returns maps (S,S,C) as float32, with the value of the nearest pixel of the mask outside of it."""
         return np.asarray(maps, np.float32)[self._nearest]
 
     def _mean(self, values: np.ndarray) -> np.ndarray:
+        """Returns means (S,S,C) of values over the pixels inside of each window."""
         return _window_mean(self._weight * values) / self._total
 
 
@@ -116,13 +117,23 @@ def fit_map(maps: np.ndarray, guide: Guide, textured: bool = False) -> FittedMap
 
 
 def _range(values: np.ndarray, where: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns minimum and maximum of `values` (S,S,C) at `where` (S,S) in squares of `width`; +-inf in empty ones."""
+    """Returns the range of values in the square around each pixel.
+
+    Args:
+        values: (S,S,C).
+        where: (S,S) bool, which pixels count.
+        width: of the squares, pixels.
+
+    Returns:
+        Minimum and maximum, (S,S,C) each; +inf and -inf where no pixel of a square counts.
+    """
     size = (width, width, 1)
     low = minimum_filter(np.where(where[..., None], values, np.inf), size, mode="nearest")
     return low, maximum_filter(np.where(where[..., None], values, -np.inf), size, mode="nearest")
 
 
 def _window_mean(values: np.ndarray) -> np.ndarray:
+    """Returns means (S,S,C) over windows of 2 RADIUS + 1 pixels a side; values beyond the border are 0."""
     size = 2 * RADIUS + 1
     return uniform_filter(values, (size, size, 1), mode="constant")
 

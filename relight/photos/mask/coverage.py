@@ -65,9 +65,18 @@ def coverage_of(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
 
 
 def _areas(values: np.ndarray, kinds: np.ndarray, what: str) -> list[str]:
-    """Returns a note if areas have one value between the least and the largest; raises UserError if they have several.
+    """Returns notes on areas of a value between black and white. Soft edges have many values, and no area of one.
 
-    Soft edges have many values, and no area of one.
+    Args:
+        values: (H,W) of the mask.
+        kinds: its distinct values, ascending.
+        what: name of the mask in messages.
+
+    Returns:
+        One note if there are areas of one such value, else none.
+
+    Raises:
+        UserError: if areas have several such values, as a map of labels has.
     """
     if len(kinds) > MOST_LABELS:
         return []
@@ -87,7 +96,18 @@ def _top(values: np.ndarray, high: float) -> float:
 
 
 def _of_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
-    """Converts a mask (H,W,3) that is not grey."""
+    """Converts a mask that is not grey.
+
+    Args:
+        values: (H,W,3) uint8.
+        what: name of the mask in messages.
+
+    Returns:
+        Coverage (H,W) uint8, and one note on what was taken for the person.
+
+    Raises:
+        UserError: if no color is clearly that of the person.
+    """
     codes = (values.astype(np.int32) << [16, 8, 0]).sum(-1)
     used = np.unique(codes)
     if len(used) == 2:

@@ -33,7 +33,7 @@ def fit_edge(pixels: np.ndarray, coverage: np.ndarray, automatic: bool = False) 
     """Fits the edge of a mask to the colors of a photo, unless it is a soft mask that was given.
 
     Args:
-        pixels: (H,W,3) as of `Photo`.
+        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
         coverage: (H,W) uint8 of all people, not empty.
         automatic: whether a network made the mask, so that its soft edge is no more than a guess.
 
@@ -92,7 +92,16 @@ def is_soft(coverage: np.ndarray) -> bool:
 
 
 def _combine(values: np.ndarray, side: int, how: np.ufunc) -> np.ndarray:
-    """Combines the cells of side x side pixels of (h,w); the last ones are completed by the border."""
+    """Combines the pixels of each cell.
+
+    Args:
+        values: (h,w). The last cells are completed by border pixels.
+        side: of a cell, pixels.
+        how: such as `np.minimum` or `np.add`.
+
+    Returns:
+        (h / side, w / side), rounded up.
+    """
     height, width = values.shape
     values = np.pad(values, ((0, -height % side), (0, -width % side)), mode="edge")
     return reduce(how, (values[i::side, j::side] for i, j in np.ndindex(side, side)))

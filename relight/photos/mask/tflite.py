@@ -40,7 +40,6 @@ OPTIONS = {
 }
 SIMPLE = {"ADD": "Add", "MUL": "Mul", "RELU": "Relu", "HARD_SWISH": "HardSwish", "LOGISTIC": "Sigmoid"}
 PADDING = {0: "SAME_UPPER", 1: "VALID"}
-RELU, RELU6 = 1, 3  # codes of activations in the schema of TensorFlow Lite
 OPSET, IR_VERSION = 18, 8
 FLOAT, INT64 = 1, 7  # types of tensors in ONNX
 ATTRIBUTES = {int: (3, 2), str: (4, 3), list: (8, 7)}  # field and type of an attribute's value
@@ -89,17 +88,7 @@ class _Writer:
         self.initializers: list[bytes] = []
 
     def operation(self, name: str, inputs: list[int], output: int, options: dict[str, int]) -> None:
-        """Adds an operation of the .tflite file, with its activation.
-
-        Args:
-            name: of the operation in the schema of TensorFlow Lite, such as CONV_2D.
-            inputs: indices of its tensors: the image, and for convolutions weights and bias.
-            output: index of its result.
-            options: strides, dilations, activation and others, by their names in the schema.
-
-        Raises:
-            ValueError: if the operation is not among those of the selfie network.
-        """
+        """Adds an operation of the .tflite file, with its activation."""
         activation = options.get("activation", 0)
         result = f"{output}.linear" if activation else str(output)
         if name in SIMPLE:
@@ -129,9 +118,9 @@ class _Writer:
             self.node("Resize", operands, result, mode="linear", coordinate_transformation_mode=mode, axes=[2, 3])
         else:
             raise ValueError(f"operation {name} is not known here")
-        if activation == RELU:
+        if activation == 1:
             self.node("Relu", [result], str(output))
-        elif activation == RELU6:
+        elif activation == 3:
             zero, six = (self.constant(np.float32(value), f"{output}.{value}") for value in (0, 6))
             self.node("Clip", [result, zero, six], str(output))
         elif activation:
@@ -181,6 +170,7 @@ class _Writer:
 
 
 def _window(options: dict[str, int]) -> dict[str, Any]:
+    """Returns the ONNX attributes for the padding and the strides of a TensorFlow Lite operation."""
     return {"auto_pad": PADDING[options["padding"]], "strides": [options["stride_h"], options["stride_w"]]}
 
 
@@ -198,14 +188,17 @@ def _varint(value: int) -> bytes:
 
 
 def _number(field: int, value: int) -> bytes:
+    """Returns an integer field of a protobuf message: key (wire type 0) and value as varints."""
     return _varint(field << 3) + _varint(value)
 
 
 def _field(field: int, content: bytes) -> bytes:
+    """Returns a field of bytes of a protobuf message: key (wire type 2), length and content."""
     return _varint(field << 3 | 2) + _varint(len(content)) + content
 
 
 def _text(field: int, text: str) -> bytes:
+    """Returns a field of UTF-8 text of a protobuf message."""
     return _field(field, text.encode())
 
 
@@ -213,6 +206,7 @@ class _Record(Table):
     """A table of the file, with its fields by their numbers."""
 
     def number(self, field: int, kind: type, default: int = 0) -> int:
+        """Returns the number in a field, counted from 0, read by `kind` of flatbuffers; `default` if it is left out."""
         return self.GetSlot(VTABLE_HEADER + 2 * field, default, kind)
 
     def numbers(self, field: int, dtype: type) -> np.ndarray:
@@ -223,15 +217,18 @@ class _Record(Table):
         return np.frombuffer(self.Bytes, dtype, self.VectorLen(offset), self.Vector(offset))
 
     def records(self, field: int) -> list["_Record"]:
+        """Returns the tables in a field that is a vector of them; an empty list if it is left out."""
         return list(self._records(field))
 
     def _records(self, field: int) -> Iterator["_Record"]:
+        """Yields the tables in a field that is a vector of them."""
         place = self.Offset(4 + 2 * field)
         for i in range(self.VectorLen(place) if place else 0):
             yield _Record(self.Bytes, self.Indirect(self.Vector(place) + 4 * i))
 
 
 def _name(code: _Record) -> str:
+    """Returns the name of an operation by its code, or "number N" of one that is not known here."""
     number = max(code.number(0, BYTE), code.number(3, INT))  # the first is of older files, and up to 127
     if number == CUSTOM:
         return code.String(code.Pos + code.Offset(4 + 2 * 1)).decode()
@@ -239,7 +236,15 @@ def _name(code: _Record) -> str:
 
 
 def _options(name: str, record: _Record) -> dict[str, int]:
-    """Returns the options of an operation by their names in the schema; those that are not stored have the default."""
+    """Reads the options of an operation.
+
+    Args:
+        name: of the operation.
+        record: the operation in the file.
+
+    Returns:
+        Values by the names of OPTIONS; what the file leaves out is 0, and 1 for a dilation. Empty if it has none.
+    """
     if name == "Convolution2DTransposeBias":  # MediaPipe's own
         _, stride_w, stride_h = struct.unpack("<3i", record.numbers(5, np.uint8).tobytes())
         return {"stride_w": stride_w, "stride_h": stride_h}
