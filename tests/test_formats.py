@@ -1,4 +1,4 @@
-"""The tables of docs/conventions.md about files: every file is written, read, and compared with what the page says."""
+"""The tables of docs/lab/files.md: every file is written, read, and compared with what the page says."""
 
 import io
 import json
@@ -19,7 +19,7 @@ from relight.photos.write import write_picture
 from relight.srgb import encode
 from relight.transport.surface import sample_albedo
 
-PAGE = (Path(__file__).parents[1] / "docs" / "conventions.md").read_text().partition("## What files may say")[2]
+PAGE = (Path(__file__).parents[1] / "docs" / "lab" / "files.md").read_text()
 ROWS = re.findall(r"^\| (`?[\w.]+`?) \| (.+?) \| ([\d. ]+) \| ?(.*?) ?\|$", PAGE, re.M)
 P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
 PIXEL = np.array([200, 100, 50], np.uint8)
