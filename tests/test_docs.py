@@ -70,7 +70,7 @@ def test_prose_of_a_page_is_wrapped_at_120_columns(page):
 
 
 def test_the_method_page_names_every_equation_section_figure_and_table():
-    text = (ROOT / "docs" / "lab" / "method.md").read_text()
+    text = (ROOT / "docs" / "method.md").read_text()
     assert re.findall(r"^\| eq\. ([\d, ]+) \|", text, re.M) == ["1", "2", "3, 4", "5", "6", "7"]
     numbers = {
         int(n) for line in re.findall(r"^\| Figures? ([\d, and]+)", text, re.M) for n in re.findall(r"\d+", line)

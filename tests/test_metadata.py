@@ -44,7 +44,7 @@ def test_paper_cites_what_its_bibliography_holds():
 
 
 def test_paper_is_the_first_of_its_name_as_the_journal_looks_for_it():
-    """Its robot walks the folders by name and takes the first paper.md; docs/lab/method.md is another page."""
+    """Its robot walks the folders by name and takes the first paper.md; docs/method.md is another page."""
     places = [path.relative_to(ROOT).parts for path in ROOT.glob("[a-z]*/**/paper.md")]
     assert min(places) == ("docs", "joss", "paper.md")
 

@@ -58,7 +58,7 @@ model-index:
 | training pictures | like a camera's: linear light, exposed, clipped, 8-bit sRGB; augmented as docs/training.md says |
 | held out | {test_figures} figures, {test_lights} lights |
 
-Errors on the held-out figures and lights (means; RMSE per pixel vector, as defined in docs/evaluation.md):
+Errors on the held-out figures and lights (means; RMSE per pixel vector, as defined in docs/training.md):
 
 | shading | transport | albedo | light |
 |---|---|---|---|

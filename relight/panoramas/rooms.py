@@ -13,8 +13,7 @@ from relight.panoramas.color import blackbody, daylight, luminance
 from relight.panoramas.projection import latlong_solid_angles
 from relight.panoramas.radiosity import HEIGHT, WIDTH, AreaLight, Box, Lamp, Room, Sun, render_room
 
-CEILING = 3  # its number among the walls, 2 * axis + side
-SIDE_WALLS = (0, 1, 4, 5)  # the walls that are neither floor nor ceiling
+FLOOR, CEILING, SIDE_WALLS = 2, 3, (0, 1, 4, 5)  # walls by number: at -x, +x, -y, +y, -z, +z
 CLEARANCE = 0.6  # metres around the camera without lamps and furniture
 KINDS = {"plain": 0.36, "sided": 0.4, "soft": 0.24}  # probabilities of the kinds of rooms
 
@@ -45,7 +44,15 @@ def sample_room(rng: np.random.Generator) -> Room:
 
 
 def sample_wall_albedo(rng: np.random.Generator, kind: str) -> np.ndarray:
-    """Draws the albedo (6,3) of the walls: one color, a few accent walls, a darker floor and a lighter ceiling."""
+    """Draws the linear albedo of a room's walls: one color, a few accent walls, a darker floor, a lighter ceiling.
+
+    Args:
+        rng: draws everything.
+        kind: `plain`; `sided`, dark but for its windows; or `soft`, bright on all sides.
+
+    Returns:
+        (6,3), by the numbers of the walls.
+    """
     walls = {"plain": (0.2, 0.9), "sided": (0.12, 0.45), "soft": (0.7, 0.92)}[kind]
     floor = {"plain": (0.06, 0.5), "sided": (0.06, 0.35), "soft": (0.25, 0.7)}[kind]
     wall = log_uniform(rng, *walls) * np.array([1, rng.uniform(0.92, 1.0), rng.uniform(0.82, 1.02)])
@@ -53,9 +60,9 @@ def sample_wall_albedo(rng: np.random.Generator, kind: str) -> np.ndarray:
     for i in SIDE_WALLS:
         if kind != "soft" and rng.random() < 0.22:
             albedo[i] = np.clip(rng.uniform(0.1, 0.75) * (0.5 + 0.7 * rng.random(3)), 0.03, 0.9)
-    albedo[2] = log_uniform(rng, *floor) * np.array([1, rng.uniform(0.75, 1.0), rng.uniform(0.5, 1.0)])
+    albedo[FLOOR] = log_uniform(rng, *floor) * np.array([1, rng.uniform(0.75, 1.0), rng.uniform(0.5, 1.0)])
     has_light_ceiling = rng.random() < {"plain": 0.9, "sided": 0.6, "soft": 1.0}[kind]
-    albedo[3] = min(log_uniform(rng, *((0.55, 0.95) if has_light_ceiling else (0.05, 0.4))), 0.92)
+    albedo[CEILING] = min(log_uniform(rng, *((0.55, 0.95) if has_light_ceiling else (0.05, 0.4))), 0.92)
     return albedo
 
 
