@@ -168,9 +168,9 @@ def test_data_size_and_order_sections(tmp_path):
     made = numbers(tmp_path / "a", "data_size", {row: {"shading_rmse": value} for row, value in falling.items()})
     assert made["places"][0] == 8 and made["places"][-1] == 40  # all that there are
     assert verdicts(made)["40 against 8", "shading RMSE"] is Verdict.BETTER and made["falling"] == []
-    errors = {"ours_full": {"shading_rmse": 0.4}, "cut_2": {"shading_rmse": 0.2}, "cut_3": {"shading_rmse": 0.1}}
+    errors = {"order_2": {"shading_rmse": 0.4}, "cut_2": {"shading_rmse": 0.2}, "cut_3": {"shading_rmse": 0.1}}
     made = numbers(tmp_path / "b", "order", errors)
-    assert made["floors"].frame.loc["Ours (full)", "share of the squared error"] == "25 %"
+    assert made["floors"].frame.loc["Ours, order 2", "share of the squared error"] == "25 %"
     assert verdicts(made)["order 3 against 2", "shading RMSE"] is Verdict.BETTER
 
 
