@@ -10,5 +10,8 @@ def octahedral(normals: np.ndarray) -> np.ndarray:
 
 
 def fold(square: np.ndarray) -> np.ndarray:
-    """Reflects points (...,2) of the square about the nearest edge of the diamond |x| + |y| = 1, where z = 0."""
+    """Reflects points (...,2) of the square about the nearest edge of the diamond |x| + |y| = 1, where z = 0.
+
+    So the corners of the square, outside the diamond, hold the hemisphere z < 0.
+    """
     return (1 - np.abs(square[..., ::-1])) * np.where(square < 0, np.float32(-1), np.float32(1))

@@ -26,7 +26,7 @@ from relight.errors import UserError
 from relight.files import atomic_write, existing_file
 from relight.maps.octahedral import fold, octahedral
 from relight.progress import progress
-from relight.sh import UNOCCLUDED_T00
+from relight.sh import UNOCCLUDED_T00, coefficient_count
 from relight.srgb import LINEAR, encode, to_bytes
 
 DTYPE_NAMES = {"uint8": "U8", "int16": "I16", "int64": "I64", "float16": "F16"}
@@ -58,21 +58,21 @@ def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
         if len(values) > 1:
             raise UserError(f"maps of one data set must have one {key}: these have {', '.join(map(str, values))}")
     first = included[0][1]
-    size, coefficients = first["size"], (first["order"] + 1) ** 2
+    size, order = first["size"], first["order"]
     offset = np.concatenate([[0], np.cumsum([info["pixels"] for _, info in included])]).astype(np.int64)
     names = [info.get("name", Path(path).stem) for path, info in included]
     subjects = [info.get("subject", name) for name, (_, info) in zip(names, included)]
     pixels = int(offset[-1])
     tensors: dict[str, tuple[type, tuple[int, ...]]] = {
         "offset": (np.int64, offset.shape),
-        "transport": (np.float16, (pixels, coefficients)),
+        "transport": (np.float16, (pixels, coefficient_count(order))),
         "albedo": (np.uint8, (pixels, 3)),
         "normal": (np.int16, (pixels, 2)),
-        "mask": (np.uint8, (len(included), -(-size * size // 8))),
+        "mask": (np.uint8, (len(included), _bit_bytes(size))),
     }
     if any(info.get("gloss") for _, info in included):
         tensors["gloss"] = (np.uint8, (pixels, 2))
-    metadata = {"names": names, "subjects": subjects, "size": size, "order": first["order"]}
+    metadata = {"names": names, "subjects": subjects, "size": size, "order": order}
     if any("figure" in info for _, info in included):
         metadata["figures"] = [info.get("figure", name) for name, (_, info) in zip(names, included)]
         metadata["views"] = [info.get("view") for _, info in included]
@@ -134,9 +134,13 @@ class PackedMaps:
     def _check(self) -> None:
         """Raises ValueError if header and arrays contradict each other; runs before arrays are allocated."""
         maps, pixels = len(self.names), int(self.offset[-1])
-        coefficients, bits = (self.order + 1) ** 2, -(-self.size * self.size // 8)
-        expected_shapes = {"transport": [pixels, coefficients], "albedo": [pixels, 3], "normal": [pixels, 2]}
-        expected_shapes |= {"offset": [maps + 1], "mask": [maps, bits]}
+        expected_shapes = {
+            "offset": [maps + 1],
+            "mask": [maps, _bit_bytes(self.size)],
+            "transport": [pixels, coefficient_count(self.order)],
+            "albedo": [pixels, 3],
+            "normal": [pixels, 2],
+        }
         if self.glossy:
             expected_shapes["gloss"] = [pixels, 2]
         for name, expected in expected_shapes.items():
@@ -173,22 +177,26 @@ class PackedMaps:
         return {"offset": self.offset, **self._read(0, len(self))}
 
     def _read(self, begin: int, end: int) -> dict[str, np.ndarray]:
-        """Reads and decodes the foreground pixels of maps `begin` to `end`."""
+        """Reads and decodes the foreground pixels of maps `begin` to `end`, without the last; arrays as of `figure`."""
         part = slice(int(self.offset[begin]), int(self.offset[end]))
         names = ("transport", "albedo", "normal", *(("gloss",) if self.glossy else ()))
         stored = {name: self._file.get_slice(name)[part] for name in names}
         bits = np.unpackbits(self._file.get_slice("mask")[begin:end], axis=1, count=self.size**2)
+        ao = stored["transport"][:, 0].astype(np.float32) / np.float32(UNOCCLUDED_T00)
         gloss = {"gloss": (stored["gloss"] / np.float32(255)).astype(np.float16)} if self.glossy else {}
         return {
             "pixel": np.concatenate([np.flatnonzero(row) for row in bits]).astype(np.int32),
             "transport": stored["transport"],
             "albedo": LINEAR.astype(np.float16)[stored["albedo"]],
             "normal": decode_normals(stored["normal"]).astype(np.float16),
-            "ao": (stored["transport"][:, 0].astype(np.float32) / np.float32(UNOCCLUDED_T00))
-            .clip(0, 1)
-            .astype(np.float16),
+            "ao": ao.clip(0, 1).astype(np.float16),
             **gloss,
         }
+
+
+def _bit_bytes(size: int) -> int:
+    """Returns how many bytes a square image of `size` px takes at one bit per pixel."""
+    return math.ceil(size * size / 8)
 
 
 def encode_normals(normals: np.ndarray) -> np.ndarray:
@@ -222,6 +230,9 @@ def _create_safetensors(
         path: path of the file.
         tensors: type and shape of each array, by name.
         metadata: metadata of the header.
+
+    Returns:
+        The arrays by name, in the mapped file; flush them when they are filled.
     """
     header: dict[str, Any] = {"__metadata__": metadata}
     end = 0

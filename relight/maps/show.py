@@ -26,7 +26,7 @@ def draw_maps(maps: Maps) -> np.ndarray:
     Returns:
         (height,width,3) uint8 sRGB.
     """
-    margin = max(1, len(maps.mask) // 50)
+    margin = max(1, len(maps.mask) // 50)  # pixels around the figure: 2 % of the image
     window = tuple(slice(max(0, first - margin), last + margin) for first, last in extent(maps.mask))
     inside, transport = maps.mask[window][..., None], maps.transport[window]
     light = shading_light(transport.shape[2])

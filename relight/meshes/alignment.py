@@ -79,7 +79,18 @@ def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
 
 
 def _first_axis(key: str, *values: str | None) -> str | None:
-    """Returns the first value that is neither empty nor auto, or None; raises UserError if it is no axis."""
+    """Returns the first axis that is given.
+
+    Args:
+        key: `up` or `front`, for the error message.
+        *values: names in AXES in the order in which they count; None, "" and "auto" give no axis.
+
+    Returns:
+        A name in AXES, or None if no value gives one.
+
+    Raises:
+        UserError: if the first value that is given is no axis.
+    """
     axis = next((axis for axis in values if axis not in (None, "", "auto")), None)
     if axis is not None and axis not in AXES:
         raise UserError(f"align.{key} {axis!r} is not an axis; {', '.join(AXES)} and auto are")
@@ -111,11 +122,11 @@ def read_align_table(path: Path | str) -> dict[str, dict[str, str]]:
         UserError: if the file does not exist, has no column `name`, has a name twice, or a cell cannot be parsed.
     """
     path = existing_file(path, "align.table")
-    columns, found = read_table(path)
+    columns, table = read_table(path)
     if "name" not in columns:
         raise UserError(f"{path} has no column `name`; a table of overrides has name, up, front, turn")
     rows: dict[str, dict[str, str]] = {}
-    for row in found:
+    for row in table:
         if row["name"] in rows:
             raise UserError(f"{path} names {row['name']} twice")
         for key in ("up", "front"):
@@ -123,10 +134,10 @@ def read_align_table(path: Path | str) -> dict[str, dict[str, str]]:
                 raise UserError(f"{path}: {key} {row[key]!r} of {row['name']}; {', '.join(AXES)} and auto are known")
         try:
             row["turn"] = (row.get("turn") or "0").replace(",", ".")  # a decimal comma
-            known = math.isfinite(float(row["turn"]))
+            is_number = math.isfinite(float(row["turn"]))
         except ValueError:
-            known = False
-        if not known:
+            is_number = False
+        if not is_number:
             raise UserError(f"{path}: turn {row['turn']!r} of {row['name']} is not a number of degrees")
         rows[row["name"]] = row
     return rows

@@ -18,6 +18,8 @@ FLOOR = 0.06  # area of a floor, over the squared longest extent; the soles of s
 GRID = 256  # cells along the longest extent, in which covered areas are counted
 SHINS, LEVELS = (0.06, 0.20), 6  # of the height: where there is a gap between two legs, but none in a head or skirt
 MIN_GAP = 0.03  # of the height: that between legs is .04 to .2; loose hair has .015
+LOWEST = 0.02  # of the height: the slice in which soles, floors and plinths are
+CROWN, HEAD_RADIUS = 0.05, 0.09  # of the height: the top of the head, and how far head and neck reach sideways from it
 
 
 @dataclass
@@ -47,15 +49,18 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
         mesh: in the file's frame.
         up: name in AXES, or None.
         front: name in AXES, or None.
+
+    Returns:
+        Both axes; a front that was given has the certainty 1.
     """
     area = face_areas(mesh.vertices, mesh.faces)
     points = mesh.vertices[mesh.faces].mean(axis=1, dtype=np.float64)
     if up is None:
-        # A T-pose is as wide as high, and hardly any file is x-up.
-        weight = np.ptp(mesh.vertices, axis=0) * [0.8, 1.0, 0.95]
+        # A T-pose is as wide as high, and hardly any file is x-up: x must be longest by far, and y goes before z.
+        extent = np.ptp(mesh.vertices, axis=0) * [0.8, 1.0, 0.95]
         if front is not None:
-            weight[np.abs(AXES[front]).argmax()] = 0
-        axis = "xyz"[int(weight.argmax())]
+            extent[np.abs(AXES[front]).argmax()] = 0
+        axis = "xyz"[int(extent.argmax())]
         soles = {sign: _sole_area(mesh, points, AXES[sign + axis]) for sign in "+-"}
         toes = np.linalg.norm(_horizontal_offset(points, area, AXES["-" + axis], FEET, ANKLES))
 
@@ -70,21 +75,24 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
         return Axes(up, front, 1.0)
     head = _head_faces(points, area, AXES[up])
     ahead = _toe_offset(points, area, AXES[up]) + 0.5 * _horizontal_offset(points, area * head, -AXES[up], FACE, NECK)
-    shown = {name: float(ahead @ axis) for name, axis in AXES.items() if not axis @ AXES[up]}
-    front = max(shown, key=lambda name: shown[name])
-    if shown[front] > MIN_OFFSET:
-        return Axes(up, front, min(1.0, shown[front] / (4 * MIN_OFFSET)))
+    offsets = {name: float(ahead @ axis) for name, axis in AXES.items() if not axis @ AXES[up]}
+    front = max(offsets, key=lambda name: offsets[name])
+    if offsets[front] > MIN_OFFSET:
+        return Axes(up, front, min(1.0, offsets[front] / (4 * MIN_OFFSET)))
     return Axes(up, "-y" if up[1] == "z" else "+z", 0.0)
 
 
 def flat_side(mesh: Mesh) -> str | None:
-    """Returns the side, named in AXES, at which a flat part covers more than FLOOR, as a floor or a plinth does."""
+    """Returns the side, named in AXES, at which a flat part covers more than FLOOR, as a floor or a plinth does.
+
+    None if there is no such side.
+    """
     area = face_areas(mesh.vertices, mesh.faces)
     points = mesh.vertices[mesh.faces].mean(axis=1, dtype=np.float64)
     limit = FLOOR * max(np.ptp(mesh.vertices, axis=0).max(), 1e-30) ** 2
     for name, axis in AXES.items():
         height = points @ axis
-        if area[height >= height.max() - 0.02 * np.ptp(height)].sum() < limit:  # at least what they cover
+        if area[height >= height.max() - LOWEST * np.ptp(height)].sum() < limit:  # at least what they cover
             continue
         if _sole_area(mesh, points, -axis) > FLOOR:
             return name
@@ -92,7 +100,13 @@ def flat_side(mesh: Mesh) -> str | None:
 
 
 def _in_band(points: np.ndarray, up: np.ndarray, band: Band) -> tuple[np.ndarray, float]:
-    """Returns which points (N,3) are between two shares of the height, along `up`, and the height."""
+    """Returns which points (N,3) are in a band of the height, (N,) bool, and the height, in units of the file.
+
+    Args:
+        points: (N,3).
+        up: (3,) unit vector, along which height is measured.
+        band: from and to, as shares of the height.
+    """
     height = points @ up
     size = max(np.ptp(height), 1e-30)
     level = (height - height.min()) / size
@@ -128,29 +142,37 @@ def _toe_offset(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndar
         area: (F,) of the faces.
         up: (3,) unit vector.
     """
-    ankle, size = _in_band(points, up, ANKLES)
-    foot = _in_band(points, up, FEET)[0]
-    if not (area[ankle].any() and area[foot].any()):
+    in_ankles, height = _in_band(points, up, ANKLES)
+    in_feet, _ = _in_band(points, up, FEET)
+    if not (area[in_ankles].any() and area[in_feet].any()):
         return np.zeros(3)
-    flat = (points - np.outer(points @ up, up)) / size
-    at, weight = flat[ankle], area[ankle]
-    middle, longest = _principal_direction(at, weight)
-    second = (at - middle) @ longest > 0
-    for _ in range(8):
-        share = weight * np.stack([~second, second])
-        ankles = share @ at / np.maximum(share.sum(axis=1, keepdims=True), 1e-30)
-        second = np.linalg.norm(at - ankles[1], axis=1) < np.linalg.norm(at - ankles[0], axis=1)
-    second = np.linalg.norm(flat[foot] - ankles[1], axis=1) < np.linalg.norm(flat[foot] - ankles[0], axis=1)
-    share = area[foot] * np.stack([~second, second])
-    there = share.sum(axis=1) > 0
-    return (share[there] @ flat[foot] / share[there].sum(axis=1, keepdims=True) - ankles[there]).mean(axis=0)
+    flat = (points - np.outer(points @ up, up)) / height
+    ankle_points, ankle_area = flat[in_ankles], area[in_ankles]
+    foot_points, foot_area = flat[in_feet], area[in_feet]
+    centroid, longest = _principal_direction(ankle_points, ankle_area)
+    second = (ankle_points - centroid) @ longest > 0  # whether a point belongs to the second ankle
+    for _ in range(8):  # iterations of k-means
+        weights = ankle_area * np.stack([~second, second])
+        ankles = weights @ ankle_points / np.maximum(weights.sum(axis=1, keepdims=True), 1e-30)
+        second = _nearer_to_second(ankle_points, ankles)
+    second = _nearer_to_second(foot_points, ankles)
+    weights = foot_area * np.stack([~second, second])
+    present = weights.sum(axis=1) > 0  # a figure may have one foot only
+    toes = weights[present] @ foot_points / weights[present].sum(axis=1, keepdims=True)
+    return (toes - ankles[present]).mean(axis=0)
 
 
-def _principal_direction(at: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _nearer_to_second(points: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    """Returns which points (N,3) are nearer to the second than to the first of two centres (2,3), (N,) bool."""
+    return np.linalg.norm(points - centres[1], axis=1) < np.linalg.norm(points - centres[0], axis=1)
+
+
+def _principal_direction(points: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the centroid (3,) of points (N,3) with weights (N,), and their first principal direction (3,)."""
-    middle = weight @ at / weight.sum()
-    off = (at - middle) * np.sqrt(weight)[:, None]
-    return middle, np.linalg.eigh(off.T @ off)[1][:, -1]
+    centroid = weight @ points / weight.sum()
+    weighted = (points - centroid) * np.sqrt(weight)[:, None]
+    _, directions = np.linalg.eigh(weighted.T @ weighted)  # in columns, by ascending variance
+    return centroid, directions[:, -1]
 
 
 def _gap(mesh: Mesh, points: np.ndarray, area: np.ndarray, up: np.ndarray) -> float:
@@ -167,30 +189,38 @@ def _gap(mesh: Mesh, points: np.ndarray, area: np.ndarray, up: np.ndarray) -> fl
     widest = np.zeros(LEVELS)
     low, high = SHINS
     for i in range(LEVELS):
-        at, size = _in_band(points, up, (low + (high - low) * i / LEVELS, low + (high - low) * (i + 1) / LEVELS))
-        if not area[at].any():
+        band = (low + (high - low) * i / LEVELS, low + (high - low) * (i + 1) / LEVELS)
+        inside, height = _in_band(points, up, band)
+        if not area[inside].any():
             continue
-        _, longest = _principal_direction(points[at] - np.outer(points[at] @ up, up), area[at])
-        along = mesh.vertices[mesh.faces[at]] @ longest
+        _, longest = _principal_direction(points[inside] - np.outer(points[inside] @ up, up), area[inside])
+        along = mesh.vertices[mesh.faces[inside]] @ longest
         order = along.min(axis=1).argsort()
-        start, end = along.min(axis=1)[order], np.maximum.accumulate(along.max(axis=1)[order])
-        share = area[at][order].cumsum() / area[at].sum()
-        between = (start[1:] - end[:-1]) * ((share[:-1] > 0.3) & (share[:-1] < 0.7))
-        widest[i] = max(0.0, between.max(initial=0.0)) / size
+        start = along.min(axis=1)[order]
+        end = np.maximum.accumulate(along.max(axis=1)[order])  # where all faces up to this one have ended
+        share = area[inside][order].cumsum() / area[inside].sum()
+        gaps = (start[1:] - end[:-1]) * ((share[:-1] > 0.3) & (share[:-1] < 0.7))
+        widest[i] = max(0.0, gaps.max(initial=0.0)) / height
     return float(np.median(widest))
 
 
 def _head_faces(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Returns which faces, (F,) bool, are near the vertical through the highest ones: head and neck, no arms."""
-    height = points @ up
-    size = max(np.ptp(height), 1e-30)
-    weight = area * (height > height.max() - 0.05 * size)
-    away = points - points.T @ weight / max(weight.sum(), 1e-30)
-    return np.linalg.norm(away - np.outer(away @ up, up), axis=-1) < 0.09 * size
+    """Returns which faces, (F,) bool, are near the vertical through the highest ones: head and neck, no arms.
+
+    Args:
+        points: (F,3) centres of the faces.
+        area: (F,) of the faces.
+        up: (3,) unit vector.
+    """
+    level = points @ up
+    height = max(np.ptp(level), 1e-30)
+    weight = area * (level > level.max() - CROWN * height)
+    offset = points - points.T @ weight / max(weight.sum(), 1e-30)
+    return np.linalg.norm(offset - np.outer(offset @ up, up), axis=-1) < HEAD_RADIUS * height
 
 
 def _sole_area(mesh: Mesh, points: np.ndarray, up: np.ndarray) -> float:
-    """Returns the horizontal area that the lowest 2 % of the figure cover, over the squared longest extent.
+    """Returns the horizontal area that the figure covers up to LOWEST, over the squared longest extent.
 
     Layers that are on top of each other, as of hair, are counted once.
 
@@ -200,14 +230,12 @@ def _sole_area(mesh: Mesh, points: np.ndarray, up: np.ndarray) -> float:
         up: (3,) unit vector.
     """
     height = points @ up
-    low = mesh.faces[height <= height.min() + 0.02 * np.ptp(height)]
-    size = max(
-        np.ptp(mesh.vertices, axis=0).max(), 1e-30
-    )  # bounds the picture for any mesh; for figures it is the height
-    corners = mesh.vertices[low][:, :, np.flatnonzero(up == 0)].astype(np.float64) / size * GRID
+    lowest = mesh.faces[height <= height.min() + LOWEST * np.ptp(height)]
+    longest = max(np.ptp(mesh.vertices, axis=0).max(), 1e-30)  # of any mesh, so that the picture has at most GRID px
+    corners = mesh.vertices[lowest][:, :, np.flatnonzero(up == 0)].astype(np.float64) / longest * GRID
     corners -= corners.min(axis=(0, 1))
     picture = Image.new("1", tuple(np.ceil(corners.max(axis=(0, 1))).astype(int) + 1))
     draw = ImageDraw.Draw(picture)
-    for corner in corners.reshape(-1, 6).tolist():
-        draw.polygon(corner, fill=1)
+    for triangle in corners.reshape(-1, 6).tolist():  # x y of three corners
+        draw.polygon(triangle, fill=1)
     return float(np.asarray(picture).sum()) / GRID**2

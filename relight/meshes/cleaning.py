@@ -66,13 +66,14 @@ def clean(mesh: Mesh, settings: Clean) -> Mesh:
 
 def count_opposed_faces(mesh: Mesh) -> int:
     """Returns how many faces lie on another one, turned the other way: vertex normals cancel there."""
-    place = np.ascontiguousarray(mesh.vertices + 0.0, np.float32).view("V12").reshape(-1)  # + 0.0: no negative zeros
-    faces = np.unique(place, return_inverse=True)[1].reshape(-1)[mesh.faces].astype(np.int64)
+    # One opaque value of 12 bytes for each position sorts faster than rows; + 0.0 makes negative zeros positive.
+    position = np.ascontiguousarray(mesh.vertices + 0.0, np.float32).view("V12").reshape(-1)
+    faces = np.unique(position, return_inverse=True)[1].reshape(-1)[mesh.faces].astype(np.int64)
     faces = np.take_along_axis(faces, (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)  # the least first
-    turned = faces[:, 1] > faces[:, 2]
-    faces.sort(axis=1)
-    _, group = np.unique(faces, axis=0, return_inverse=True)
-    counts = np.stack([np.bincount(group.reshape(-1), winding, minlength=len(faces)) for winding in (turned, ~turned)])
+    is_turned = faces[:, 1] > faces[:, 2]
+    faces.sort(axis=1)  # faces of the same corners are equal rows now, whatever their winding
+    group = np.unique(faces, axis=0, return_inverse=True)[1].reshape(-1)
+    counts = np.stack([np.bincount(group, winding, minlength=len(faces)) for winding in (is_turned, ~is_turned)])
     return int(counts.min(axis=0).sum())
 
 
@@ -93,9 +94,21 @@ def submesh(mesh: Mesh, faces: np.ndarray) -> Mesh:
 
 
 def _repair(mesh: Mesh, close_holes: int, repairs: dict[str, int]) -> Mesh:
-    """Runs PyMeshLab's filters and adds their counts to `repairs`.
+    """Merges, drops, splits and orients with PyMeshLab's filters.
 
-    Indices of vertices and faces are carried through the filters as scalars, those of corners as wedge coordinates.
+    Indices of vertices and faces are carried through the filters as scalars, those of corners as wedge coordinates: by
+    them, the result gets uv, material and colors of the given mesh.
+
+    Args:
+        mesh: with finite vertices.
+        close_holes: edges of the largest hole that is closed; 0 closes none.
+        repairs: gets the number of repairs of each kind.
+
+    Returns:
+        The repaired mesh.
+
+    Raises:
+        UserError: if no face has an area.
     """
     import pymeshlab
 
@@ -133,8 +146,9 @@ def _repair(mesh: Mesh, close_holes: int, repairs: dict[str, int]) -> Mesh:
     before = work.current_mesh().face_matrix()
     work.meshing_re_orient_faces_coherently()
     after = work.current_mesh().face_matrix()
-    found = work.get_topological_measures()
-    repairs["holes"], repairs["boundary edges"] = max(found["number_holes"], 0), found["boundary_edges"]
+    topology = work.get_topological_measures()
+    repairs["holes"] = max(topology["number_holes"], 0)  # -1 if edges are not manifold
+    repairs["boundary edges"] = topology["boundary_edges"]
     if close_holes:
         work.meshing_close_holes(maxholesize=close_holes, newfaceselected=False)
         repairs["faces that close holes"] = face_count() - len(after)
@@ -142,18 +156,17 @@ def _repair(mesh: Mesh, close_holes: int, repairs: dict[str, int]) -> Mesh:
     result = work.current_mesh()
     face = result.face_scalar_array()[: len(after)].astype(np.int64)
     corner = result.wedge_tex_coord_matrix()[: after.size, 0].reshape(-1, 3).round().astype(np.int64)
-    flipped = (before[:, :, None] == after[:, None, :]).argmax(
-        axis=1
-    )  # flipping moves a face's vertices, but not its wedges
-    corner = np.take_along_axis(corner, flipped, axis=1)
+    # Flipping moves a face's vertices, but not its wedges: find where each corner was before.
+    was_corner = (before[:, :, None] == after[:, None, :]).argmax(axis=1)
+    corner = np.take_along_axis(corner, was_corner, axis=1)
     uv, material = mesh.uv[face[:, None], corner], mesh.material[face]
     vertex = result.vertex_scalar_array().astype(np.int64)
-    closed = result.face_matrix()[len(after) :]
-    if len(closed):  # new faces get uv and material from their corners
-        at = np.zeros(len(vertex), np.int64)
-        at[after.reshape(-1)] = np.arange(after.size)
-        uv = np.concatenate([uv, uv.reshape(-1, 2)[at[closed]]])
-        material = np.concatenate([material, material[at[closed[:, 0]] // 3]])
+    new_faces = result.face_matrix()[len(after) :]
+    if len(new_faces):  # they close holes, and get uv and material of any face at their corners
+        corner_of_vertex = np.zeros(len(vertex), np.int64)  # 3 * face + corner
+        corner_of_vertex[after.reshape(-1)] = np.arange(after.size)
+        uv = np.concatenate([uv, uv.reshape(-1, 2)[corner_of_vertex[new_faces]]])
+        material = np.concatenate([material, material[corner_of_vertex[new_faces[:, 0]] // 3]])
     mesh = replace(
         mesh,
         vertices=result.vertex_matrix().astype(np.float32),
@@ -172,40 +185,43 @@ def _seam_vertices(mesh: Mesh) -> int:
 
     Formats with one uv and one material for each vertex, such as glTF, split vertices at seams: that is no damage.
     """
-    place = np.unique(mesh.vertices + 0.0, axis=0, return_inverse=True)[1].reshape(-1)  # + 0.0: no negative zeros
-    low, high = np.full((len(place), 2), np.inf), np.full((len(place), 2), -np.inf)
+    # + 0.0 makes negative zeros positive.
+    position = np.unique(mesh.vertices + 0.0, axis=0, return_inverse=True)[1].reshape(-1)
+    low, high = np.full((len(position), 2), np.inf), np.full((len(position), 2), -np.inf)  # uv of each vertex
     np.minimum.at(low, mesh.faces, mesh.uv)
     np.maximum.at(high, mesh.faces, mesh.uv)
-    material = np.zeros(len(place))
+    material = np.zeros(len(position))
     material[mesh.faces] = mesh.material[:, None]
-    return len(np.unique(np.column_stack([place, low, high, material]), axis=0)) - int(place.max(initial=-1)) - 1
+    different_vertices = len(np.unique(np.column_stack([position, low, high, material]), axis=0))
+    return different_vertices - (int(position.max(initial=-1)) + 1)
 
 
 def _split_non_manifold_edges(mesh: pymeshlab.Mesh) -> pymeshlab.MeshSet:
-    """Returns a MeshSet in which no edge has more than two faces.
+    """Returns a MeshSet in which no edge has more than two faces, with the scalars and wedges of the given mesh.
 
-    At other edges, the third and later faces get copies of the vertices. (PyMeshLab's own filter loses the scalars of
-    faces.)
+    At an edge of more, the third and later faces get copies of its vertices; that may leave other edges with more than
+    two, so it is repeated until there are none. (PyMeshLab's own filter loses the scalars of faces.)
     """
     import pymeshlab
 
     vertices, faces = mesh.vertex_matrix(), mesh.face_matrix().astype(np.int64)
     source = np.arange(len(vertices))  # the original of each vertex
-    ends = np.array([[0, 1], [1, 2], [2, 0]])
+    edge_corners = np.array([[0, 1], [1, 2], [2, 0]])
     while True:
-        edges = np.sort(faces[:, ends], axis=-1).reshape(-1, 2)
+        edges = np.sort(faces[:, edge_corners], axis=-1).reshape(-1, 2)
         key = edges[:, 0] << 32 | edges[:, 1]
         order = np.argsort(key, kind="stable")
-        first = np.r_[True, np.diff(key[order]) != 0]
-        place = np.empty(len(key), np.int64)
-        place[order] = np.arange(len(key)) - np.maximum.accumulate(np.where(first, np.arange(len(key)), 0))
-        late = np.flatnonzero(place >= 2)  # faces of an edge after the first two
-        if not len(late):
+        is_first = np.r_[True, np.diff(key[order]) != 0]
+        start = np.maximum.accumulate(np.where(is_first, np.arange(len(key)), 0))
+        rank = np.empty(len(key), np.int64)  # among the faces of the same edge, from 0
+        rank[order] = np.arange(len(key)) - start
+        extra = np.flatnonzero(rank >= 2)
+        if not len(extra):
             break
-        face, corners = late // 3, ends[late % 3]
-        old = np.unique(np.stack([face.repeat(2), corners.ravel()], 1), axis=0)
-        source = np.concatenate([source, source[faces[old[:, 0], old[:, 1]]]])
-        faces[old[:, 0], old[:, 1]] = np.arange(len(source) - len(old), len(source))
+        corners = np.stack([(extra // 3).repeat(2), edge_corners[extra % 3].ravel()], 1)
+        face, corner = np.unique(corners, axis=0).T
+        source = np.concatenate([source, source[faces[face, corner]]])
+        faces[face, corner] = np.arange(len(source) - len(face), len(source))
     work = pymeshlab.MeshSet()
     work.add_mesh(
         pymeshlab.Mesh(
@@ -222,11 +238,18 @@ def _split_non_manifold_edges(mesh: pymeshlab.Mesh) -> pymeshlab.MeshSet:
 def _non_manifold_edges(faces: np.ndarray) -> int:
     """Returns how many edges have more than two faces."""
     uses = edge_uses(faces)
-    return round((1 / uses[uses > 2]).sum())
+    return round((1 / uses[uses > 2]).sum())  # an edge with n faces is there n times
 
 
 def edge_uses(faces: np.ndarray) -> np.ndarray:
-    """Returns the number of faces (F,3) that each edge of each face (F,3) has."""
+    """Returns how many faces share each edge of each face.
+
+    Args:
+        faces: (F,3).
+
+    Returns:
+        (F,3) of the edges 0-1, 1-2 and 2-0; 1 at a border, 2 inside a surface.
+    """
     edges = np.sort(np.stack([faces[:, :2], faces[:, 1:], faces[:, ::2]], axis=1).astype(np.int64), axis=-1)
     _, index, count = np.unique(edges[..., 0] << 32 | edges[..., 1], return_inverse=True, return_counts=True)
     return count[index].reshape(-1, 3)
@@ -242,14 +265,18 @@ def _oriented(mesh: Mesh, changed: np.ndarray, repairs: dict[str, int]) -> Mesh:
         mesh: with coherent parts.
         changed: (F,) bool, which faces were flipped to make them coherent.
         repairs: gets the number of faces that are flipped in the end.
+
+    Returns:
+        The mesh itself, with faces and uv of some parts reversed.
     """
     part = connected_parts(mesh.faces, len(mesh.vertices))
     area = face_areas(mesh.vertices, mesh.faces)
-    shape = solidity(mesh.vertices, mesh.faces, part)
-    closed = np.bincount(part, edge_uses(mesh.faces).min(axis=-1) < 2) == 0
-    solid = (np.abs(shape) > MIN_SOLIDITY) & (closed | (np.bincount(part, area) > MAIN_PART * area.sum()))
-    majority = np.bincount(part, changed) > 0.5 * np.bincount(part)
-    turn = np.where(solid, shape < 0, majority)[part]
+    volume = solidity(mesh.vertices, mesh.faces, part)  # negative where faces point inward
+    is_closed = np.bincount(part, edge_uses(mesh.faces).min(axis=-1) < 2) == 0
+    is_main = np.bincount(part, area) > MAIN_PART * area.sum()
+    is_solid = (np.abs(volume) > MIN_SOLIDITY) & (is_closed | is_main)
+    most_changed = np.bincount(part, changed) > 0.5 * np.bincount(part)
+    turn = np.where(is_solid, volume < 0, most_changed)[part]
     repairs["faces turned"] = int((changed ^ turn).sum())
     mesh.faces[turn] = mesh.faces[turn][:, ::-1]
     mesh.uv[turn] = mesh.uv[turn][:, ::-1]
@@ -257,7 +284,18 @@ def _oriented(mesh: Mesh, changed: np.ndarray, repairs: dict[str, int]) -> Mesh:
 
 
 def _without_floating(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
-    """Drops parts that have few faces, are small, and float; eyes and lashes touch the body."""
+    """Drops parts that have few faces, are small, and float; eyes and lashes touch the body.
+
+    Args:
+        mesh: repaired.
+        repairs: gets the numbers of parts and of floating parts.
+
+    Returns:
+        The mesh of the other parts.
+
+    Raises:
+        UserError: if all parts are small, or floating ones have most of the surface.
+    """
     from scipy.spatial import cKDTree
 
     part = connected_parts(mesh.faces, len(mesh.vertices))

@@ -47,12 +47,16 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
 
 
 def _wedges(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers the distinct (vertex, uv, material) of the corners: numbers (F,3), and one corner (N,) of each."""
+    """Numbers the distinct (vertex, uv, material) of the corners.
+
+    Returns:
+        The number (F,3) of each corner, and for each number (N,) a corner that has it, counted as 3 * face + corner.
+    """
     columns = [
         mesh.faces.reshape(-1).astype(np.uint32),
         *np.ascontiguousarray(mesh.uv.reshape(-1, 2)).view(np.uint32).T,
         np.repeat(mesh.material, 3).astype(np.uint32),
     ]
-    rows = np.ascontiguousarray(np.stack(columns, axis=-1)).view("V16").reshape(-1)
+    rows = np.ascontiguousarray(np.stack(columns, axis=-1)).view("V16").reshape(-1)  # opaque: four columns of 4 bytes
     _, first, number = np.unique(rows, return_index=True, return_inverse=True)
     return number.reshape(-1, 3), first

@@ -26,13 +26,13 @@ def find_file(beside: Path, *names: str | bytes) -> Path:
     tried = [path for text in written if (path := PurePosixPath(text.replace("\\", "/"))).name]
     if not tried:
         raise UserError(f"{beside} names no file where it should name one")
-    found = next((file for wanted in tried if (file := _find_beside(folder, wanted))), None)
-    found = found or _find_below(beside, folder, tried)
-    if found is None:
+    file = next((file for wanted in tried if (file := _find_beside(folder, wanted))), None)
+    file = file or _find_below(beside, folder, tried)
+    if file is None:
         where = "there is no such file in the folder" if _is_inside(tried[0]) else "it lies outside the folder"
         raise UserError(f"{beside} names {written[0]}, but {where}; put it beside {beside.name}")
     try:
-        real = found.resolve(strict=True)
+        real = file.resolve(strict=True)
     except (OSError, RuntimeError):
         raise UserError(f"{beside} names {written[0]}, which is a link that leads nowhere") from None
     if not real.is_relative_to(folder) or not real.is_file():
@@ -59,6 +59,7 @@ def find_path(folder: Path, parts: tuple[str, ...]) -> Path | None:
 
 
 def _is_inside(path: PurePosixPath) -> bool:
+    """Returns whether a path as written stays in the folder: it is relative, without `..` or the drive of Windows."""
     return not path.is_absolute() and ".." not in path.parts and ":" not in path.parts[0]
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,41 @@ from relight.meshes.gltf_file import READERS, Gltf, read_extension, reads_extens
 from relight.meshes.mesh import CLAMP, MIRROR, REPEAT, Material
 from relight.meshes.raw import MAX_FACES, RawMesh, read_texture, unit_colors
 
-WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}  # of a sampler
+DEFAULT_WRAP = 10497
+WRAPS = {DEFAULT_WRAP: REPEAT, 33071: CLAMP, 33648: MIRROR}  # of a sampler
+TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = 4, 5, 6  # modes of a primitive
+
+
+class Part(NamedTuple):
+    """The triangles of one primitive.
+
+    Attributes:
+        points: (V,3) in the frame of the scene.
+        faces: (F,3), from 0 in each part.
+        uv: (F,3,2), v from the bottom as in OBJ; zeros without a texture.
+        material: (F,) all the same, an index into the materials of the file.
+        color: (V,3) linear, or None.
+    """
+
+    points: np.ndarray
+    faces: np.ndarray
+    uv: np.ndarray
+    material: np.ndarray
+    color: np.ndarray | None
+
+
+class Surface(NamedTuple):
+    """A material and its texture coordinates.
+
+    Attributes:
+        material: None where the file gives no color.
+        placement: (2,3) transform of the texture coordinates.
+        channel: number of their set, as in TEXCOORD_0.
+    """
+
+    material: Material | None
+    placement: np.ndarray
+    channel: int
 
 
 def read_gltf(path: Path) -> RawMesh:
@@ -25,14 +59,16 @@ def read_gltf(path: Path) -> RawMesh:
 
 def _read(gltf: Gltf) -> RawMesh:
     """Concatenates the primitives of the default scene."""
-    materials: list[tuple[Material | None, np.ndarray, int]] = []
+    surfaces: list[Surface] = []
     notes: list[str] = []
-    parts, slots, total = [], {}, 0
+    parts: list[Part] = []
+    index_of: dict[int | None, int] = {}  # in `surfaces`, by the number of the material in the file
+    total = 0
     for node, primitive, matrix in _primitives(gltf):
         notes += _poses(gltf, node)
         points = gltf.accessor(primitive["attributes"]["POSITION"]).astype(np.float64)
-        index = gltf.accessor(primitive["indices"]) if "indices" in primitive else np.arange(len(points))
-        faces = _triangles(gltf, index.astype(np.int64), primitive.get("mode", 4))
+        corners = gltf.accessor(primitive["indices"]) if "indices" in primitive else np.arange(len(points))
+        faces = _triangles(gltf, corners.astype(np.int64), primitive.get("mode", TRIANGLES))
         total += len(faces)
         if total > MAX_FACES:
             raise UserError(f"{gltf.path} has over {MAX_FACES} faces: decimate it first")
@@ -41,40 +77,59 @@ def _read(gltf: Gltf) -> RawMesh:
         if np.linalg.det(matrix[:3, :3]) < 0:  # a mirrored node turns its faces inside out
             faces = faces[:, ::-1]
         number = primitive.get("material")
-        if number not in slots:
-            slots[number] = len(materials)
-            materials.append(_material(gltf, number, notes))
-        material, placement, channel = materials[slots[number]]
-        uv = np.zeros((len(faces), 3, 2))
-        if material is not None and material.texture is not None:
-            name = f"TEXCOORD_{channel}"
-            if name not in primitive["attributes"]:
-                raise UserError(f"{gltf.path}: faces of the textured material {number} have no {name}")
-            uv = gltf.accessor(primitive["attributes"][name])
-            if uv.dtype.kind in "iu" and "KHR_mesh_quantization" not in gltf.json.get("extensionsUsed", []):
-                uv = uv / np.iinfo(uv.dtype.char).max  # whole numbers mean nothing else without that extension
-            uv = uv @ placement[:, :2].T + placement[:, 2]
-            uv = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=-1)[faces]  # glTF counts v from the top
+        if number not in index_of:
+            index_of[number] = len(surfaces)
+            surfaces.append(_surface(gltf, number, notes))
+        index = index_of[number]
         color = primitive["attributes"].get("COLOR_0")
-        color = None if color is None else _colors(gltf.accessor(color)[:, :3], notes)
-        parts.append((points @ matrix[:3, :3].T + matrix[:3, 3], faces, uv, np.full(len(faces), slots[number]), color))
+        parts.append(
+            Part(
+                points=points @ matrix[:3, :3].T + matrix[:3, 3],
+                faces=faces,
+                uv=_uv(gltf, primitive, surfaces[index], faces),
+                material=np.full(len(faces), index),
+                color=None if color is None else _colors(gltf.accessor(color)[:, :3], notes),
+            )
+        )
     if not total:
         raise UserError(f"{gltf.path} has no triangles: relight needs a surface")
-    start = np.cumsum([0] + [len(points) for points, *_ in parts])
-    colored = any(color is not None for *_, color in parts)
+    start = np.cumsum([0] + [len(part.points) for part in parts])
+    colors = [np.ones((len(part.points), 3)) if part.color is None else part.color for part in parts]
     return RawMesh(
-        vertices=np.concatenate([points for points, *_ in parts]),
-        faces=np.concatenate([faces + offset for (_, faces, *_), offset in zip(parts, start)]),
-        uv=np.concatenate([uv for _, _, uv, *_ in parts]),
-        material=np.concatenate([material for *_, material, _ in parts]),
-        materials=[material for material, _, _ in materials],
-        color=np.concatenate([np.ones((len(p), 3)) if c is None else c for p, *_, c in parts]) if colored else None,
+        vertices=np.concatenate([part.points for part in parts]),
+        faces=np.concatenate([part.faces + offset for part, offset in zip(parts, start)]),
+        uv=np.concatenate([part.uv for part in parts]),
+        material=np.concatenate([part.material for part in parts]),
+        materials=[surface.material for surface in surfaces],
+        color=np.concatenate(colors) if any(part.color is not None for part in parts) else None,
         warnings=list(dict.fromkeys(notes)),
     )
 
 
+def _uv(gltf: Gltf, primitive: dict[str, Any], surface: Surface, faces: np.ndarray) -> np.ndarray:
+    """Returns the texture coordinates (F,3,2) of faces (F,3), zeros if the surface has no texture.
+
+    Raises:
+        UserError: if the surface has a texture and the primitive no coordinates for it.
+    """
+    if surface.material is None or surface.material.texture is None:
+        return np.zeros((len(faces), 3, 2))
+    name = f"TEXCOORD_{surface.channel}"
+    if name not in primitive["attributes"]:
+        number = primitive["material"]
+        raise UserError(f"{gltf.path}: faces of the textured material {number} have no {name}")
+    uv = gltf.accessor(primitive["attributes"][name])
+    if uv.dtype.kind in "iu" and "KHR_mesh_quantization" not in gltf.json.get("extensionsUsed", []):
+        uv = uv / np.iinfo(uv.dtype.char).max  # whole numbers mean nothing else without that extension
+    uv = uv @ surface.placement[:, :2].T + surface.placement[:, 2]
+    return np.stack([uv[:, 0], 1 - uv[:, 1]], axis=-1)[faces]  # glTF counts v from the top
+
+
 def _colors(values: np.ndarray, notes: list[str]) -> np.ndarray:
-    """Returns linear vertex colors (V,3) float32 in [0,1]; integers that are not marked as normalised are, too."""
+    """Returns linear vertex colors (V,3) float32 in [0,1]; adds what is unusual about them to `notes`.
+
+    Integers are codes of 8 or 16 bits, although a file may have forgotten to mark them as normalised.
+    """
     codes, unusual = unit_colors(values, "its vertex colors")
     notes += unusual
     return (codes / np.float32(255) if codes.dtype == np.uint8 else codes).astype(np.float32)
@@ -88,7 +143,7 @@ def _poses(gltf: Gltf, node: dict[str, Any]) -> list[str]:
         "morph targets": any(weights),
         "copies (EXT_mesh_gpu_instancing)": "EXT_mesh_gpu_instancing" in node.get("extensions", {}),
     }
-    return [f"its {what} are left out: apply them before export" for what, there in left_out.items() if there]
+    return [f"its {what} are left out: apply them before export" for what, is_used in left_out.items() if is_used]
 
 
 def _primitives(gltf: Gltf) -> Iterator[tuple[dict[str, Any], dict[str, Any], np.ndarray]]:
@@ -131,61 +186,78 @@ def _matrix(node: dict[str, Any]) -> np.ndarray:
 
 
 def _triangles(gltf: Gltf, index: np.ndarray, mode: int) -> np.ndarray:
-    """Returns the faces (F,3) of a triangle list (4), strip (5) or fan (6); none of points and lines."""
-    if mode == 4:
+    """Returns the triangles of a primitive.
+
+    Args:
+        gltf: for error messages.
+        index: (N,) the vertices as the primitive lists them.
+        mode: TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN, or that of points and lines, which have no faces.
+
+    Returns:
+        (F,3) vertices of each face, counter-clockwise.
+    """
+    if mode == TRIANGLES:
         if len(index) % 3:
             raise UserError(f"{gltf.path}: {len(index)} indices do not make whole triangles")
         return index.reshape(-1, 3)
-    if mode == 5 and len(index) > 2:
+    if mode == TRIANGLE_STRIP and len(index) > 2:
         faces = np.stack([index[:-2], index[1:-1], index[2:]], axis=-1)
-        faces[1::2] = faces[1::2, ::-1]
+        faces[1::2] = faces[1::2, ::-1]  # every second one is wound the other way
         return faces
-    if mode == 6 and len(index) > 2:
+    if mode == TRIANGLE_FAN and len(index) > 2:
         return np.stack([np.broadcast_to(index[0], len(index) - 2), index[1:-1], index[2:]], axis=-1)
     return np.zeros((0, 3), np.int64)
 
 
-def _material(gltf: Gltf, number: int | None, notes: list[str]) -> tuple[Material | None, np.ndarray, int]:
-    """Returns a material, the transform (2,3) of its texture coordinates, and the number of their set.
+def _surface(gltf: Gltf, number: int | None, notes: list[str]) -> Surface:
+    """Reads a material of the file.
 
-    The material is None where the file gives no color. It is matt unless the file gives its reflection
-    (KHR_materials_specular): the defaults of glTF, which writers leave as they are, would make all scans glossy.
+    It is matt unless the file gives its reflection (KHR_materials_specular): the defaults of glTF, which writers leave
+    as they are, would make all scans glossy.
+
+    Args:
+        gltf: the file.
+        number: of the material; None for faces without one.
+        notes: gets a warning if the color is out of range.
     """
     placement = np.eye(2, 3)
     if number is None:
-        return None, placement, 0
+        return Surface(None, placement, 0)
     entry = gltf.item("materials", number)
     base = entry.get("pbrMetallicRoughness", {})
     given = (read_extension(entry, "KHR_materials_pbrSpecularGlossiness") or {}) | base
     factor, slot = given.get("baseColorFactor"), given.get("baseColorTexture")
     if factor is None and slot is None:
-        return None, placement, 0
+        return Surface(None, placement, 0)
     color, name = np.array((factor or (1, 1, 1))[:3], np.float32), str(entry.get("name", ""))
     if color.max() > 1 or color.min() < 0:
         notes.append(f"the color of the material {name or number!r} is outside 0 to 1: it is clipped")
     gloss = read_extension(entry, "KHR_materials_specular", base) or {}
     if slot is None:
-        return Material(color, name=name, **gloss), placement, 0
-    moved, channel = read_extension(slot, "KHR_texture_transform") or (placement, None)
+        return Surface(Material(color, name=name, **gloss), placement, 0)
+    placement, channel = read_extension(slot, "KHR_texture_transform") or (placement, None)
     texture, wrap = _texture(gltf, slot["index"])
     channel = slot.get("texCoord", 0) if channel is None else channel
-    return Material(color, texture, name, **gloss, wrap=wrap), moved, channel
+    return Surface(Material(color, texture, name, **gloss, wrap=wrap), placement, channel)
 
 
 @reads_extension("KHR_materials_pbrSpecularGlossiness")
 def _legacy_base(extension: dict[str, Any]) -> dict[str, Any]:
+    """Returns diffuse color and texture of the older extension under the names of pbrMetallicRoughness."""
     names = {"diffuseFactor": "baseColorFactor", "diffuseTexture": "baseColorTexture"}
     return {new: extension[old] for old, new in names.items() if old in extension}
 
 
 @reads_extension("KHR_materials_specular")
 def _gloss(extension: dict[str, Any], base: dict[str, Any]) -> dict[str, float]:
+    """Returns roughness and specular of a `Material`, in [0,1]; `base` is the entry's pbrMetallicRoughness."""
     gloss = {"roughness": base.get("roughnessFactor", 1.0), "specular": extension.get("specularFactor", 1.0)}
     return {key: min(1.0, max(0.0, float(value))) for key, value in gloss.items()}
 
 
 @reads_extension("KHR_texture_transform")
 def _placement(extension: dict[str, Any]) -> tuple[np.ndarray, int | None]:
+    """Returns the transform (2,3) of texture coordinates, and the number of their set, None if it is the slot's own."""
     c, s = np.cos(extension.get("rotation", 0)), np.sin(extension.get("rotation", 0))
     turned = np.array([[c, s], [-s, c]]) * np.array(extension.get("scale", (1, 1)))
     offset = np.array(extension.get("offset", (0, 0)))[:, None]
@@ -196,19 +268,27 @@ def _placement(extension: dict[str, Any]) -> tuple[np.ndarray, int | None]:
 @reads_extension("EXT_texture_avif")
 @reads_extension("MSFT_texture_dds")
 def _other_source(extension: dict[str, Any]) -> int | None:
+    """Returns the number of the image in another format than PNG and JPEG."""
     return extension.get("source")
 
 
 def _texture(gltf: Gltf, index: int) -> tuple[np.ndarray, tuple[str, str]]:
-    """Reads a texture (H,W,3) from a file, or from the binary data; also returns its wrap modes."""
+    """Reads a texture from a file, or from the binary data.
+
+    Returns:
+        The picture (H,W,3) uint8 sRGB, and its wrap modes along u and v: REPEAT, CLAMP or MIRROR.
+
+    Raises:
+        UserError: if it is given in an unknown format only, or its picture is missing or damaged.
+    """
     texture = gltf.item("textures", index)
-    known = [read_extension(texture, name) for name, reader in READERS.items() if reader is _other_source]
-    source = next((one for one in (texture.get("source"), *known) if one is not None), None)
+    others = [read_extension(texture, name) for name, reader in READERS.items() if reader is _other_source]
+    source = next((image for image in (texture.get("source"), *others) if image is not None), None)
     if source is None:
         forms = ", ".join(texture.get("extensions", {})) or "no picture"
         raise UserError(f"{gltf.path}: texture {index} is given as {forms} only: save it as PNG or JPEG")
     sampler = gltf.item("samplers", texture["sampler"]) if "sampler" in texture else {}
-    wrap = WRAPS[sampler.get("wrapS", 10497)], WRAPS[sampler.get("wrapT", 10497)]
+    wrap = WRAPS[sampler.get("wrapS", DEFAULT_WRAP)], WRAPS[sampler.get("wrapT", DEFAULT_WRAP)]
     image = gltf.item("images", source)
     what = f"{gltf.path}: texture {image.get('name') or image.get('uri', '')[:60] or source}"
     if "uri" in image:

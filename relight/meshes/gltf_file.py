@@ -17,6 +17,7 @@ from relight.meshes.raw import MAX_FACES
 from relight.text import decode
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942  # kinds of a .glb file's chunks: "JSON" and "BIN" in ASCII
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 # Extensions that a file may require although nothing here reads them: they change neither shape nor base color.
 WITHOUT_EFFECT = {f"KHR_materials_{name}" for name in (
@@ -38,9 +39,18 @@ def reads_extension(name: str) -> Callable[[Read], Read]:
 
 
 def read_extension(entry: dict[str, Any], name: str, *arguments: Any) -> Any:
-    """Returns what the reader of an extension makes of an entry that has it; None if it has not."""
-    found = entry.get("extensions", {}).get(name)
-    return None if found is None else READERS[name](found, *arguments)
+    """Reads an extension of an entry.
+
+    Args:
+        entry: of the file's description, such as a material.
+        name: of the extension.
+        *arguments: further ones of its reader.
+
+    Returns:
+        What the function marked by `reads_extension(name)` returns; None if the entry has no such extension.
+    """
+    extension = entry.get("extensions", {}).get(name)
+    return None if extension is None else READERS[name](extension, *arguments)
 
 
 class Gltf:
@@ -71,7 +81,11 @@ class Gltf:
         self.buffers: dict[int, bytes] = {}
 
     def _split(self, data: bytes) -> tuple[bytes, bytes | None]:
-        """Returns the JSON and the binary chunk of a .glb container."""
+        """Returns the JSON and the binary chunk (None if there is none) of a .glb container.
+
+        Raises:
+            UserError: if it is damaged, or not of version 2.
+        """
         if len(data) < 20 or data[:4] != b"glTF":
             raise UserError(f"{self.path} is not a .glb file: it does not begin with `glTF`")
         version, length = struct.unpack_from("<II", data, 4)
@@ -80,16 +94,16 @@ class Gltf:
         if length > len(data):
             raise UserError(f"{self.path} is truncated: it should have {length} bytes and has {len(data)}")
         chunks: dict[int, bytes] = {}
-        start = 12
+        start = 12  # after the header of the file; that of a chunk has 8 bytes
         while start + 8 <= length:
             size, kind = struct.unpack_from("<II", data, start)
             if start + 8 + size > length:
                 raise UserError(f"{self.path}: a chunk of {size} bytes runs over the end of the file")
             chunks.setdefault(kind, data[start + 8 : start + 8 + size])
             start += 8 + size
-        if 0x4E4F534A not in chunks:
+        if JSON_CHUNK not in chunks:
             raise UserError(f"{self.path} has no JSON chunk")
-        return chunks[0x4E4F534A], chunks.get(0x004E4942)
+        return chunks[JSON_CHUNK], chunks.get(BINARY_CHUNK)
 
     def item(self, kind: str, index: Any) -> dict[str, Any]:
         """Returns entry `index` of the list `kind`; raises UserError if there is none."""
@@ -110,7 +124,7 @@ class Gltf:
         return find_file(self.path, unquote_to_bytes(uri), uri).read_bytes()
 
     def view(self, index: int) -> tuple[memoryview, int | None]:
-        """Returns the bytes of a buffer view, and its stride."""
+        """Returns the bytes of a buffer view, and its stride in bytes, None if its values are tightly packed."""
         view = self.item("bufferViews", index)
         number = view["buffer"]
         buffer = self.item("buffers", number)
@@ -144,7 +158,22 @@ class Gltf:
     def _strided(
         self, data: memoryview, start: int, type: np.dtype, count: int, width: int, stride: int | None
     ) -> np.ndarray:
-        """Returns a view (count,width) of data; raises UserError if it does not fit."""
+        """Returns values as an array that shares the memory of `data`.
+
+        Args:
+            data: of a buffer view.
+            start: where the values begin, bytes.
+            type: of one component.
+            count: number of rows.
+            width: components of a row.
+            stride: bytes from one row to the next; None if they are tightly packed.
+
+        Returns:
+            (count,width).
+
+        Raises:
+            UserError: if the data end before.
+        """
         row = type.itemsize * width
         stride = stride or row
         if start < 0 or stride < row or (count and start + stride * (count - 1) + row > len(data)):
@@ -154,14 +183,23 @@ class Gltf:
         return np.ndarray((count, width), type, data, start, (stride, type.itemsize))
 
     def _sparse(self, sparse: dict[str, Any], values: np.ndarray, type: np.dtype, width: int) -> np.ndarray:
-        """Returns a copy of values (N,width) with those of a sparse accessor replaced."""
-        count = sparse["count"]
-        where, what = sparse["indices"], sparse["values"]
-        kind = np.dtype(COMPONENTS[where["componentType"]])
-        index = self._strided(self.view(where["bufferView"])[0], where.get("byteOffset", 0), kind, count, 1, None)
-        new = self._strided(self.view(what["bufferView"])[0], what.get("byteOffset", 0), type, count, width, None)
-        if count and int(index.max()) >= len(values):
+        """Returns a copy of values (N,width) with those of a sparse accessor replaced.
+
+        Args:
+            sparse: its description: count, indices and values.
+            values: (N,width) before.
+            type: of one component.
+            width: components of a row.
+        """
+
+        def read(part: dict[str, Any], type: np.dtype, width: int) -> np.ndarray:
+            data, _ = self.view(part["bufferView"])  # the standard allows no stride here
+            return self._strided(data, part.get("byteOffset", 0), type, sparse["count"], width, stride=None)
+
+        rows = read(sparse["indices"], np.dtype(COMPONENTS[sparse["indices"]["componentType"]]), 1)[:, 0]
+        new = read(sparse["values"], type, width)
+        if len(rows) and int(rows.max()) >= len(values):
             raise UserError(f"{self.path}: a sparse accessor writes past its end")
         values = values.copy()
-        values[index[:, 0].astype(np.int64)] = new
+        values[rows.astype(np.int64)] = new
         return values

@@ -50,7 +50,7 @@ def read_libraries(
         colored: whether the vertices have colors, so that a library that no face uses may be missing.
 
     Returns:
-        A surface for each name, and warnings.
+        A surface for each name, in their order, and warnings (sentences for the report).
 
     Raises:
         UserError: if a library or a material that is used is missing, or a library is damaged.
@@ -65,24 +65,33 @@ def read_libraries(
                     surface.warnings.append(f"{file.name} defines the material {spellings(name)[0]!r} again: it counts")
                 library[name] = surface
             files.append(file)
-    unused = not any(names)
-    found = {name: Surface(None, NO_PLACEMENT, []) if unused or not statements else _named(library, name)
-             for name in names}  # fmt: skip
-    lost = [name for name, surface in found.items() if surface is None]
-    if missing and (lost or (unused and not colored)):
+    uses_materials = any(names)
+    needs_library = uses_materials and statements
+    named = [_named(library, name) if needs_library else Surface(None, NO_PLACEMENT, []) for name in names]
+    undefined = [name for name, surface in zip(names, named) if surface is None]
+    if missing and (undefined or not (uses_materials or colored)):
         raise missing[0]
-    if lost:
+    if undefined:
         listed = ", ".join(spellings(statement)[0] for statement in statements)
-        raise UserError(f"{path} uses the material {spellings(lost[0])[0]!r}, which {listed} does not define")
+        raise UserError(f"{path} uses the material {spellings(undefined[0])[0]!r}, which {listed} does not define")
     notes = [f"{error}; no face needs it" for error in missing]
-    if not unused and not statements:
+    if uses_materials and not statements:
         notes.append("the file uses materials but names no .mtl file: they are left out")
-    surfaces = [surface for surface in found.values() if surface is not None]
+    surfaces = [surface for surface in named if surface is not None]
     return surfaces, notes + [warning for surface in surfaces for warning in surface.warnings]
 
 
 def _library_files(path: Path, statement: bytes, missing: list[UserError]) -> list[Path]:
-    """Returns the files of a `mtllib` line; what is not found is added to `missing`."""
+    """Finds the libraries of a `mtllib` line: of its whole text as one name, else of each of its words.
+
+    Args:
+        path: of the .obj file.
+        statement: the line without its keyword; names may be in quotes.
+        missing: gets an error for each file that is not found.
+
+    Returns:
+        The files that are found.
+    """
     whole = statement.strip().strip(b'"')
     try:
         return [find_file(path, whole, *_without_comment(whole))]
@@ -117,6 +126,7 @@ def _named(library: dict[bytes, Surface], name: bytes) -> Surface | None:
 
 
 def _texts(name: bytes) -> set[str]:
+    """Returns what the bytes of a name may say, in the code page of whoever wrote it; accents are composed."""
     return {unicodedata.normalize("NFC", text) for text in spellings(name)}
 
 
@@ -126,16 +136,19 @@ def read_mtl(path: Path) -> dict[bytes, Surface]:
     A texture is not multiplied by Kd, as exporters write .8 or 0 beside it as often as 1. Without a texture, the color
     is Kd, taken as sRGB as most exporters write it.
 
+    Returns:
+        The materials by name.
+
     Raises:
         UserError: if the file is too large, or a texture is missing, outside the folder or damaged.
     """
     if path.stat().st_size > MAX_BYTES:
         raise UserError(f"{path} is too large for a material library")
     library: dict[bytes, Surface] = {}
-    pictures: dict[Path, np.ndarray] = {}
+    textures: dict[Path, np.ndarray] = {}  # that were read: materials may share them
     surface = None
-    with open_lines(path) as file:
-        lines = join_lines(file.read()).splitlines()
+    with open_lines(path) as opened:
+        lines = join_lines(opened.read()).splitlines()
     for line in lines:
         key, rest = (*line.split(None, 1), b"", b"")[:2]
         key, rest = key.lower(), rest.strip()
@@ -145,14 +158,14 @@ def read_mtl(path: Path) -> dict[bytes, Surface]:
         elif surface is None:
             continue
         elif key == b"kd" and (surface.material is None or surface.material.texture is None):
-            color, notes = _color(path, rest)
+            color, notes = _parse_color(path, rest)
             surface.material, surface.warnings = Material(color), surface.warnings + notes
         elif key == b"map_kd":
-            written, surface.placement, clamp = _map(rest)
-            found = find_file(path, written, *_without_comment(written))
-            if found not in pictures:
-                pictures[found] = read_texture(found, f"{path}: texture {spellings(written)[0]}")
-            surface.material = Material(texture=pictures[found], wrap=(CLAMP, CLAMP) if clamp else (REPEAT, REPEAT))
+            written, surface.placement, clamp = _parse_map(rest)
+            file = find_file(path, written, *_without_comment(written))
+            if file not in textures:
+                textures[file] = read_texture(file, f"{path}: texture {spellings(written)[0]}")
+            surface.material = Material(texture=textures[file], wrap=(CLAMP, CLAMP) if clamp else (REPEAT, REPEAT))
     return library
 
 
@@ -164,8 +177,8 @@ def join_lines(text: bytes) -> bytes:
     return re.sub(rb"(?m)^(?!\s*#)(.*(?<![\x80-\xff]))\\\r?\n", rb"\1 ", text)
 
 
-def _color(path: Path, text: bytes) -> tuple[np.ndarray, list[str]]:
-    """Parses the linear color (3,) of a Kd statement; also returns warnings."""
+def _parse_color(path: Path, text: bytes) -> tuple[np.ndarray, list[str]]:
+    """Returns the linear color (3,) float32 of a Kd statement of one or three numbers, and warnings (sentences)."""
     try:
         values = np.array([float(word) for word in text.split()[:3]])
         if len(values) not in (1, 3):
@@ -173,18 +186,25 @@ def _color(path: Path, text: bytes) -> tuple[np.ndarray, list[str]]:
     except ValueError:
         said = text[:60].decode("latin-1")
         raise UserError(f"{path}: the color `Kd {said}` is not three numbers") from None
-    codes, note = unit_colors(np.broadcast_to(values, 3), f"{path.name}: Kd")
-    return linear(codes), note
+    codes, notes = unit_colors(np.broadcast_to(values, 3), f"{path.name}: Kd")
+    return linear(codes), notes
 
 
-def _map(text: bytes) -> tuple[bytes, np.ndarray, bool]:
-    """Parses file, placement (4,) and clamping of a map statement; names may hold blanks."""
+def _parse_map(text: bytes) -> tuple[bytes, np.ndarray, bool]:
+    """Parses a map statement: options and a file, whose name may hold blanks.
+
+    Returns:
+        The file's name as written; the placement (4,), scale u v and offset u v of texture coordinates; whether the
+        texture is clamped at its edges.
+    """
     placement, clamp, rest = NO_PLACEMENT.copy(), False, text.decode("latin-1")
     while match := OPTION.match(rest):
-        if match["vector"] in ("s", "o"):
-            values = [float(value) for value in match["values"].split()]
-            first = 0 if match["vector"] == "s" else 2
-            placement[first : first + 2] = [*values, 1.0 if match["vector"] == "s" else 0.0][:2]
-        clamp = match["clamp"] == "on" if match["clamp"] else clamp
+        values = [float(value) for value in (match["values"] or "").split()]
+        if match["vector"] == "s":
+            placement[:2] = [*values, 1.0][:2]  # a second number may be missing
+        elif match["vector"] == "o":
+            placement[2:] = [*values, 0.0][:2]
+        if match["clamp"]:
+            clamp = match["clamp"] == "on"
         rest = rest[match.end() :]
     return rest.strip().strip('"').encode("latin-1"), placement, clamp

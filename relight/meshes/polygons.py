@@ -41,7 +41,13 @@ def triangulate(
 
 
 def fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cuts polygons into fans of triangles from their first corners; arguments and result as for `triangulate`.
+    """Cuts polygons into fans of triangles from their first corners.
+
+    Args:
+        counts: (P,) of the polygons' corners, which are in one flat list.
+
+    Returns:
+        Positions (F,3) of the triangles' corners in the flat list, and the polygon (F,) of each triangle.
 
     >>> fan(np.array([3, 4]))[0].tolist()
     [[0, 1, 2], [3, 4, 5], [3, 5, 6]]
@@ -61,7 +67,16 @@ def fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _turned_over(counts: np.ndarray, index: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-    """Returns the polygons whose fans leave them: triangles of such a fan face both ways."""
+    """Returns the polygons whose fans leave them: triangles of such a fan face both ways.
+
+    Args:
+        counts: (P,) of the polygons' corners, which are in one flat list.
+        index: (N,) the vertex of each corner.
+        vertices: (V,3).
+
+    Returns:
+        Their numbers, ascending.
+    """
     start, bad = np.cumsum(counts) - counts, [np.zeros(0, np.int64)]
     axes = [np.ascontiguousarray(vertices[:, axis]) for axis in range(3)]  # four times as fast as rows of three
     for size in np.unique(counts[counts > 3]):
@@ -70,15 +85,15 @@ def _turned_over(counts: np.ndarray, index: np.ndarray, vertices: np.ndarray) ->
             corner = index[start[block] + np.arange(size)[:, None]]
             with np.errstate(invalid="ignore", over="ignore"):
                 x, y, z = (edge[1:] - edge[0] for edge in (axis.take(corner) for axis in axes))
-                normal = (
+                normal = (  # of each triangle of the fan, twice its area long
                     y[:-1] * z[1:] - z[:-1] * y[1:],
                     z[:-1] * x[1:] - x[:-1] * z[1:],
                     x[:-1] * y[1:] - y[:-1] * x[1:],
                 )
                 total = [part.sum(0) for part in normal]
                 along = sum(part * whole for part, whole in zip(normal, total))
-                against = along < -FLAT * sum(whole * whole for whole in total)
-            bad.append(block[against.any(0)])
+                is_turned = along < -FLAT * sum(whole * whole for whole in total)
+            bad.append(block[is_turned.any(0)])
     return np.unique(np.concatenate(bad))
 
 
@@ -107,7 +122,7 @@ def clip_ears(corners: np.ndarray) -> np.ndarray:
         sides = np.roll(triangle, -1, axis=0) - triangle
         within = (_cross(sides, inner[:, None] - triangle) >= -tiny).all(-1)
         within &= (inner[:, None] != triangle).any(-1).all(-1)  # others at the place of a corner are no obstacle
-        return -2 if within.any() else float(turn[corner] / (sides**2).sum())
+        return -2 if within.any() else float(turn[corner] / (sides**2).sum())  # largest for equal sides
 
     scores = np.array([score(corner) for corner in range(len(flat))])
     triangles = []
@@ -116,7 +131,7 @@ def clip_ears(corners: np.ndarray) -> np.ndarray:
         start, end = before[corner], after[corner]
         triangles.append((start, corner, end))
         after[start], before[end] = end, start
-        turn[corner], scores[corner] = 0, -3
+        turn[corner], scores[corner] = 0, -3  # below all others: it is gone
         for other in (start, end):
             turn[other] = _cross(flat[other] - flat[before[other]], flat[after[other]] - flat[other])
         scores[start], scores[end] = score(start), score(end)
@@ -133,4 +148,5 @@ def _projected(corners: np.ndarray) -> np.ndarray:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Returns the cross products (...) of vectors (...,2) of a plane: positive where b is counter-clockwise of a."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -107,7 +107,12 @@ def _colorless(raw: RawMesh) -> list[str]:
 
 
 def _rounding(vertices: np.ndarray, size: float) -> list[str]:
-    """Returns a warning if coordinates (V,3) far from the origin were rounded to single precision when exported."""
+    """Returns a warning, or none, about coordinates far from the origin that were exported in single precision.
+
+    Args:
+        vertices: (V,3).
+        size: longest side of the bounding box, in the same unit.
+    """
     step = float(np.spacing(np.float32(np.nanmax(np.abs(vertices)))))
     if step < MAX_STEP * size or not (np.isnan(vertices) | (vertices.astype(np.float32) == vertices)).all():
         return []
@@ -131,18 +136,22 @@ def unit_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
     """
     if values.dtype.itemsize == 1:
         return values.view(np.uint8), []
-    largest, whole = float(np.fmax.reduce(values, axis=None, initial=0)), values.dtype.kind in "iu"
+    is_integer = values.dtype.kind in "iu"
+    least, largest = (float(extreme.reduce(values, axis=None, initial=0)) for extreme in (np.fmin, np.fmax))
+    not_numbers = 0 if is_integer else int(np.isnan(values).sum())
     notes = []
-    if lost := 0 if whole else int(np.isnan(values).sum()):
-        notes.append(f"{what}: {lost} values are not numbers; they are treated as 0")
-    if (least := float(np.fmin.reduce(values, axis=None, initial=0))) < -0.001:
+    if not_numbers:
+        notes.append(f"{what}: {not_numbers} values are not numbers; they are treated as 0")
+    if least < -0.001:
         notes.append(f"{what}: values down to {least:g} are clipped to 0")
-    if not whole and (largest <= 2 or not np.isfinite(largest)):
-        notes += [f"{what}: values up to {largest:g} are clipped to 1"] if largest > 1.001 else []
+    if not is_integer and (largest <= 2 or not np.isfinite(largest)):
+        if largest > 1.001:
+            notes.append(f"{what}: values up to {largest:g} are clipped to 1")
         return np.nan_to_num(values, nan=0).clip(0, 1), notes
-    scale = next((scale for scale in (255, 65535) if largest <= scale), 2**31 - 1 if largest < 2**31 else 2**32 - 1)
-    unusual = largest <= 1 or (scale == 255 and values.dtype.itemsize == 2) or scale > 65535
-    notes += [f"{what}: values up to {largest:g} are taken as codes of 0 to {scale}"] if unusual else []
+    scales = (2**8 - 1, 2**16 - 1, 2**31 - 1, 2**32 - 1)
+    scale = next((scale for scale in scales if largest <= scale), scales[-1])
+    if largest <= 1 or (scale == 255 and values.dtype.itemsize == 2) or scale > 65535:
+        notes.append(f"{what}: values up to {largest:g} are taken as codes of 0 to {scale}")
     return np.nan_to_num(values / scale, nan=0).clip(0, 1), notes
 
 
@@ -154,27 +163,27 @@ def without_tints(raw: RawMesh) -> RawMesh:
     """
     if raw.color is None:
         return raw
-    textured = np.array([material is not None and material.texture is not None for material in raw.materials])
-    tinted = any(m is not None and m.texture is None and (m.color < 1).any() for m in raw.materials)
-    own = np.full(len(raw.faces), True) if raw.material is None else ~textured[raw.material]
-    own &= not textured.all()
-    if (tinted or textured.any()) and np.fmin.reduce(raw.color, axis=None, initial=1) > 0.999:
+    has_texture = np.array([material is not None and material.texture is not None for material in raw.materials])
+    is_tinted = any(m is not None and m.texture is None and (m.color < 1).any() for m in raw.materials)
+    colored = np.full(len(raw.faces), True) if raw.material is None else ~has_texture[raw.material]
+    colored &= not has_texture.all()  # (F,) whether a face is shown in its vertex colors
+    if (is_tinted or has_texture.any()) and np.fmin.reduce(raw.color, axis=None, initial=1) > 0.999:  # all white
         return replace(raw, color=None)
-    if not own.any():
+    if not colored.any():
         return replace(raw, color=None, warnings=[*raw.warnings, "its vertex colors are left out: it has textures"])
-    notes = ["its vertex colors are used in place of the colors of its materials"] if tinted else []
+    notes = ["its vertex colors are used in place of the colors of its materials"] if is_tinted else []
     materials = [m if m is None or m.texture is not None else Material() for m in raw.materials]
-    if not textured.any():
+    if not has_texture.any():
         return replace(raw, materials=materials, warnings=raw.warnings + notes)
-    notes.append(f"its vertex colors are used on the {int(own.sum())} faces that have no texture")
-    used = np.unique(raw.faces[~own])  # textured faces get vertices of their own, which are white
+    notes.append(f"its vertex colors are used on the {int(colored.sum())} faces that have no texture")
+    repeated = np.unique(raw.faces[~colored])  # textured faces get vertices of their own, which are white
     number = np.arange(len(raw.vertices))
-    number[used] = len(raw.vertices) + np.arange(len(used))
+    number[repeated] = len(raw.vertices) + np.arange(len(repeated))
     return replace(
         raw,
-        vertices=np.concatenate([raw.vertices, raw.vertices[used]]),
-        faces=np.where(own[:, None], raw.faces, number[raw.faces]),
-        color=np.concatenate([raw.color, np.ones((len(used), 3), raw.color.dtype)]),
+        vertices=np.concatenate([raw.vertices, raw.vertices[repeated]]),
+        faces=np.where(colored[:, None], raw.faces, number[raw.faces]),
+        color=np.concatenate([raw.color, np.ones((len(repeated), 3), raw.color.dtype)]),
         materials=materials,
         warnings=raw.warnings + notes,
     )

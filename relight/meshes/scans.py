@@ -118,16 +118,23 @@ def _finest_versions(files: list[Path]) -> list[Path]:
 
 
 def _from_table(table: Path) -> dict[str, Scan]:
-    """Reads the scans of a table."""
+    """Reads the scans that a table names.
 
-    def place(row: dict[str, str]) -> Path:
+    Raises:
+        UserError: if the table contradicts itself or its folder, or chooses no scan.
+    """
+
+    def scan_path(row: dict[str, str]) -> Path:
+        """Returns the file of a row, also if capitals or accents differ; where there is none, the path as written."""
         written = Path(row["path"].replace("\\", "/"))
         path = table.parent / written
         inside = not written.is_absolute() and ".." not in written.parts
         return path if path.is_file() or not inside else find_path(table.parent, written.parts) or path
 
-    def names_files(read: Table) -> bool:
-        return all(place(row).is_file() for row in read[1] if row.get("path") and _is_used(table, row))
+    def names_files(reading: Table) -> bool:
+        """Returns whether all paths are there, if the table is read in some code page."""
+        _, rows = reading
+        return all(scan_path(row).is_file() for row in rows if row.get("path") and _is_used(table, row))
 
     columns, rows = read_table(table, names_files)
     if "path" not in columns:
@@ -138,7 +145,7 @@ def _from_table(table: Path) -> dict[str, Scan]:
             continue
         if not row["path"]:
             raise UserError(f"{table} has a row without a path")
-        written, path = Path(row["path"].replace("\\", "/")), place(row)
+        written, path = Path(row["path"].replace("\\", "/")), scan_path(row)
         name = safe_name(row.get("name") or path.stem)
         if not path.is_file():
             raise UserError(f"{table} names {row['path']}, which is not there; paths start at the table's folder")

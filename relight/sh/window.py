@@ -34,18 +34,19 @@ def deringed(light: np.ndarray) -> np.ndarray:
     [0.82, 0.82, 0.82]
     """
     light = np.asarray(light, np.float64)
-    cosines = _cosines(order_of(len(light)))
-    mean = cosines[0, 0] * light[0]
-    depth = -(cosines[:, 1:] @ light[1:]).min(0, initial=0)  # how far each channel falls below its mean
+    transport = _transport_around(order_of(len(light)))
+    mean = transport[0, 0] * light[0]  # irradiance of each channel, (3,)
+    depth = -(transport[:, 1:] @ light[1:]).min(0, initial=0)  # how far each channel falls below its mean, (3,)
     falls = depth > 1e-12 * max(mean.max(), 0)  # a channel without light does not
     if not falls.any() or (mean <= 0).all():
         return light
+    factors = (1 - LEAST) * np.maximum(mean[falls], 0) / depth[falls]  # with its factor, a channel falls to LEAST
     windowed = light.copy()
-    windowed[1:] *= min(((1 - LEAST) * np.maximum(mean, 0) / np.where(falls, depth, 1))[falls].min(), 1)
+    windowed[1:] *= min(factors.min(), 1)
     return windowed
 
 
 @cache
-def _cosines(order: int) -> np.ndarray:
+def _transport_around(order: int) -> np.ndarray:
     """Returns the unoccluded transport (DIRECTIONS,K) of normals spread evenly over the sphere."""
     return unoccluded(sphere_spiral(DIRECTIONS), order)

@@ -185,7 +185,7 @@ def test_obj_with_vertex_colors(tmp_path):
 def test_long_obj_is_the_same_in_chunks(tmp_path, truth, monkeypatch):
     truth.export(tmp_path / "a.obj")
     whole = read_mesh(tmp_path / "a.obj")
-    monkeypatch.setattr("relight.meshes.obj.CHUNK", 7)
+    monkeypatch.setattr("relight.meshes.obj_lines.CHUNK", 7)
     pieces = read_mesh(tmp_path / "a.obj")
     np.testing.assert_array_equal(whole.vertices, pieces.vertices)
     np.testing.assert_array_equal(whole.faces, pieces.faces)

@@ -1,0 +1,291 @@
+"""The container of PLY: its header, and the columns of its elements, from ascii or binary data."""
+
+import codecs
+import re
+import struct
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from relight.errors import UserError
+
+TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
+    "double": "f8",
+    "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4",
+    "float64": "f8",
+}  # fmt: skip
+BYTE_ORDERS = {"ascii": None, "binary_little_endian": "<", "binary_big_endian": ">"}
+MAX_HEADER = 1 << 20  # bytes; real headers have under a thousand
+
+
+class Property(NamedTuple):
+    """A property of an element.
+
+    Attributes:
+        name: such as `x`, in small letters.
+        type: of a value, as NumPy names it ("f4").
+        length_type: of the number before a list of values; None for a property of one value.
+    """
+
+    name: str
+    type: str
+    length_type: str | None
+
+
+@dataclass
+class Element:
+    """One element of the header.
+
+    Attributes:
+        name: such as `vertex`.
+        count: of its rows.
+        properties: in the file's order.
+    """
+
+    name: str
+    count: int
+    properties: list[Property] = field(default_factory=list)
+
+    def least_bytes(self, ascii: bool) -> int:
+        """Returns the size of the shortest row: a list may be empty, an ascii value is a digit and a space."""
+        return sum(
+            2 if ascii else np.dtype(property.length_type or property.type).itemsize for property in self.properties
+        )
+
+
+class Header(NamedTuple):
+    """What the header of a file says.
+
+    Attributes:
+        byte_order: "<" or ">"; None for ascii.
+        elements: those that have properties.
+        textures: names of pictures, as bytes in the file's code page.
+        start: where the data begin, bytes.
+    """
+
+    byte_order: str | None
+    elements: list[Element]
+    textures: list[bytes]
+    start: int
+
+
+class ListColumn(NamedTuple):
+    """The lists of a property.
+
+    Attributes:
+        lengths: (N,) of each row's list.
+        values: of all lists, one after another.
+    """
+
+    lengths: np.ndarray
+    values: np.ndarray
+
+
+Block = dict[str, Any]  # the columns of an element by property: an array (N,), or a ListColumn
+
+
+def read_blocks(path: Path) -> tuple[dict[str, Block], list[bytes]]:
+    """Reads a PLY file.
+
+    Returns:
+        The columns of each element by name, and the names of the textures, as bytes in the file's code page.
+
+    Raises:
+        UserError: if the file is malformed.
+    """
+    data = path.read_bytes().removeprefix(codecs.BOM_UTF8)
+    byte_order, elements, textures, start = _header(path, data[:MAX_HEADER])
+    is_ascii = byte_order is None
+    needed = sum(element.count * element.least_bytes(is_ascii) for element in elements)
+    if needed > len(data) - start + is_ascii:  # checked before such an array is allocated; ascii may end without space
+        counts = " and ".join(f"{element.count} {element.name} rows" for element in elements)
+        raise UserError(
+            f"{path}: the header promises {counts}, which the {len(data) - start} bytes after it cannot hold"
+        )
+    if byte_order is None:
+        return _ascii_blocks(path, data[start:], elements), textures
+    return _binary_blocks(path, data, start, byte_order, elements), textures
+
+
+def _header(path: Path, head: bytes) -> Header:
+    """Parses the header, which the bytes `head` begin with; raises UserError if it is damaged."""
+    end = head.find(b"end_header")
+    first_line = re.match(rb"ply[ \t]*(\r\n|\n|\r)", head)  # all lines of a header end as the first one does
+    line_end = head.find(first_line[1], end) if first_line else -1
+    if first_line is None or end < 0 or line_end < 0:
+        raise UserError(f"{path} is not a PLY file: it lacks the line `ply` at the top or the line `end_header`")
+    format, elements, textures = "", [], []
+    for line in head[:end].decode("latin-1").split(first_line[1].decode())[1:]:
+        words = line.split()
+        try:
+            match words:
+                case ["format", name, *_]:
+                    format = name
+                case ["comment", "TextureFile", *_]:
+                    textures.append(line.split("TextureFile", 1)[1].strip().strip('"').encode("latin-1"))
+                case ["element", name, count]:
+                    elements.append(Element(name, int(count)))
+                    if elements[-1].count < 0:
+                        raise ValueError
+                case ["property", "list", length_type, type, name]:
+                    elements[-1].properties.append(Property(name.lower(), TYPES[type], TYPES[length_type]))
+                case ["property", type, name]:
+                    elements[-1].properties.append(Property(name.lower(), TYPES[type], None))
+                case ["comment" | "obj_info", *_] | []:
+                    pass
+                case _:
+                    raise ValueError
+        except (KeyError, ValueError, IndexError):
+            raise UserError(f"{path}: the PLY header's line {line.strip()[:80]!r} means nothing") from None
+    if format not in BYTE_ORDERS:
+        raise UserError(f"{path}: PLY format {format or 'missing'}; {', '.join(BYTE_ORDERS)} are read")
+    for element in elements:
+        names = [property.name for property in element.properties]
+        if len(set(names)) < len(names):
+            raise UserError(f"{path}: the PLY header names a property of {element.name} twice")
+    filled = [element for element in elements if element.properties]
+    return Header(BYTE_ORDERS[format], filled, textures, line_end + len(first_line[1]))
+
+
+def _binary_blocks(path: Path, data: bytes, start: int, byte_order: str, elements: list[Element]) -> dict[str, Block]:
+    """Parses binary data to columns by element.
+
+    In nearly all files, the lists of a property have one length, and an element is a table of equal rows.
+
+    Args:
+        path: for error messages.
+        data: of the file.
+        start: where the elements begin, bytes.
+        byte_order: "<" or ">".
+        elements: in the file's order.
+    """
+    blocks = {}
+    for element in elements:
+        lengths = _first_lengths(path, data, start, byte_order, element)
+        fields: list[Any] = []
+        for (name, type, length_type), length in zip(element.properties, lengths):
+            if length_type:
+                fields += [(f"{name} length", byte_order + length_type), (name, byte_order + type, (length,))]
+            else:
+                fields.append((name, byte_order + type))
+        row = np.dtype(fields)
+        fits = start + element.count * row.itemsize <= len(data)
+        table = np.frombuffer(data, row, element.count, start) if fits else None
+        if table is not None and _has_equal_rows(table, element):
+            blocks[element.name] = {
+                name: ListColumn(np.full(element.count, length), table[name].reshape(-1))
+                if length_type
+                else table[name]
+                for (name, _, length_type), length in zip(element.properties, lengths)
+            }
+            start += element.count * row.itemsize
+        else:
+            blocks[element.name], start = _ragged(path, data, start, byte_order, element)
+    return blocks
+
+
+def _has_equal_rows(table: np.ndarray, element: Element) -> bool:
+    """Returns whether all lists are as long as those of the first row, so that the table was laid over them rightly."""
+    lengths = [table[f"{property.name} length"] for property in element.properties if property.length_type]
+    return all((length == length[:1]).all() for length in lengths)
+
+
+def _first_lengths(path: Path, data: bytes, start: int, byte_order: str, element: Element) -> list[int]:
+    """Returns the lengths of the lists in an element's first row, which begins at byte `start`; 0 for scalars."""
+    lengths = []
+    for _, type, length_type in element.properties:
+        length = 0
+        if length_type and element.count:
+            length, start = _list_length(path, data, start, byte_order + length_type, element)
+        lengths.append(length)
+        start += np.dtype(type).itemsize * (length if length_type else 1)
+    return lengths
+
+
+def _list_length(path: Path, data: bytes, start: int, type: str, element: Element) -> tuple[int, int]:
+    """Returns the length of a list, from the number before it at byte `start`, and where its values begin.
+
+    Raises:
+        UserError: if the list would be longer than the data.
+    """
+    length = _unpack(path, data, start, type, 1, element)[0]
+    if not 0 <= length <= len(data):  # also refuses NaN, in ascii files
+        raise UserError(f"{path}: a list of {length} values in {element.name}; the file is damaged")
+    return int(length), start + np.dtype(type).itemsize
+
+
+def _unpack(path: Path, data: bytes, start: int, type: str, count: int, element: Element) -> tuple[Any, ...]:
+    """Unpacks `count` numbers of a type ("<f4") from byte `start` on; raises UserError if the data end before."""
+    try:
+        return struct.unpack_from(f"{type[0]}{count}{np.dtype(type).char}", data, start)
+    except (struct.error, OverflowError):
+        raise UserError(f"{path} ends in the middle of its {element.name} data: it is truncated") from None
+
+
+def _ragged(path: Path, data: bytes, start: int, byte_order: str, element: Element) -> tuple[Block, int]:
+    """Parses an element whose rows have lists of different lengths, row by row.
+
+    Args:
+        path: for error messages.
+        data: of the file.
+        start: where the element begins, bytes.
+        byte_order: "<" or ">".
+        element: to parse.
+
+    Returns:
+        Its columns, and where it ends, bytes.
+    """
+    lengths: dict[str, list[int]] = {property.name: [] for property in element.properties}
+    values: dict[str, list[Any]] = {property.name: [] for property in element.properties}
+    for _ in range(element.count):
+        for name, type, length_type in element.properties:
+            length = 1
+            if length_type:
+                length, start = _list_length(path, data, start, byte_order + length_type, element)
+                lengths[name].append(length)
+            values[name].extend(_unpack(path, data, start, byte_order + type, length, element))
+            start += np.dtype(type).itemsize * length
+    block = {
+        name: ListColumn(np.array(lengths[name]), np.array(values[name])) if length_type else np.array(values[name])
+        for name, _, length_type in element.properties
+    }
+    return block, start
+
+
+def _ascii_blocks(path: Path, text: bytes, elements: list[Element]) -> dict[str, Block]:
+    """Parses ascii data to columns by element: converts them to binary doubles and parses those."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # numpy warns when it stops at a word that is no number
+        try:
+            values = np.fromstring(text, np.float64, sep=" ")
+        except (DeprecationWarning, ValueError):
+            raise UserError(f"{path}: the data of this ascii PLY hold something that is not a number") from None
+    doubles = [
+        Element(element.name, element.count, [
+            Property(name, "f8", length_type and "f8") for name, _, length_type in element.properties
+        ])
+        for element in elements
+    ]  # fmt: skip
+    blocks = _binary_blocks(path, values.astype("<f8").tobytes(), 0, "<", doubles)
+    for element in elements:
+        block = blocks[element.name]
+        for name, type, length_type in element.properties:
+            column = block[name]
+            if length_type:
+                block[name] = ListColumn(column.lengths.astype(np.int64), column.values)
+            else:
+                block[name] = _as_declared(column, type)
+    return blocks
+
+
+def _as_declared(column: np.ndarray, type: str) -> np.ndarray:
+    """Returns doubles (N,) as the integers that they were declared, or wider ones where they do not fit."""
+    if type[0] == "f" or not np.isfinite(column).all() or np.abs(column).max(initial=0) > 2**53:
+        return column
+    limits = np.iinfo(type)
+    fits = column.min(initial=0) >= limits.min and column.max(initial=0) <= limits.max
+    return column.astype(type if fits else np.int64)
