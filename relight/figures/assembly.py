@@ -6,7 +6,7 @@ from relight.figures.body import makehuman, skin
 from relight.figures.builder import Builder, Paint
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.layers import Cover, push_under
-from relight.figures.hair.heads import HairPart, build_hair
+from relight.figures.hair.heads import build_hair
 from relight.figures.outfits import Outfit
 from relight.figures.paints import GarmentPaint, accessory_paint, cord_paint, hair_material, shoe_paint, skin_material
 from relight.figures.pose.motion import Motion
@@ -26,7 +26,8 @@ MASK_SIDE = 1024  # pixels of MakeHuman's mask of the mouth
 HIGH_SHOE_MARGIN, LOW_SHOE_MARGIN = 0.02, 0.012  # metres below the top of a shoe from which skin is inside it
 BELT_BELOW_TOP = 0.022  # metres from the top of trousers to the middle of their belt
 BELT_REACH = 0.012  # metres from the middle of a belt on trousers to the cloth that counts as under it
-GATHER_REACH = 0.014  # the same of a belt on a dress or robe
+GATHER_REACH = 0.014  # likewise, of a belt on a dress or robe
+MIN_UNDER_BELT = 9  # vertices under a belt, fewer of which do not give its place
 
 
 class Assembly:
@@ -40,7 +41,7 @@ class Assembly:
         outfit: garments and colors.
         worn: the draped garments, from the skin outward.
         detail: how fine the figure is.
-        seed: random seed of the random details of skin and hair.
+        seed: random seed of skin and hair.
 
     Attributes:
         cut: the draped garments without scarves, from the skin outward.
@@ -59,7 +60,7 @@ class Assembly:
         self.covers = [as_cover(w) for w in self.cut]
         self.clothes = [w.surface for w in (*self.cut, *scarves)]
         vertices, faces = stacked([(motion.posed_skin, makehuman.base().faces["body"]), *self.clothes])
-        self.figure = Collider(vertices, vertices, faces)
+        self.figure = Collider.at_rest(vertices, faces)
 
     def side(self, share: int) -> int:
         """Returns the pixels of a texture's side that is a share (1/n) of the largest one's."""
@@ -80,8 +81,9 @@ class Assembly:
         base, posed = makehuman.base(), self.motion.posed_skin
         faces, uv = base.faces["body"], base.uv[base.uv_faces["body"]]
         hidden, facing = inside_shoes(self.motion, self.outfit), normals(posed, faces)
+        rings = 2 * self.detail.refine  # near the border of a garment one sees under it
         for cover in self.covers:
-            hidden |= cover.hides(self.body.skin, posed, facing, 2 * self.detail.refine, self.figure)
+            hidden |= cover.hides(self.body.skin, posed, facing, rings, self.figure)
         shown = ~hidden[faces].all(1) & ~mouth_cavity()
         no_hands = makehuman.bone_weights("finger", "metacarpal", "wrist") < 0.3
         for cover in self.covers:
@@ -102,40 +104,57 @@ class Assembly:
             self.builder.add(self.motion.skin(rig.weights[part], rest), faces, uv[faces], material)
 
     def add_garment(self, number: int, worn: DrapedGarment) -> np.ndarray:
-        """Adds a garment of the outfit, and returns its vertices (n,3), pushed under the garments over it."""
+        """Adds a garment with its collar, band and cords.
+
+        Args:
+            number: of the garment, from the skin outward.
+            worn: the garment.
+
+        Returns:
+            Its vertices (n,3), metres, pushed under the garments over it.
+        """
         pattern, faces = worn.pattern, worn.pattern.levels[-1].faces
-        garment, scarf = pattern.garment, pattern.garment.kind == "scarf"
+        garment, is_scarf = pattern.garment, pattern.garment.kind == "scarf"
         positions, keep = self.under_outer_layers(worn, self.covers[number + 1 :])
         atlas = panels.lay_out(*panels.cloth_coordinates(pattern), self.detail.texture)
         paint = GarmentPaint.of(pattern, number, atlas)
         # A scarf is seen from both sides; other garments get an inner layer along their borders, 2 or 3 edges wide.
-        rings = None if scarf else 3 if self.detail.refine > 1 else 2
+        rings = None if is_scarf else 3 if self.detail.refine > 1 else 2
         vertices, thick_faces, outer_vertex = thickened(positions, faces, garment.thickness, rings)
         vertex_uv = np.zeros((len(positions), 2))
         vertex_uv[faces.ravel()] = atlas.uv.reshape(-1, 2)
         inner_faces = thick_faces[len(faces) :]  # the given faces come first
         uv = np.concatenate([atlas.uv, vertex_uv[outer_vertex[inner_faces]]])
         shown = np.r_[keep, np.ones(len(inner_faces), bool)]
-        self.builder.add(vertices, thick_faces[shown], uv[shown], paint, layer=-1 if scarf else number + 1)
+        self.builder.add(vertices, thick_faces[shown], uv[shown], paint, layer=-1 if is_scarf else number + 1)
         if garment.kind == "top":
-            neck, axes = collars.neck_of(self.motion)
+            neck = collars.neck_of(self.motion)
             uv_per_metre = atlas.scale / atlas.side
-            collar = collars.collar(positions, faces, vertex_uv, garment.collar, neck, axes[1], uv_per_metre)
+            collar = collars.collar(positions, faces, vertex_uv, garment.collar, neck, uv_per_metre)
             for trim in (collar, trims.band(pattern, positions, vertex_uv)):
                 if trim is not None:
                     self.builder.add(*trim, paint)
             if garment.collar == "hood":
                 cords = cord_paint(number)
-                for cord in collars.cords(positions, faces[~pattern.sleeve], neck, axes[0]):
-                    self.builder.add(*cord, None, cords)
+                for cord_vertices, cord_faces in collars.cords(positions, faces[~pattern.sleeve], neck):
+                    self.builder.add(cord_vertices, cord_faces, uv=None, paint=cords)
         return positions
 
     def under_outer_layers(self, worn: DrapedGarment, outer: list[Cover]) -> tuple[np.ndarray, np.ndarray]:
-        """Returns vertices (n,3) of a garment under the outer ones, and which faces (F,) are not always hidden."""
+        """Pushes a garment under those that are worn over it.
+
+        Args:
+            worn: the garment.
+            outer: as the others cover it, from the inside outward.
+
+        Returns:
+            Its vertices (n,3), metres, and which of its faces (F,) are not always hidden.
+        """
         level, positions = worn.pattern.levels[-1], worn.draped.positions
         keep, facing = np.ones(len(level.faces), bool), normals(positions, level.faces)
+        rings = 4 * self.detail.refine  # near the border of a garment one sees under it
         for cover in outer:
-            hidden = cover.hides(level.fitted, positions, facing, 4 * self.detail.refine, self.figure)
+            hidden = cover.hides(level.fitted, positions, facing, rings, self.figure)
             keep &= ~hidden[level.faces].all(1)
             positions = push_under(positions, level.faces, cover.surface, GAP)
         return positions, keep
@@ -145,37 +164,47 @@ class Assembly:
         shirt = next((k for k, w in enumerate(self.cut) if w.pattern.garment.kind == "top"), None)
         if self.outfit.tie is None or shirt is None:
             return
-        pattern, (neck, axes) = self.cut[shirt].pattern, collars.neck_of(self.motion)
-        tie = trims.tie(shown[shirt], pattern.levels[-1].faces[~pattern.sleeve], neck, axes[0])
+        pattern = self.cut[shirt].pattern
+        trunk = pattern.levels[-1].faces[~pattern.sleeve]
+        tie = trims.tie(shown[shirt], trunk, collars.neck_of(self.motion))
         if tie is not None:
-            vertices = self.under_outer_tops(tie, shown, shirt)
+            vertices, faces = self.under_outer_tops(tie, shown, shirt)
             uv = (vertices[:, :2] - vertices[:, :2].min(0)) / np.ptp(vertices[:, 1])
-            self.builder.add(vertices, tie[1], uv[tie[1]], accessory_paint("tie", self.side(4)))
+            self.builder.add(vertices, faces, uv[faces], accessory_paint("tie", self.side(4)))
 
     def add_belt(self, shown: list[np.ndarray]) -> None:
-        """Adds the belt with its buckle, if the outfit has one; `shown` as in `add_tie`."""
+        """Adds the belt with its buckle, if the outfit has one; `shown` are the vertices of `cut`, as added."""
         garments = [w.pattern.garment for w in self.cut]
         belted = [k for k, g in enumerate(garments) if g.kind == "trousers" or g.belt_height is not None]
         if self.outfit.belt is None or not belted:
             return
-        pattern, positions = self.cut[belted[-1]].pattern, shown[belted[-1]]
+        outermost = belted[-1]
+        pattern, positions = self.cut[outermost].pattern, shown[outermost]
         under = positions[at_belt(pattern)]
+        if len(under) < MIN_UNDER_BELT:
+            return
         trunk = pattern.levels[-1].faces[~pattern.sleeve]
         ahead = self.motion.bone("root")[:, 2]
-        parts = trims.belt(positions, trunk, under, ahead, BELT_WIDTH) if len(under) > 8 else []
+        parts = trims.belt(positions, trunk, under, ahead, BELT_WIDTH)
         buckle = Material(np.array(METAL, np.float32), name="buckle")
         for part, paint in zip(parts, (accessory_paint("belt", self.side(8)), buckle)):
-            vertices = self.under_outer_tops(part, shown, belted[-1])
+            vertices, faces = self.under_outer_tops(part, shown, outermost)
             uv = np.stack([vertices[:, 0] - vertices[:, 2], vertices[:, 1]], axis=1) % 1.0
-            self.builder.add(vertices, part[1], uv[part[1]], paint)
+            self.builder.add(vertices, faces, uv[faces], paint)
 
-    def under_outer_tops(self, accessory: Surface, shown: list[np.ndarray], number: int) -> np.ndarray:
-        """Returns the vertices (n,3) of an accessory on a garment, pushed under the tops that are worn over it."""
+    def under_outer_tops(self, accessory: Surface, shown: list[np.ndarray], number: int) -> Surface:
+        """Returns an accessory on the garment with this number in `cut`, pushed under the tops that are worn over it.
+
+        Args:
+            accessory: its vertices (n,3), metres, and faces (F,3).
+            shown: the vertices of `cut`, as added.
+            number: of the garment.
+        """
         vertices, faces = accessory
-        for w, positions in zip(self.cut[number + 1 :], shown[number + 1 :]):
-            if w.pattern.garment.kind == "top":
-                vertices = push_under(vertices, faces, (positions, w.pattern.levels[-1].faces), GAP)
-        return vertices
+        for outer, positions in zip(self.cut[number + 1 :], shown[number + 1 :]):
+            if outer.pattern.garment.kind == "top":
+                vertices = push_under(vertices, faces, (positions, outer.pattern.levels[-1].faces), GAP)
+        return vertices, faces
 
     def add_shoes(self) -> None:
         """Adds both shoes, their uppers pushed under the garments."""
@@ -187,8 +216,8 @@ class Assembly:
                 vertices = push_under(vertices, part.faces, cover.surface, GAP)
             self.builder.add(vertices, part.faces, None, paints[part.name], layer=-1 if is_sole else 0)
 
-    def add_hair(self, below: Surface) -> list[HairPart]:
-        """Adds hair, beard, brows, lashes and hat over the surface `below`, and returns them in order."""
+    def add_hair(self, below: Surface) -> None:
+        """Adds hair, beard, brows, lashes and hat over the surface `below`: vertices and faces of skin and clothes."""
         outfit, side = self.outfit, self.side(4)
         parts = build_hair(self.motion, outfit.hair, outfit.beard, below, self.seed, fine=self.detail.body > 0)
         paints: dict[str, Paint] = {
@@ -197,19 +226,29 @@ class Assembly:
         }
         for part in parts:
             self.builder.add(part.vertices, part.faces, part.uv[part.faces], paints[part.kind])
-        return parts
 
 
 def as_cover(worn: DrapedGarment) -> Cover:
     """Returns a draped garment as it covers what is below it; its drop hangs free and covers nothing for good."""
     level = worn.pattern.levels[-1]
-    return Cover(level.fitted, worn.draped.positions, level.faces, worn.pattern.fields["drop"] < 0.02)
+    above_drop = worn.pattern.fields["drop"] < 0.02
+    return Cover(level.fitted, worn.draped.positions, level.faces, close=above_drop)
 
 
 def refined(
     vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, times: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns vertices (V',3), faces (F',3) and corner uv (F',3,2) of a surface, subdivided by `surfaces.loop`."""
+    """Subdivides a surface by Loop's scheme.
+
+    Args:
+        vertices: (V,3).
+        faces: (F,3).
+        uv: (F,3,2) of the faces' corners.
+        times: number of subdivisions, each of which gives four times as many faces.
+
+    Returns:
+        Vertices (V',3), faces (F',3) and corner uv (F',3,2).
+    """
     for _ in range(times):
         matrix, faces = loop(faces, len(vertices))
         vertices, uv = matrix @ vertices, quarters(uv, (uv + np.roll(uv, -1, axis=1)) / 2)

@@ -12,7 +12,13 @@ Paint = Material | Callable[[Outfit], Material]  # a function if the material de
 
 
 class Builder:
-    """Collects the parts of a mesh. Parts share no vertices, so normals are smooth within a part only."""
+    """Collects the parts of a mesh. Parts share no vertices, so normals are smooth within a part only.
+
+    Attributes:
+        vertices, faces, uv, material, layers: of each part, as in `Mesh`; (F,) layers as in `add`.
+        paints: the materials, or functions that give them, by number.
+        offset: number of the vertices so far.
+    """
 
     def __init__(self) -> None:
         self.vertices: list[np.ndarray] = []
@@ -33,7 +39,7 @@ class Builder:
             faces: (F,3).
             uv: (F,3,2) per corner, or None.
             paint: parts that are given the same object share their material.
-            layer: as for `gates.poke_through`.
+            layer: for `gates.poke_through`: 0 the skin, 1, 2, ... the clothes outward, -1 anything else.
         """
         number = next((k for k, known in enumerate(self.paints) if known is paint), len(self.paints))
         if number == len(self.paints):
@@ -47,8 +53,13 @@ class Builder:
         self.offset += len(used)
 
     def mesh(self, info: dict, outfits: list[Outfit]) -> Mesh:
-        """Returns the mesh in the first outfit; its `outfits` are the materials that the others change."""
-        painted = [
+        """Returns the mesh, moved to stand on y = 0.
+
+        Args:
+            info: its record.
+            outfits: the first gives the materials of the mesh, the others those of its further outfits.
+        """
+        painted = [  # for each outfit the materials by number; those that no outfit changes in the first one only
             {
                 number: with_gloss(paint if isinstance(paint, Material) else paint(outfit), outfit)
                 for number, paint in enumerate(self.paints)
@@ -59,4 +70,5 @@ class Builder:
         vertices = np.concatenate(self.vertices)
         vertices[:, 1] -= vertices[:, 1].min()
         faces, uv, material = map(np.concatenate, (self.faces, self.uv, self.material))
-        return Mesh(vertices, faces, uv, material, list(painted[0].values()), None, info, painted[1:])
+        first, *others = painted
+        return Mesh(vertices, faces, uv, material, list(first.values()), info=info, outfits=others)

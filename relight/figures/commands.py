@@ -17,15 +17,15 @@ def seeds_of(text: str) -> list[int]:
     """Parses "7", "0-47" or "1,4,10-12" into integers, each once, in the order given."""
     from relight.errors import UserError
 
-    out: list[int] = []
+    seeds: list[int] = []
     for part in text.split(","):
         first, _, last = part.strip().partition("-")
         if not first.isdigit() or (last and not last.isdigit()):
             raise UserError(f"--seeds {text}: it must be integers and ranges such as 7, 0-47 or 1,4,10-12")
         if last and int(last) < int(first):
             raise UserError(f"--seeds {text}: the range {part.strip()} must not run backwards")
-        out += range(int(first), int(last or first) + 1)
-    return list(dict.fromkeys(out))
+        seeds += range(int(first), int(last or first) + 1)
+    return list(dict.fromkeys(seeds))
 
 
 @contextmanager

@@ -94,6 +94,7 @@ class Constraints:
         raise UserError(f"no pose of {PEOPLE} that were drawn can be taken in {self._describe()}")
 
     def _has_hair(self, person: Person) -> bool:
+        """Returns whether one of the required styles suits a person."""
         return bool(style_odds(person.female > 0.5, person, self.hair).any())
 
     def _find_outfit(self, rng: np.random.Generator, person: Person) -> Outfit | None:
@@ -105,6 +106,7 @@ class Constraints:
         return None
 
     def _has_garments(self, outfit: Outfit) -> bool:
+        """Returns whether all required garments are in an outfit."""
         return {worn.garment.name for worn in outfit.garments}.issuperset(self.garments)
 
     def _describe(self) -> str:

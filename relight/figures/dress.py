@@ -89,7 +89,7 @@ def subject_of(seed: int, per_subject: int) -> str:
 
 @dataclass(frozen=True)
 class Draw:
-    """What is drawn of a figure at random before its cloth is draped."""
+    """What is drawn of a figure at random before its cloth is draped; the outfit is already fitted to the pose."""
 
     person: Person
     outfit: Outfit
@@ -103,7 +103,7 @@ def sample(seed: int, attempt: int, per_subject: int, sits: float, constraints: 
     Args:
         seed: random seed of the figure.
         attempt: from 0. All attempts have the same person; with more than one figure per subject also the same outfit.
-        per_subject: see `make_figure`.
+        per_subject: number of consecutive seeds that are one person in one outfit.
         sits: probability of a sitting pose.
         constraints: on what is otherwise drawn at random.
     """
@@ -119,7 +119,18 @@ def sample(seed: int, attempt: int, per_subject: int, sits: float, constraints: 
 def attempt_figure(
     draw: Draw, seed: int, detail: Detail, per_subject: int, outfits: int = 1
 ) -> tuple[Mesh | None, str | None]:
-    """Makes the figure of a draw; returns the mesh and None, or None and the reason why a gate rejected it."""
+    """Makes the figure of a draw, unless a gate rejects it.
+
+    Args:
+        draw: person, outfit, pose and expression.
+        seed: random seed of the figure.
+        detail: how fine the figure is.
+        per_subject: number of consecutive seeds that are one person.
+        outfits: number of outfits.
+
+    Returns:
+        The mesh and None, or None and why it was rejected, in one phrase.
+    """
     person, outfit, pose, expression = draw.person, draw.outfit, draw.pose, draw.expression
     if pose.sitting:
         detail = replace(detail, frames=SITTING_FRAMES * detail.frames)
@@ -127,15 +138,16 @@ def attempt_figure(
     pose = clear_hands(body, pose, room_for_hands([worn.garment for worn in outfit.garments], pose.sitting))
     motion = build_motion(body, pose, detail.frames)
     worn = drape_outfit(motion, outfit, detail)
-    reason = next((why for w in worn if (why := gates.check_garment(w.pattern, w.draped, motion))), None)
-    if reason:
-        return None, reason
+    for garment in worn:
+        if reason := gates.check_garment(garment.pattern, garment.draped, motion):
+            return None, reason
     reason, measured = gates.check_outfit(worn, motion, pose.sitting)
     if reason:
         return None, reason
     builder = Builder()
     Assembly(builder, motion, outfit, worn, detail, seed // per_subject).add_all()
-    surface = stacked(list(zip(builder.vertices, (faces - faces.min() for faces in builder.faces))))
+    # Each part's faces count from its own first vertex again.
+    surface = stacked([(part, faces - faces.min()) for part, faces in zip(builder.vertices, builder.faces)])
     figure_props = props.props(motion, pose, surface, seed)
     for prop in figure_props:
         builder.add(prop.vertices, prop.faces, None, prop.material)

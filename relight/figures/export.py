@@ -15,6 +15,7 @@ from PIL import Image
 from relight.errors import UserError
 from relight.files import atomic_write
 from relight.meshes import Material, Mesh, vertex_normals
+from relight.meshes.gltf_file import BINARY_CHUNK, JSON_CHUNK
 
 FORMATS = ("glb", "npz")
 LICENCE = "CC0-1.0"
@@ -26,6 +27,7 @@ ASSET = {
 }
 FLOAT, UINT32 = 5126, 5125  # glTF 2.0, component types
 ARRAY, ELEMENT = 34962, 34963  # buffer targets
+MAGIC, VERSION, HEADER_BYTES = 0x46546C67, 2, 12  # "glTF" in ASCII; of the file's header, without those of its chunks
 SPECULAR = "KHR_materials_specular"
 
 
@@ -47,9 +49,15 @@ def corners(mesh: Mesh, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 class Document:
-    """A glTF document under construction: its lists by name, and its binary data."""
+    """A glTF document under construction.
+
+    Attributes:
+        blob: its binary data.
+        lists: its lists ("meshes", "nodes", ...) by name.
+    """
 
     def __init__(self):
+        """Starts an empty document."""
         self.blob = bytearray()
         self.lists: dict[str, list[dict]] = {}
         self._textures: dict[bytes, int] = {}
@@ -61,14 +69,24 @@ class Document:
         return len(entries) - 1
 
     def view(self, data: bytes, target: int | None = None) -> int:
-        """Appends binary data, and returns the index of its buffer view."""
+        """Appends binary data, and returns the index of its buffer view; `target` is ARRAY, ELEMENT or None."""
         self.blob.extend(b"\0" * (-len(self.blob) % 4))
         entry = {"buffer": 0, "byteOffset": len(self.blob), "byteLength": len(data)}
         self.blob.extend(data)
         return self.append("bufferViews", entry | ({"target": target} if target else {}))
 
     def accessor(self, array: np.ndarray, kind: str, component: int, target: int) -> int:
-        """Appends an array with elements of a kind such as VEC3, and returns the index of its accessor."""
+        """Appends an array.
+
+        Args:
+            array: (N,) or (N,width).
+            kind: of its elements, such as VEC3.
+            component: FLOAT or UINT32.
+            target: ARRAY for attributes of vertices, ELEMENT for indices.
+
+        Returns:
+            The index of its accessor.
+        """
         view = self.view(array.tobytes(), target)
         entry = {"bufferView": view, "componentType": component, "count": len(array), "type": kind}
         if kind == "VEC3":
@@ -105,9 +123,11 @@ class Document:
         head |= {"buffers": [{"byteLength": len(self.blob)}]}
         text = json.dumps(head | self.lists).encode()
         text += b" " * (-len(text) % 4)
-        chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(self.blob), 0x004E4942)
+        json_chunk = struct.pack("<II", len(text), JSON_CHUNK) + text
+        binary_chunk = struct.pack("<II", len(self.blob), BINARY_CHUNK) + self.blob
+        header = struct.pack("<III", MAGIC, VERSION, HEADER_BYTES + len(json_chunk) + len(binary_chunk))
         with atomic_write(path) as tmp:
-            tmp.write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(chunks) + len(self.blob)) + chunks + self.blob)
+            tmp.write_bytes(header + json_chunk + binary_chunk)
 
 
 def write_glb(mesh: Mesh, path: Path) -> None:
@@ -120,17 +140,17 @@ def write_glb(mesh: Mesh, path: Path) -> None:
         mesh: a generated figure, in its own outfit.
         path: path of the .glb.
     """
-    normals, document, parts = vertex_normals(mesh), Document(), []
+    normals, document = vertex_normals(mesh), Document()
+    parts: list[int] = []  # nodes
     for number, material in enumerate(mesh.materials):
         index, uv, faces = corners(mesh, number)
         if not len(faces):
             continue
+        uv_from_top = np.stack([uv[:, 0], 1 - uv[:, 1]], 1)  # glTF counts v from the top
         attributes = {
             "POSITION": document.accessor(mesh.vertices[index].astype(np.float32), "VEC3", FLOAT, ARRAY),
             "NORMAL": document.accessor(normals[index].astype(np.float32), "VEC3", FLOAT, ARRAY),
-            "TEXCOORD_0": document.accessor(
-                np.stack([uv[:, 0], 1 - uv[:, 1]], 1).astype(np.float32), "VEC2", FLOAT, ARRAY
-            ),
+            "TEXCOORD_0": document.accessor(uv_from_top.astype(np.float32), "VEC2", FLOAT, ARRAY),
         }
         if mesh.color is not None:
             attributes["COLOR_0"] = document.accessor(mesh.color[index].astype(np.float32), "VEC3", FLOAT, ARRAY)
@@ -152,4 +172,7 @@ def export(mesh: Mesh, path: Path) -> None:
     kind = path.suffix[1:].lower()
     if kind not in FORMATS:
         raise UserError(f"{path}: the suffix of a figure must be {' or '.join(FORMATS)}")
-    write_glb(mesh, path) if kind == "glb" else mesh.save(path)
+    if kind == "glb":
+        write_glb(mesh, path)
+    else:
+        mesh.save(path)

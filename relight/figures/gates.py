@@ -24,13 +24,14 @@ MAX_PATCH = 250  # pixels of a patch of a lower layer inside a higher one; large
 MAX_POKE_DEPTH = 0.02  # metres between such a patch and the layer around it; deeper ones are seen through an opening
 MAX_POKE_THROUGH = 60  # pixels of such patches per figure
 MAX_CROSSING = 0.015  # share of a garment's faces that passed through cloth
-MAX_CROSSING_SITTING = 0.03  # the same for figures that sit: trousers crease through themselves in the fold of the hip
+MAX_CROSSING_SITTING = 0.03  # likewise, for figures that sit: trousers crease through themselves in the fold of the hip
 MAX_COVERED = 0.25  # share of a hand, seen from the front, that cloth covers
+MIN_HEIGHT, MAX_HEIGHT = 1.0, 2.7  # of a figure, metres
 COVER_RANGE = 0.04  # metres: cloth further before a hand merely hangs in front of it
 MIN_HAND_VERTICES = 40  # seen from the front; with fewer or as many a hand is not judged
 LONG_DROP = 0.2  # length of a drop above which its hem hangs level in all poses, metres
 MAX_HEM_SWEPT = 0.10  # difference in height between parts of a hem, metres
-SWEPT_PER_DROP = 0.35  # of the same in addition, for each metre of a long drop
+SWEPT_PER_DROP = 0.35  # more of it for each metre of a long drop
 MAX_SPREAD = 0.25  # distance of cloth from the body, in addition to that of its drop, metres
 SPREAD_PER_DROP = 0.4  # the same for each metre of drop, in addition to its flare
 MAX_SLID = 0.12  # distance that the top of a garment may slide down, metres
@@ -139,7 +140,7 @@ def covered_hands(worn: list[DrapedGarment], motion: Motion) -> tuple[float, flo
     skin_forward = normals(skin, skin_faces)[:, 2] > 0.2
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     face_forward = np.cross(b - a, c - a)[:, 2] > 0
-    surface, shares = Collider(vertices, vertices, faces), []
+    surface, shares = Collider.at_rest(vertices, faces), []
     for sign in (1, -1):  # left, right
         on_side = np.sign(motion.body.skin[:, 0]) == sign
         start = skin[hand & skin_forward & on_side] + [0, 0, 0.001]  # a millimetre before the skin
@@ -163,7 +164,7 @@ def share_inside(x: np.ndarray, skin: np.ndarray) -> float:
     """
     faces = makehuman.base().faces["body"]
     hands = makehuman.bone_weights("finger", "metacarpal", "wrist") > 0.3
-    _, distance, _ = signed_distance(x, Collider(skin, skin, faces[~hands[faces].any(1)]), 0.12)
+    _, distance, _ = signed_distance(x, Collider.at_rest(skin, faces[~hands[faces].any(1)]), max_distance=0.12)
     return float((distance < -INSIDE).mean())
 
 
@@ -181,7 +182,7 @@ def first_seen(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.
     x, y = np.arange(low[0], high[0], PIXEL), np.arange(high[1], low[1], -PIXEL)
     origin = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), high[2] + 0.1)], axis=-1).reshape(-1, 3)
     backward = np.broadcast_to([0.0, 0.0, -1.0], origin.shape)
-    face, depth = Collider(vertices, vertices, faces).raycast(origin, backward)
+    face, depth = Collider.at_rest(vertices, faces).raycast(origin, backward)
     return face.reshape(len(y), len(x)), depth.reshape(len(y), len(x))
 
 
@@ -217,7 +218,7 @@ def check_figure(mesh: Mesh, layer: np.ndarray) -> str | None:
 
     Args:
         mesh: its record.
-        layer: (F,) of its faces, as for `poke_through`.
+        layer: (F,) of its faces: 0 the skin, 1, 2, ... the clothes outward, -1 anything else.
 
     Returns:
         Why it is rejected; None if it passes.
@@ -225,7 +226,7 @@ def check_figure(mesh: Mesh, layer: np.ndarray) -> str | None:
     if not np.isfinite(mesh.vertices).all():
         return "vertices not finite"
     height = float(np.ptp(mesh.vertices[:, 1]))
-    if not 1.0 < height < 2.7:
+    if not MIN_HEIGHT < height < MAX_HEIGHT:
         return f"{height:.2f} m high"
     if (count := poke_through(mesh.vertices, mesh.faces, layer)) > MAX_POKE_THROUGH:
         return f"{count} pixels of a lower layer show through the cloth"

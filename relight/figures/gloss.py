@@ -33,8 +33,8 @@ SATIN_SHARE = 0.12  # of these fabrics
 
 
 def fabric_gloss(fabric: Fabric) -> tuple[float, float]:
-    """Returns roughness and specular of a fabric."""
-    if fabric.kind in WOVEN and trait(fabric, 30) < SATIN_SHARE:
+    """Returns roughness and specular of a fabric, as of `Material`."""
+    if fabric.kind in WOVEN and trait(fabric, "satin") < SATIN_SHARE:
         return SATIN
     return GLOSS.get(fabric.kind, CLOTH)
 
@@ -44,9 +44,10 @@ def with_gloss(material: Material, outfit: Outfit) -> Material:
     fabrics: dict[str, Fabric | None] = {worn.garment.name: worn.fabric for worn in outfit.garments}
     fabrics |= {"hat": outfit.hat, "tie": outfit.tie, "belt": outfit.belt}
     fabric = fabrics.get(material.name)
+    is_upper = material.name.startswith("shoes:") and not material.name.endswith("sole")
     if fabric is not None:
         roughness, specular = fabric_gloss(fabric)
-    elif material.name.startswith("shoes:") and "sneakers" in outfit.shoe.name and not material.name.endswith("sole"):
+    elif is_upper and "sneakers" in outfit.shoe.name:
         roughness, specular = CLOTH
     else:
         roughness, specular = GLOSS.get(material.name, CLOTH)

@@ -146,7 +146,7 @@ def sample_outfit(rng: np.random.Generator, person: Person, hair: Collection[str
     shoe = shoes()[int(rng.choice(len(shoes()), p=shoe_odds(woman, worn)))]
     upper = shoe_color(rng, shoe)
     has_pale_sole = "sneaker" in shoe.name and rng.random() < 0.75
-    style = styles()[list(styles())[int(rng.choice(len(styles()), p=style_odds(woman, person, hair)))]]
+    style = list(styles().values())[int(rng.choice(len(styles()), p=style_odds(woman, person, hair)))]
     return Outfit(
         garments=garments,
         shoe=shoe,
@@ -154,12 +154,12 @@ def sample_outfit(rng: np.random.Generator, person: Person, hair: Collection[str
         sole=PALE_SOLE if has_pale_sole else DARK_SOLE,
         hair=style,
         hair_color=sample_color(rng, person),
-        hat=fabrics.sample_fabric(rng, ("knit",) if style.hat == "beanie" else ("plain", "denim"), False),
+        hat=fabrics.sample_fabric(rng, ("knit",) if style.hat == "beanie" else ("plain", "denim"), muted=False),
         beard=0.0 if woman or rng.random() < 0.5 else float(rng.uniform(0.15, 0.9)),
         makeup=float(rng.uniform(0.1, 0.9)) if woman else 0.0,
         iris=sample_iris(rng, person),
-        tie=fabrics.sample_fabric(rng, TIES, False) if has_tie else None,
-        belt=fabrics.sample_fabric(rng, ("leather",), True) if has_belt else None,
+        tie=fabrics.sample_fabric(rng, TIES, muted=False) if has_tie else None,
+        belt=fabrics.sample_fabric(rng, ("leather",), muted=True) if has_belt else None,
     )
 
 
@@ -169,9 +169,9 @@ def in_other_fabrics(outfit: Outfit, rng: np.random.Generator) -> Outfit:
         outfit,
         garments=[in_fabric(rng, worn.garment) for worn in outfit.garments],
         upper=shoe_color(rng, outfit.shoe),
-        hat=fabrics.sample_fabric(rng, (outfit.hat.kind,), False),
-        tie=None if outfit.tie is None else fabrics.sample_fabric(rng, TIES, False),
-        belt=None if outfit.belt is None else fabrics.sample_fabric(rng, ("leather",), True),
+        hat=fabrics.sample_fabric(rng, (outfit.hat.kind,), muted=False),
+        tie=None if outfit.tie is None else fabrics.sample_fabric(rng, TIES, muted=False),
+        belt=None if outfit.belt is None else fabrics.sample_fabric(rng, ("leather",), muted=True),
     )
 
 
@@ -183,7 +183,8 @@ def in_fabric(rng: np.random.Generator, garment: Garment) -> Worn:
 
 def shoe_color(rng: np.random.Generator, shoe: Shoe) -> Color:
     """Draws the color of a shoe's upper."""
-    return fabrics.sample_fabric(rng, ("leather",) if "sneaker" not in shoe.name else ("plain",), True).first
+    kind = "plain" if "sneaker" in shoe.name else "leather"
+    return fabrics.sample_fabric(rng, (kind,), muted=True).first
 
 
 def shoe_odds(woman: bool, worn: list[Garment]) -> np.ndarray:

@@ -29,7 +29,7 @@ class GarmentPaint:
         number: number of the garment in the outfit.
         garment: as it was cut.
         atlas: its panels.
-        marks: see `marks.images`.
+        marks: (side,side) images of seams, edges, rubbed and bent cloth by name, rows from the bottom up.
     """
 
     number: int
@@ -47,8 +47,9 @@ class GarmentPaint:
         worn, texel = outfit.garments[self.number], 1 / self.atlas.scale
 
         def paint(panel: str, u: np.ndarray, v: np.ndarray, place: tuple[slice, slice]) -> np.ndarray:
+            """Returns the albedo (h,w,3) of a panel, as `panels.draw` asks for it."""
             faces = self.atlas.panel == self.atlas.names.index(panel)
-            top = self.atlas.cloth[faces][..., 1].max()
+            top = self.atlas.cloth[faces][..., 1].max()  # v of the panel's upper end
             color = woven(worn.fabric, panel, u, v, texel)
             color = stitched(self.garment, worn.fabric.kind, panel, u, v, top, color)
             marks_here = {mark: image[place] for mark, image in self.marks.items()}
@@ -91,7 +92,8 @@ def accessory_paint(name: str, side: int) -> Paint:
     def paint(outfit: Outfit) -> Material:
         fabric = fabric_of(outfit)
         assert fabric is not None  # all outfits of a figure have the same clothes
-        return Material(texture=coded(woven(fabric, "front", width * u, -0.5 * width * v, width / side)), name=name)
+        albedo = woven(fabric, "front", width * u, -0.5 * width * v, texel=width / side)
+        return Material(texture=coded(albedo), name=name)
 
     return paint
 
@@ -109,7 +111,14 @@ def skin_material(person: Person, outfit: Outfit, side: int, seed: int) -> Mater
 
 
 def hair_material(outfit: Outfit, kind: str, side: int, seed: int) -> Material:
-    """Returns a material with strands along v of varying lightness; `kind` is hair, beard, brows or lashes."""
+    """Returns a material with strands along v of varying lightness; lashes are of one color.
+
+    Args:
+        outfit: with the color of the hair.
+        kind: hair | beard | brows | lashes.
+        side: of the texture, pixels.
+        seed: random seed of the strands.
+    """
     color = np.array(outfit.hair_color)
     if kind == "lashes":
         return Material((0.3 * np.minimum(color, 0.12)).astype(np.float32), name=kind)

@@ -91,11 +91,13 @@ def lost_rings(pattern: Pattern, x: np.ndarray, motion: Motion) -> dict[str, tup
         motion: how the body moves from its rest pose into the pose.
 
     Returns:
-        For each limb with rings, the number that do not wind once, and the number of all.
+        For each limb with rings, such as "left arm": the number that do not wind once, and the number of all.
     """
-    field, bones = LIMBS.get(pattern.garment.kind, ("", ()))
+    if pattern.garment.kind not in LIMBS:
+        return {}
+    field, bones = LIMBS[pattern.garment.kind]
     level, counts = pattern.levels[-1], {}
-    for side, word in (("L", "left"), ("R", "right")) if bones else ():
+    for side, word in (("L", "left"), ("R", "right")):
         names = [f"{bone}.{side}" for bone in bones]
         rest_line = np.stack([motion.body.joints[name] for name in names])
         posed_line = np.stack([motion.joint(name) for name in names])
@@ -110,7 +112,7 @@ def lost_rings(pattern: Pattern, x: np.ndarray, motion: Motion) -> dict[str, tup
             if not closed or len(edge) == 0:
                 continue
             near, far, share = edge[..., 0], edge[..., 1], share[..., None]
-            rest_ring, draped_ring = (p[near] * (1 - share) + p[far] * share for p in (level.fitted, x))
+            rest_ring, draped_ring = (points[near] * (1 - share) + points[far] * share for points in (level.fitted, x))
             if winding(rest_ring, rest_line) == 1:
                 winds_once.append(winding(draped_ring, posed_line) == 1)
         if winds_once:

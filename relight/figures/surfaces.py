@@ -49,7 +49,7 @@ def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def compacted(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """Returns a surface (matrix, faces) without the vertices that no face uses."""
+    """Returns a surface, matrix (n,k) and faces (F,3), without the vertices that no face uses."""
     used, inverse = np.unique(faces, return_inverse=True)
     return matrix[used], inverse.reshape(faces.shape)
 
@@ -57,9 +57,17 @@ def compacted(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_
 def clip(
     matrix: sparse.csr_matrix, faces: np.ndarray, field: np.ndarray, snap: float = 0.35
 ) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """Keeps the part of a surface where `field` (n,) > 0, cut along its zero line.
+    """Keeps the part of a surface where a field is positive, cut along its zero line.
 
-    A vertex whose distance from the line is less than `snap` of its edge moves onto it, which avoids slivers.
+    Args:
+        matrix: (n,k) from source vertices to those of the surface.
+        faces: (F,3).
+        field: (n,) at the vertices of the surface.
+        snap: a vertex whose distance from the line is less than this share of its edge moves onto it, which avoids
+            slivers.
+
+    Returns:
+        The matrix (m,k) from source vertices to those of the part, and its faces.
     """
     n, field = matrix.shape[0], field.astype(float).copy()
     edge, face_edge, count = edges(faces)
@@ -130,10 +138,15 @@ def snapped_vertices(
 def split(
     matrix: sparse.csr_matrix, faces: np.ndarray, field: np.ndarray
 ) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
-    """Inserts edges into a surface along the zero line of `field` (n,).
+    """Inserts edges into a surface along the zero line of a field.
+
+    Args:
+        matrix: (n,k) from source vertices to those of the surface.
+        faces: (F,3).
+        field: (n,) at the vertices of the surface.
 
     Returns:
-        The matrix to its vertices, its faces (F,3), and which of them (F,) lie on the positive side.
+        The matrix (m,k) to its new vertices, its faces (F',3), and which of them (F',) lie on the positive side.
     """
     (positive, positive_faces), (negative, negative_faces) = (clip(matrix, faces, sign * field) for sign in (1, -1))
     both = sparse.vstack([positive, negative]).tocsr()
@@ -157,6 +170,7 @@ def loop(faces: np.ndarray, n: int) -> tuple[sparse.csr_matrix, np.ndarray]:
     rows, columns, values = [], [], []
 
     def add(row: np.ndarray, column: np.ndarray, value: float | np.ndarray) -> None:
+        """Adds entries of the matrix: new vertex, old vertex, and its weight."""
         rows.append(row)
         columns.append(column)
         values.append(np.broadcast_to(value, row.shape))
@@ -242,7 +256,7 @@ def thickened(
         rings: width of the inner layer in edges; None for all of the cloth, if both sides are seen.
 
     Returns:
-        Vertices (V',3), faces that begin with the given ones, and the outer vertex (V',) of each vertex.
+        Vertices (V',3), faces (F',3) that begin with the given ones, and the outer vertex (V',) of each vertex.
     """
     band = np.ones(len(faces), bool) if rings is None else near_border(vertices, faces, rings)
     used, inverse = np.unique(faces[band], return_inverse=True)
@@ -258,7 +272,7 @@ def thickened(
 
 
 def smoothed(values: np.ndarray, faces: np.ndarray, times: int) -> np.ndarray:
-    """Returns vertex values (V,...) after Laplacian smoothing."""
+    """Returns vertex values (V,...) after Laplacian smoothing: `times` half-way to the mean of their neighbours."""
     around = neighbours(faces, len(values))
     for _ in range(times):
         values = 0.5 * values + 0.5 * (around @ values)
@@ -275,7 +289,7 @@ def extruded(ring: np.ndarray, rows: list[np.ndarray], offset: int, closed: bool
         closed: whether the border is a closed loop.
 
     Returns:
-        New vertices and faces.
+        The new vertices (V,3), and faces (F,3) whose indices count the border's vertices and the new ones.
     """
     m, previous, faces = len(ring), ring, []
     column = np.arange(m if closed else m - 1)
@@ -289,7 +303,7 @@ def extruded(ring: np.ndarray, rows: list[np.ndarray], offset: int, closed: bool
 
 
 def grid_faces(rows: int, columns: int) -> np.ndarray:
-    """Returns the triangles of a grid with rows downward and columns to the right, as seen."""
+    """Returns the triangles (F,3) of a grid of vertices, row by row, that face a viewer who sees row 0 at the top."""
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, :-1].ravel(), index[1:, 1:].ravel()
     return np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
@@ -305,6 +319,7 @@ def longest_run(ring: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 
 
 def stacked(parts: list[Surface]) -> Surface:
-    """Joins several surfaces into one."""
+    """Joins several surfaces, each vertices (V,3) and faces (F,3), into one, without joining their vertices."""
     starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
-    return np.concatenate([v for v, _ in parts]), np.concatenate([f + s for (_, f), s in zip(parts, starts)])
+    faces = [faces + start for (_, faces), start in zip(parts, starts)]
+    return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)

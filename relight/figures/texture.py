@@ -17,12 +17,16 @@ def lattice(i: np.ndarray, j: np.ndarray, seed: int) -> np.ndarray:
     of the result are used.
     """
     with np.errstate(over="ignore"):
-        h = i.astype(np.int64).astype(np.uint32) * np.uint32(374761393) + j.astype(np.int64).astype(
-            np.uint32
-        ) * np.uint32(668265263)
+        i, j = (points.astype(np.int64).astype(np.uint32) for points in (i, j))
+        h = i * np.uint32(374761393) + j * np.uint32(668265263)
         h = (h ^ np.uint32((seed * 2246822519) & 0xFFFFFFFF)) * np.uint32(3266489917)
         h = (h ^ (h >> np.uint32(15))) * np.uint32(2654435761)
     return ((h ^ (h >> np.uint32(13))) & np.uint32(0xFFFFFF)).astype(np.float64) / 2**24
+
+
+def lattice_value(i: int, j: int, seed: int) -> float:
+    """Returns the random number in [0,1) that `lattice` has at one point (i, j)."""
+    return float(lattice(np.array(i), np.array(j), seed))
 
 
 def noise(x: np.ndarray, y: np.ndarray, seed: int = 0) -> np.ndarray:

@@ -45,9 +45,24 @@ class Detail:
 
 
 DETAILS = {
-    "draft": Detail(1, 20, [SolverSettings(12, 2, 8), SolverSettings(10, 3, 8)], 0),
+    "draft": Detail(
+        refine=1,
+        frames=20,
+        solver=[
+            SolverSettings(substeps=12, iterations=2, settle_frames=8),
+            SolverSettings(substeps=10, iterations=3, settle_frames=8),
+        ],
+        body=0,
+    ),
     "full": Detail(
-        2, 28, [SolverSettings(14, 2, 12), SolverSettings(10, 4, 12), SolverSettings(8, 5, 14, gravity=-5.0)], 1
+        refine=2,
+        frames=28,
+        solver=[
+            SolverSettings(substeps=14, iterations=2, settle_frames=12),
+            SolverSettings(substeps=10, iterations=4, settle_frames=12),
+            SolverSettings(substeps=8, iterations=5, settle_frames=14, gravity=-5.0),
+        ],
+        body=1,
     ),
 }
 
@@ -70,21 +85,29 @@ class Obstacles:
     """The posed surfaces on which garments are draped: skin, shoes, and the garments below.
 
     Hands and, for what hangs from the waist, arms are no obstacles: fingers would catch the cloth.
+
+    Attributes:
+        body: in its rest pose.
+        under_tops, under_bottoms, under_scarves: (F,3) the faces of the skin that are obstacles of such garments.
+        skin: (V,3) its vertices at each frame, metres.
+        shoes: for each frame the vertices and faces of the uppers; none of sandals.
     """
 
     def __init__(self, motion: Motion, outfit: Outfit, frames: int):
+        """Poses skin and shoes at `frames` + 1 frames of a motion."""
         weights, faces = makehuman.rig().weights[makehuman.BODY], makehuman.base().faces["body"]
         head = makehuman.bone_weights(
             "head", "jaw", "eye", "levator", "oris", "special", "temporalis", "risorius", "oculi", "tongue",
             "orbicularis",
         )  # fmt: skip
-        fingers = makehuman.bone_weights("finger", "metacarpal") + head
-        arms = fingers + makehuman.bone_weights("wrist", "lowerarm", "upperarm")
-        trunk_and_arms = faces[(fingers[faces] < 0.3).all(1)]
-        self.body, self.frames = motion.body, frames
+        hands = makehuman.bone_weights("finger", "metacarpal")
+        head_and_hands = hands + head
+        head_and_arms = head_and_hands + makehuman.bone_weights("wrist", "lowerarm", "upperarm")
+        trunk_and_arms = faces[(head_and_hands[faces] < 0.3).all(1)]
+        self.body = motion.body
         self.under_tops = trunk_and_arms[~cleft(motion.body, motion.body.skin, trunk_and_arms)]
-        self.under_bottoms = faces[(arms[faces] < 0.3).all(1)]
-        self.under_scarves = faces[(fingers - head)[faces].max(1) < 0.3]
+        self.under_bottoms = faces[(head_and_arms[faces] < 0.3).all(1)]
+        self.under_scarves = faces[hands[faces].max(1) < 0.3]
         self.skin = [motion.skin(weights, motion.body.skin, frame) for frame in range(frames + 1)]
         uppers = [] if outfit.shoe.straps else [footwear.upper(motion.body, outfit.shoe, side) for side in "LR"]
         self.shoes = [
@@ -101,13 +124,13 @@ class Obstacles:
             frame: index of the motion's frame.
             fine: whether their finest levels are meant, as they hang at the last frame, or their coarsest, at `frame`.
         """
-        top = garment.kind == "top"
-        parts = [(self.skin[frame], self.under_tops if top else self.under_bottoms)]
-        parts += [] if top else self.shoes[frame]
+        is_top = garment.kind == "top"
+        parts = [(self.skin[frame], self.under_tops if is_top else self.under_bottoms)]
+        parts += [] if is_top else self.shoes[frame]
         for other in inner:
             level = other.pattern.levels[-1 if fine else 0]
             faces = level.faces
-            if top:
+            if is_top:
                 catching = cleft(self.body, level.fitted, faces)
                 if fine and (other.pattern.garment.gather or other.pattern.garment.pleat):
                     catching |= fallen_over(other.draped.positions, faces)
@@ -133,13 +156,12 @@ def drape_outfit(motion: Motion, outfit: Outfit, detail: Detail) -> list[DrapedG
             garment.cloth,
             detail.solver,
             surface_at,
-            motion.skin,
-            detail.frames,
+            skin=motion.skin,
+            frames=detail.frames,
             ground=GROUND,
         )
-        vertices, faces = surface_at(detail.frames, True)
-        below, band = Collider(vertices, vertices, faces), neckband(pattern, motion)
-        worn.append(DrapedGarment(pattern, item.fabric, finished(pattern, draped, item.fabric, below, band)))
+        below = Collider.at_rest(*surface_at(detail.frames, fine=True))
+        worn.append(DrapedGarment(pattern, item.fabric, finished(pattern, draped, item.fabric, below, motion)))
     return worn
 
 
@@ -172,36 +194,32 @@ def fallen_over(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.einsum("fx,fx->f", np.cross(b - a, c - a), around) < 0
 
 
-def neckband(pattern: patterns.Pattern, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Returns the arguments of `collars.banded` for a top: cloth without folds (n,3), base and axis of the neck."""
-    if pattern.garment.kind != "top":
-        return None
-    level, (neck, axes) = pattern.levels[-1], collars.neck_of(motion)
-    return motion.skin(level.weights, level.fitted), neck, axes[1]
-
-
 def finished(
     pattern: patterns.Pattern,
     draped: drape.DrapeResult,
     fabric: Fabric,
     below: Collider,
-    band: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+    motion: Motion,
 ) -> drape.DrapeResult:
-    """Adds fine wrinkles to a draped garment, and an even neckline, and moves it out of the layers below.
+    """Adds fine wrinkles to a draped garment and an even neckline to a top, and moves it out of the layers below.
 
     Args:
         pattern: pattern of the garment.
         draped: the result of its simulation.
         fabric: its seed places the wrinkles.
         below: the layers below.
-        band: see `neckband`.
+        motion: how the body moves from its rest pose into the pose.
+
+    Returns:
+        The result with other positions of its vertices.
     """
     garment, level = pattern.garment, pattern.levels[-1]
     crimp = wrinkles.varied(garment.cloth.crimp, fabric.seed)
     hang = np.clip(4 * pattern.fields["drop"], 0, 1) * (garment.drop > FREE_DROP)
     x = wrinkles.folded(pattern.levels, pattern.refine, draped.positions, crimp, hang, fabric.seed)
-    if band is not None:
-        x = collars.banded(x, level.faces, *band)
+    if garment.kind == "top":
+        without_folds = motion.skin(level.weights, level.fitted)
+        x = collars.banded(x, level.faces, without_folds, collars.neck_of(motion))
     face, distance, outward = layers.signed_distance(x, below, 2 * garment.cloth.thickness)
     depth = np.clip(MIN_FOLD_DISTANCE * garment.cloth.thickness - distance, 0, garment.cloth.thickness)
     x = x + np.where((face >= 0) & (level.pin_weight < 0.5), depth, 0)[:, None] * outward
@@ -220,25 +238,26 @@ def drape_scarf(
         inner: the garments already draped.
         detail: how fine the figure is.
     """
-    neck, axes = collars.neck_of(motion)
+    neck = collars.neck_of(motion)
     parts = [skin]
     for other in inner:
-        x, cloth = other.draped.positions, other.pattern.levels[-1].faces
-        parts.append((x, cloth))
+        parts.append(other.surface)
         if other.pattern.garment.kind == "top":
-            kind = other.pattern.garment.collar
-            no_uv = np.zeros((len(x), 2))  # the scarf needs the shape alone
-            collar = collars.collar(x, cloth, no_uv, kind, neck, axes[1], uv_per_metre=1.0)
-            parts += [collar[:2]] if collar else []
+            x, cloth = other.surface
+            no_uv, kind = np.zeros((len(x), 2)), other.pattern.garment.collar
+            collar = collars.collar(x, cloth, no_uv, kind, neck, uv_per_metre=1.0)
+            if collar is not None:
+                collar_vertices, collar_faces, _ = collar
+                parts.append((collar_vertices, collar_faces))
     vertices, faces = stacked(parts)
-    pattern = scarves.build_scarf(motion, scarf.garment, Collider(vertices, vertices, faces), detail.refine)
+    pattern = scarves.build_scarf(motion, scarf.garment, Collider.at_rest(vertices, faces), detail.refine)
     draped = drape.drape(
         pattern.levels,
         pattern.refine,
         scarf.garment.cloth,
         scarves.SOLVER[: detail.refine + 1],
-        lambda frame, fine: (vertices, faces),
-        lambda weights, rest, frame: rest,
+        surface_at=lambda frame, fine: (vertices, faces),
+        skin=lambda weights, rest, frame: rest,
         frames=0,
         ground=GROUND,
     )

@@ -22,6 +22,7 @@ from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.garments import wardrobe
 
 UP, LEFT, AHEAD = np.eye(3)[[1, 0, 2]]
+NECK = collars.Neck(np.zeros(3), LEFT, UP, AHEAD)
 
 
 @pytest.fixture(scope="module")
@@ -226,7 +227,7 @@ def test_collar_of_a_closed_neckline_is_smooth(kind):
     points, faces = tube()
     ring = max(border_loops(faces), key=lambda ring: points[ring, 1].mean())
     points[ring] *= 1 + 0.03 * (-1.0) ** np.arange(len(ring))[:, None]
-    vertices, _, _ = collars.collar(points, faces, np.zeros((len(points), 2)), kind, np.zeros(3), UP, 1.0)
+    vertices, _, _ = collars.collar(points, faces, np.zeros((len(points), 2)), kind, NECK, 1.0)
     band = vertices[len(ring) : 2 * len(ring)]  # above the row that is sewn to the cloth
     assert np.ptp(np.hypot(points[ring, 0], points[ring, 2])) > 0.003
     assert np.ptp(np.hypot(band[:, 0], band[:, 2])) < 0.0006
@@ -239,14 +240,16 @@ def test_banded_smooths_the_neckline_and_the_cloth_beside_it():
     turn = np.arctan2(smooth[:, 0], smooth[:, 2])
     near = np.exp(-((0.06 * (turn - 1.0) / 0.015) ** 2)) * np.clip(1 + smooth[:, 1] / 0.04, 0, 1)
     drape = smooth + 0.02 * near[:, None] * UP + [0.01, -0.005, 0.0]
-    held = collars.banded(drape, faces, smooth, np.zeros(3), UP)
+    held = collars.banded(drape, faces, smooth, NECK)
     bump = [np.ptp((x - smooth)[ring, 1]) for x in (drape, held)]
     assert bump[0] > 0.019 and bump[1] < 0.45 * bump[0]
     far = np.linalg.norm(drape[:, None] - drape[ring], axis=-1).min(1) > collars.BAND_RANGE
     np.testing.assert_array_equal(held[far], drape[far])
-    still = collars.banded(smooth + [0.01, 0, 0], faces, smooth, np.zeros(3), UP)
+    still = collars.banded(smooth + [0.01, 0, 0], faces, smooth, NECK)
     np.testing.assert_allclose(still, smooth + [0.01, 0, 0], atol=1e-12)  # a neckline that moved as a whole stays so
-    assert collars.banded(smooth, faces, smooth, np.array([0, 9.0, 0]), UP) is smooth, "no neckline there"
+    assert collars.banded(smooth, faces, smooth, NECK._replace(base=np.array([0, 9.0, 0]))) is smooth, (
+        "no neckline there"
+    )
 
 
 def test_collar_hood_is_whole_over_a_crease():
@@ -254,7 +257,7 @@ def test_collar_hood_is_whole_over_a_crease():
     points, faces = tube()
     back = np.clip(-points[:, 2] / np.hypot(points[:, 0], points[:, 2]), 0, 1)
     points[:, 2] += 0.025 * np.exp(-((points[:, 0] / 0.012) ** 2)) * back
-    vertices, _, _ = collars.collar(points, faces, np.zeros((len(points), 2)), "hood", np.zeros(3), UP, 1.0)
+    vertices, _, _ = collars.collar(points, faces, np.zeros((len(points), 2)), "hood", NECK, 1.0)
     count = len(max(border_loops(faces), key=lambda ring: points[ring, 1].mean()))
     rows = vertices[count : (1 + len(collars.HOOD)) * count].reshape(len(collars.HOOD), count, 3)
     turn = np.unwrap(np.arctan2(rows[..., 0], rows[..., 2]), axis=1)
@@ -265,7 +268,7 @@ def test_collar_hood_is_whole_over_a_crease():
 def test_collar_hood_and_lapel_are_outside_the_cloth(kind):
     colliders.init_warp()
     points, faces = tube()
-    vertices, solid, _ = collars.collar(points, faces, np.zeros((len(points), 2)), kind, np.zeros(3), UP, 1.0)
+    vertices, solid, _ = collars.collar(points, faces, np.zeros((len(points), 2)), kind, NECK, 1.0)
     _, distance, _ = signed_distance(vertices, Collider(points, points, faces), 0.2)
     assert np.percentile(distance, 2) > -0.004 and distance.max() > 0.004
     shell = trimesh.Trimesh(vertices, solid, process=False)
@@ -339,14 +342,14 @@ def test_belt_leans_with_hips_that_widen():
 def test_tie_lies_on_the_shirt():
     colliders.init_warp()
     points, faces = sheet(0.5, 0.1)
-    vertices, solid = trims.tie(points, faces, np.array([0, 0.4, 0.0]), LEFT)
+    vertices, solid = trims.tie(points, faces, NECK._replace(base=np.array([0, 0.4, 0.0])))
     shell = trimesh.Trimesh(vertices, solid, process=False)
     assert shell.is_watertight and shell.is_winding_consistent and shell.volume > 0
     assert vertices[:, 2].min() > 0.1 and vertices[:, 2].max() < 0.125
     assert np.ptp(vertices[:, 1]) == pytest.approx(trims.TIE, abs=0.02) and np.ptp(vertices[:, 0]) == pytest.approx(
         0.072, abs=0.004
     )
-    assert trims.tie(points - [5, 0, 0], faces, np.array([0, 0.4, 0.0]), LEFT) is None
+    assert trims.tie(points - [5, 0, 0], faces, NECK._replace(base=np.array([0, 0.4, 0.0]))) is None
 
 
 def test_tailored_garments_differ_within_bounds():

@@ -43,12 +43,12 @@ def test_drape_scarf_lies_around_the_neck_and_hangs_in_front(person, standing, g
     faces = makehuman.base().faces["body"]
     worn = drape_scarf(motion, Worn(garment, CLOTH), (skin, faces), [], DETAILS["draft"])
     x = worn.draped.positions
-    neck, axes = collars.neck_of(motion)
-    near = (x - neck)[np.linalg.norm(x - neck, axis=1) < 0.17]
-    around = np.unique(np.round(np.degrees(np.arctan2(near @ axes[0], near @ axes[2])) / 20))
+    neck = collars.neck_of(motion)
+    near = (x - neck.base)[np.linalg.norm(x - neck.base, axis=1) < 0.17]
+    around = np.unique(np.round(np.degrees(np.arctan2(near @ neck.left, near @ neck.forward)) / 20))
     assert len(around) >= 15  # of 19: all sides but perhaps the front
-    low = x[x[:, 1] < neck[1] - 0.15]
-    assert (low[:, 2] > neck[2]).all() and low[:, 0].min() < -0.03 and low[:, 0].max() > 0.03
+    low = x[x[:, 1] < neck.base[1] - 0.15]
+    assert (low[:, 2] > neck.base[2]).all() and low[:, 0].min() < -0.03 and low[:, 0].max() > 0.03
     assert gates.check_garment(worn.pattern, worn.draped, motion) is None
     _, distance, _ = signed_distance(x, Collider(skin, skin, faces), 0.1)
     assert np.percentile(distance, 1) > -0.002
@@ -243,7 +243,8 @@ def test_fitted_to_pose_takes_off_coats_to_sit_and_scarves_to_cross_arms(person)
 def test_cords_are_closed_tubes_on_the_front():
     colliders.init_warp()
     sheet = np.array([[-0.3, 0, 0.1], [0.3, 0, 0.1], [0.3, 0.5, 0.1], [-0.3, 0.5, 0.1]])
-    found = collars.cords(sheet, np.array([[0, 1, 2], [0, 2, 3]]), np.array([0, 0.52, 0.0]), np.array([1.0, 0, 0]))
+    neck = collars.Neck(np.array([0, 0.52, 0.0]), *np.eye(3))
+    found = collars.cords(sheet, np.array([[0, 1, 2], [0, 2, 3]]), neck)
     assert len(found) == 2
     for vertices, faces in found:
         tube = trimesh.Trimesh(vertices, faces, process=False)

@@ -12,6 +12,7 @@ from relight.figures.catalogue.schema import entries
 AGES = ("child", "young", "old")  # the ends and the middle of MakeHuman's age slider
 AGE_ANCHORS = (12, 25, 90)  # years of these
 ANCESTRIES = ("african", "asian", "caucasian")
+MEAN_SKIN = (0.16, 0.66, 0.8)  # lightness of the skin of each, in [0,1]
 WHOLE_FACE = ("browInnerUp", "mouthRollLower", "mouthShrugLower")  # units without sides
 HEADS = ("oval", "round", "square", "rectangular", "diamond", "triangular", "invertedtriangular")
 
@@ -97,10 +98,10 @@ def sample_person(rng: np.random.Generator) -> Person:
     face = {}
     for shape in entries("faces", "shapes", Shape).values():
         weight = float(np.clip(rng.normal(0, shape.spread), -0.9, 0.9))
-        name, weight = (shape.positive if weight > 0 else shape.negative), abs(weight)
-        face[name] = weight
-        if "/l-" in name:
-            face[name.replace("/l-", "/r-")] = weight
+        name = shape.positive if weight > 0 else shape.negative
+        face[name] = abs(weight)
+        if "/l-" in name:  # a target of the left side: the right one is the same
+            face[name.replace("/l-", "/r-")] = abs(weight)
     face[f"head/head-{rng.choice(HEADS)}"] = float(rng.uniform(0, 0.5))
     return Person(
         female=female,
@@ -111,7 +112,7 @@ def sample_person(rng: np.random.Generator) -> Person:
         proportions=float(rng.uniform(0.35, 0.95)),
         bust=float(rng.uniform(0.25, 0.7)),
         ancestry=(african, asian, caucasian),
-        skin=float(np.clip(ancestry @ [0.16, 0.66, 0.8] + rng.normal(0, 0.09), 0.03, 0.97)),
+        skin=float(np.clip(ancestry @ MEAN_SKIN + rng.normal(0, 0.09), 0.03, 0.97)),
         face=face,
     )
 
@@ -141,17 +142,18 @@ def macro_weights(person: Person) -> dict[str, float]:
     proportions = between(person.proportions, ("uncommonproportions", "", "idealproportions"))
     cup = between(person.bust, ("mincup", "averagecup", "maxcup"))
     firmness = between(0.75 - 0.35 * float(years), ("minfirmness", "averagefirmness", "maxfirmness"))
-    out: dict[str, float] = {}
+    targets: dict[str, float] = {}
+    # One letter stands for the name of a shape of each trait: s for "female", a for "young", ...
     for (s, a), (race, share) in product(product(sex, age), zip(ANCESTRIES, person.ancestry)):
-        out[f"macrodetails/{race}-{s}-{a}"] = share * sex[s] * age[a]
+        targets[f"macrodetails/{race}-{s}-{a}"] = share * sex[s] * age[a]
     for s, a, m, w in product(sex, age, muscle, weight):
         share, name = sex[s] * age[a] * muscle[m] * weight[w], f"{s}-{a}-{m}-{w}"
-        out[f"macrodetails/universal-{name}"] = share
-        out |= {f"macrodetails/height/{name}-{h}": share * height[h] for h in height if h}
-        out |= {f"macrodetails/proportions/{name}-{p}": share * proportions[p] for p in proportions if p}
+        targets[f"macrodetails/universal-{name}"] = share
+        targets |= {f"macrodetails/height/{name}-{h}": share * height[h] for h in height if h}
+        targets |= {f"macrodetails/proportions/{name}-{p}": share * proportions[p] for p in proportions if p}
         if s == "female":
-            out |= {f"breast/{name}-{c}-{f}": share * cup[c] * firmness[f] for c, f in product(cup, firmness)}
-    return {name: weight for name, weight in out.items() if weight > 1e-4}
+            targets |= {f"breast/{name}-{c}-{f}": share * cup[c] * firmness[f] for c, f in product(cup, firmness)}
+    return {name: weight for name, weight in targets.items() if weight > 1e-4}
 
 
 def expressions() -> dict[str, dict[str, float]]:
@@ -183,7 +185,7 @@ def sample_expression(rng: np.random.Generator) -> Expression:
     names = list(expressions())
     shares = np.array([30, 21] + [7] * (len(names) - 2))  # calm, a smile, each of the others
     name = str(rng.choice(names, p=shares / shares.sum()))
-    face = units(name, float(rng.uniform(0.45, 1.0)), rng.random() < 0.5)
+    face = units(name, strength=float(rng.uniform(0.45, 1.0)), swap=rng.random() < 0.5)
     left, down = np.clip(rng.normal([0, 0.05], [0.22, 0.12]), -0.5, 0.5)  # the gaze, in shares of the eyes' range
     for eye, outward in (("Left", left), ("Right", -left)):
         face[f"faceunits/eyeLook{'Out' if outward > 0 else 'In'}{eye}"] = float(abs(outward))
@@ -192,7 +194,7 @@ def sample_expression(rng: np.random.Generator) -> Expression:
 
 
 def build_body(person: Person, expression: Expression | None = None) -> Body:
-    """Builds a person's body in the rest pose, with the mouth closed."""
+    """Builds a person's body in the rest pose, with the mouth closed; without an expression, the face is at rest."""
     face = person.face | (expression.units if expression else {})
     vertices = makehuman.blended(macro_weights(person) | face)
     rig = makehuman.rig()

@@ -9,7 +9,7 @@ from PIL import Image
 from relight.figures.body import makehuman
 from relight.figures.body.person import Person
 from relight.figures.catalogue.schema import entries
-from relight.figures.texture import Color, coded, lattice, noise
+from relight.figures.texture import Color, coded, lattice, lattice_value, noise
 
 SEAM_MARGIN = 0.25  # part of a triangle painted beyond its edges, so that lookups at seams of the UV find skin
 UPPER_LIP, LOWER_LIP = 474, 494  # vertices of the base mesh where the lips meet, in the middle
@@ -142,7 +142,7 @@ def paint_skin(
         mix(min(0.8, beard) * hairs * (0.6 + 0.5 * noise(x * 900, y * 900, seed + 3)), 0.8 * brow_color(hair))
     if scalp > 0:
         mix(
-            scalp * scalp_share(point[inside], 0.06) * (0.85 + 0.25 * noise(x * 700, y * 700 + z * 500, seed + 4)),
+            scalp * scalp_share(point[inside], soft=0.06) * (0.85 + 0.25 * noise(x * 700, y * 700 + z * 500, seed + 4)),
             np.minimum(brow_color(hair), skin),
         )
     image = np.broadcast_to(skin, (side, side, 3)).copy()
@@ -196,7 +196,7 @@ def mouth_share(points: np.ndarray) -> np.ndarray:
 
 def freckles(person: Person, seed: int) -> float:
     """Returns how freckled a person is, in [0,1]: above 0 for every second person with light skin."""
-    drawn = float(lattice(np.array(seed), np.array(1), 91))
+    drawn = lattice_value(seed, 1, 91)
     return max(0.0, 2 * drawn - 1) * float(np.clip(3 * (person.skin - 0.5), 0, 1))
 
 
@@ -215,7 +215,10 @@ def above_hairline(points: np.ndarray) -> np.ndarray:
 
 
 def scalp_share(points: np.ndarray, soft: float) -> np.ndarray:
-    """Returns 1 where hair grows on the base head, down to 0 over `soft` (sine of elevation) at the hairline."""
+    """Returns the density (...) of hair at points (...,3) of the base head: 1 where it grows, 0 elsewhere.
+
+    It rises over `soft` (sine of elevation), from a little above the hairline on.
+    """
     return np.clip(above_hairline(points) / soft - 0.4, 0, 1)
 
 

@@ -60,10 +60,16 @@ class Collider:
     """
 
     def __init__(self, start: np.ndarray, end: np.ndarray, faces: np.ndarray):
+        """Builds the search structure from vertices (V,3) at the start and the end of the frame, and faces (F,3)."""
         self.indices: wp.array = wp.array(faces.astype(np.int32).ravel(), dtype=int)
         self.start, self.end = vec3_array(start), vec3_array(end)
         self.normals = vec3_array(normals(end, faces))
         self.mesh = wp.Mesh(points=self.start, indices=self.indices)
+
+    @classmethod
+    def at_rest(cls, vertices: np.ndarray, faces: np.ndarray) -> "Collider":
+        """Returns the collider of vertices (V,3), metres, and faces (F,3) that do not move."""
+        return cls(vertices, vertices, faces)
 
     def nearest(self, points: np.ndarray, max_distance: float) -> tuple[np.ndarray, np.ndarray]:
         """Finds the nearest face for points (n,3).

@@ -11,6 +11,7 @@ from relight.figures.cloth.solver import Cloth, ClothSolver, SolverSettings
 from relight.figures.surfaces import neighbours
 
 TORN = 1.5  # strain above which an edge is relaxed at the end
+MOVING_DAMPING, SETTLING_DAMPING = 0.99, 0.9  # factor of the velocities at each substep
 
 
 @dataclass(frozen=True)
@@ -57,14 +58,22 @@ class DrapeResult:
 def relax_torn_edges(
     x: np.ndarray, faces: np.ndarray, edge: np.ndarray, strain: np.ndarray, fixed: np.ndarray
 ) -> np.ndarray:
-    """Smooths vertices (n,3) around edges (E,2) with a strain above TORN, where a pin and a contact disagreed.
+    """Smooths cloth around edges with a strain above TORN, where a pin and a contact disagreed.
 
-    Vertices in the mask `fixed` (n,) stay.
+    Args:
+        x: (n,3) vertices, metres.
+        faces: (F,3).
+        edge: (E,2).
+        strain: (E,) length of the edges over that on the pattern.
+        fixed: (n,) vertices that stay.
+
+    Returns:
+        (n,3) vertices, metres.
     """
-    amount = np.zeros(len(x))
+    amount = np.zeros(len(x))  # of smoothing
     amount[edge[strain > TORN].ravel()] = 1
     average = neighbours(faces, len(x))
-    for _ in range(2):
+    for _ in range(2):  # spreads to the neighbours
         amount = np.maximum(amount, np.minimum(1, average @ amount * 2))
     amount[fixed] = 0
     for _ in range(8):
@@ -89,8 +98,9 @@ def drape(
         refine: the matrices from each level's vertices to those of the next.
         cloth: the fabric's properties.
         settings: the solver's, for each level.
-        surface_at: (frame, fine) to the vertices and faces of the surface below the garment.
-        skin: (weights, rest positions, frame) to posed positions; moves the pins.
+        surface_at: (frame, fine) to the vertices and faces of the surface below the garment; `fine` for all levels but
+            the coarsest.
+        skin: (weights (n,B), rest positions (n,3), frame) to posed positions (n,3); moves the pins.
         frames: the last frame of the motion; 0 if the body does not move.
         ground: height below which no vertex may be, metres.
     """
@@ -112,7 +122,7 @@ def drape(
                 start, faces = surface_at(previous, not coarsest)
                 end = surface_at(frame, not coarsest)[0] if moving else start
                 collider = Collider(start, end, faces)
-            solver.step_frame(collider, solver_settings, ground, damping=0.99 if moving else 0.9)
+            solver.step_frame(collider, solver_settings, ground, damping=MOVING_DAMPING if moving else SETTLING_DAMPING)
             if len(pinned):
                 target = skin(level.weights[pinned], level.fitted[pinned], frame)
                 solver.pin(pinned, level.pin_weight[pinned], target, collider, ground)
@@ -120,11 +130,11 @@ def drape(
                 history.append(solver.positions())
         x = solver.positions()
         if finest:
-            x = relax_torn_edges(x, level.faces, solver.edges, solver.strain(), level.pin_weight > 0.99)
+            x = relax_torn_edges(x, level.faces, solver.edges, solver.strain(), fixed=level.pin_weight > 0.99)
             solver.move_to(x)
         strain = solver.strain()
         if coarsest:
-            history[-1] = x
+            history[-1] = x  # the last frame is the one that has settled
         if not finest:
             x = refine[number] @ x
     return DrapeResult(x, history, strain)

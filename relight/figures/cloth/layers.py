@@ -11,6 +11,9 @@ DEEP = 0.006  # depth under a garment at which a hidden point must also be out o
 DIRECTIONS = 64  # of the rays, over the whole sphere
 REST_RANGE = 0.035  # search range of a garment on the rest pose, metres
 POSED_RANGE = 0.07  # search range of a garment as it hangs, metres
+FITTED_DEPTHS = (-0.03, 0.015)  # signed distances from the fitted garment, metres, between which a point lies under it
+MAX_HEIGHT = 0.012  # metres above the garment as it hangs up to which a point counts as under it
+PUSH_RANGE = 0.02  # metres by which a point that is pushed back may be outside
 
 
 def signed_distance(
@@ -73,11 +76,12 @@ class Cover:
             figure: all surfaces of the figure.
         """
         inner = (border_distance(self.fitted, self.faces, rings + 1) > rings) & self.close
-        fitted, draped = (Collider(points, points, self.faces) for points in (self.fitted, self.draped))
+        fitted, draped = (Collider.at_rest(points, self.faces) for points in (self.fitted, self.draped))
         face, distance, _ = signed_distance(rest, fitted, REST_RANGE)
-        hidden = (face >= 0) & (distance > -0.03) & (distance < 0.015) & inner[self.faces[face]].all(1)
+        deepest, highest = FITTED_DEPTHS
+        hidden = (face >= 0) & (distance > deepest) & (distance < highest) & inner[self.faces[face]].all(1)
         face, distance, _ = signed_distance(posed, draped, POSED_RANGE)
-        hidden &= (face >= 0) & (distance < 0.012) & inner[self.faces[face]].all(1)
+        hidden &= (face >= 0) & (distance < MAX_HEIGHT) & inner[self.faces[face]].all(1)
         deep = np.flatnonzero(hidden & (distance < -DEEP))
         hidden[deep] = ~sees_outside(posed[deep], normal[deep], figure)
         return hidden
@@ -113,7 +117,7 @@ def push_under(
     movable: np.ndarray | None = None,
     facing: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Moves points that come through a garment by less than 2 cm back under it.
+    """Moves points that come through a garment by less than PUSH_RANGE back under it.
 
     Args:
         points: (n,3) vertices of the lower surface, metres.
@@ -129,10 +133,10 @@ def push_under(
     """
     movable = np.ones(len(points), bool) if movable is None else movable
     vertices, garment_faces = garment
-    surface = Collider(vertices, vertices, garment_faces)
+    surface = Collider.at_rest(vertices, garment_faces)
     inner = np.all(border_distance(vertices, garment_faces, 2)[garment_faces] > 0, axis=1)
     for _ in range(3):
-        face, distance, normal = signed_distance(points, surface, 0.02)
+        face, distance, normal = signed_distance(points, surface, PUSH_RANGE)
         outside = movable & (face >= 0) & (distance > -gap) & inner[face]
         if facing is not None:
             outside &= np.einsum("nd,nd->n", normal, facing) > 0

@@ -87,15 +87,19 @@ class SolverSettings:
 
 
 def bending_pairs(faces: np.ndarray) -> np.ndarray:
-    """Returns the two vertices opposite each inner edge (m,2), in the order of `surfaces.edges`."""
+    """Returns the two vertices opposite each inner edge (m,2), in the order of `surfaces.edges`.
+
+    A constraint on their distance resists bending at the edge.
+    """
     edge_vertices, face_edge, uses = edges(faces)
     opposite = np.full((len(edge_vertices), 2), -1)
-    for side, corner in ((0, 2), (1, 0), (2, 1)):
+    for side, corner in ((0, 2), (1, 0), (2, 1)):  # of a face, and the corner opposite that side
         edge = face_edge[:, side]
-        first = opposite[edge, 0] < 0
-        first[np.setdiff1d(np.arange(len(edge)), np.unique(edge, return_index=True)[1])] = False
-        opposite[edge[first], 0] = faces[first, corner]
-        opposite[edge[~first], 1] = faces[~first, corner]
+        is_first = np.zeros(len(edge), bool)  # whether a face is the first one at this edge
+        is_first[np.unique(edge, return_index=True)[1]] = True
+        is_first &= opposite[edge, 0] < 0
+        opposite[edge[is_first], 0] = faces[is_first, corner]
+        opposite[edge[~is_first], 1] = faces[~is_first, corner]
     return opposite[(uses == 2) & (opposite >= 0).all(1)]
 
 
@@ -153,7 +157,7 @@ class ClothSolver:
         wp.launch(solve_distance_constraints, dim=1, inputs=inputs)
 
     def contacts(self, collider: Collider) -> list[wp.array]:
-        """Returns the arrays that `resolve_contacts` needs of the nearest faces and the collider."""
+        """Returns the arguments of the kernel `resolve_contacts` that give the nearest faces and the collider."""
         nearest = [self.contact_face, self.contact_barycentric]
         return [*nearest, collider.indices, collider.start, collider.end, collider.normals]
 
@@ -162,7 +166,7 @@ class ClothSolver:
 
         Args:
             collider: the surface below the cloth, which moves during the frame.
-            settings: settings of this level of detail.
+            settings: of this level of detail.
             ground: height below which no vertex may be, metres.
             damping: factor of the velocities, per substep.
         """
@@ -183,7 +187,7 @@ class ClothSolver:
             if settings.self_contact:
                 launch(resolve_self_contacts, self.x, self.resolved, *partners, 0.9 * self.mean_edge)
                 self.x, self.resolved = self.resolved, self.x
-            times = [k / settings.substeps, (k + 1) / settings.substeps]
+            times = [k / settings.substeps, (k + 1) / settings.substeps]  # of the substep's start and end in the frame
             surface = [*self.contacts(collider), *times, cloth.thickness, cloth.friction, ground]
             launch(resolve_contacts, self.x, self.previous, *surface)
             launch(update_velocity, self.x, self.previous, self.v, dt, MAX_SPEED)
@@ -206,6 +210,7 @@ class ClothSolver:
         hard: wp.array = wp.array((weight > 0.99).astype(np.float32), dtype=float)
         targets = vec3_array(target)
         wp.launch(pull_to_targets, dim=len(index), inputs=[self.x, vertices, soft, targets])
-        surface = [*self.contacts(collider), 1.0, 1.0, self.cloth.thickness, 0.0, ground]
+        times, friction = [1.0, 1.0], 0.0  # the collider stands still at the end of the frame
+        surface = [*self.contacts(collider), *times, self.cloth.thickness, friction, ground]
         wp.launch(resolve_contacts, dim=self.n, inputs=[self.x, self.x, *surface])
         wp.launch(pull_to_targets, dim=len(index), inputs=[self.x, vertices, hard, targets])

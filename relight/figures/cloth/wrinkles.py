@@ -78,10 +78,13 @@ def principal(tensor: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def smooth_noise(points: np.ndarray, size: float, seed: int) -> np.ndarray:
-    """Returns smooth noise (n,) of mean 0 and standard deviation about 1, with features of `size` metres."""
-    rng = np.random.default_rng(seed)
-    waves = rng.normal(size=(12, 3)) / size * 1.6
-    return np.sqrt(2 / 12) * np.cos(points @ waves.T + rng.uniform(0, 2 * np.pi, 12)).sum(1)
+    """Returns smooth noise (n,) at points (n,3): a sum of plane waves in random directions.
+
+    It has mean 0, a standard deviation of about 1, and features of `size` metres.
+    """
+    rng, count = np.random.default_rng(seed), 12  # of the waves
+    waves = rng.normal(size=(count, 3)) / size * 1.6
+    return np.sqrt(2 / count) * np.cos(points @ waves.T + rng.uniform(0, 2 * np.pi, count)).sum(1)
 
 
 def trace_crests(
@@ -148,7 +151,16 @@ class Region:
 
 
 def compression(region: Region, normal: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the least stretch (n,) of the cloth and its unit direction (n,3) on the pattern with normals (n,3)."""
+    """Returns how and in which direction the cloth is compressed most.
+
+    Args:
+        region: the cloth.
+        normal: (n,3) unit normals of the pattern.
+        seed: random seed of old creases.
+
+    Returns:
+        The least stretch (n,), below 1 where cloth is compressed, and its unit direction (n,3) on the pattern.
+    """
     times = int(np.ceil(6 * (SMOOTHED_EDGE / region.edge) ** 2))  # the same centimetre at all levels
     rest, draped = (averaged(points, region.average, times) for points in (region.rest_shape, region.x))
     rows = stretch(rest, draped, region.faces).reshape(-1, 9)
@@ -205,9 +217,9 @@ def ridges(region: Region, crimp: Crimp, share: float, max_height: float, seed: 
     # a sinusoid of amplitude A and wavenumber k takes up the relative length (A k / 2)^2
     rise = relief[line] * width[line] * np.minimum(TAPER * room[vertex] / np.pi, MAX_SLOPE)
     rise *= np.cos(0.5 * np.pi * np.clip(distance, -1, 1)) ** 0.8
-    height, dense = np.zeros(count), area[vertex] < 0.5 * usual
-    for chosen, nearest in ((np.flatnonzero(~dense), NEAREST), (np.flatnonzero(dense), DENSE_FACTOR * NEAREST)):
-        _, near = tree.query(place[chosen], min(nearest, count))
+    height, is_dense = np.zeros(count), area[vertex] < 0.5 * usual
+    for chosen, lifted in ((np.flatnonzero(~is_dense), NEAREST), (np.flatnonzero(is_dense), DENSE_FACTOR * NEAREST)):
+        _, near = tree.query(place[chosen], min(lifted, count))
         offset, middle = rest[near] - place[chosen, None], vertex[chosen]
         s = np.einsum("kjx,kx->kj", offset, along[middle]) / step  # along the crest, in steps: a Gaussian joins them
         t = np.einsum("kjx,kx->kj", offset, across[middle]) * (PROFILE / width[line[chosen]])[:, None]  # across it
@@ -232,12 +244,14 @@ def smoothness(points: np.ndarray, faces: np.ndarray, average: sparse.csr_matrix
     return np.clip((np.einsum("nx,nx->n", normal, mean) - SHARP) / (SMOOTH - SHARP), 0, 1)
 
 
-def folds(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: np.ndarray, seed: int) -> np.ndarray:
+def folds(
+    levels: list[Level], refine: list[sparse.csr_matrix], x: np.ndarray, crimp: Crimp, hang: np.ndarray, seed: int
+) -> np.ndarray:
     """Computes the heights of a garment's folds: wider ones on coarser levels, none where the cloth is pinned.
 
     Args:
         levels: levels of the pattern, from coarse to fine.
-        refine: matrices between them.
+        refine: matrices from each level's vertices to those of the next.
         x: (n,3) vertices of the finest level as draped, metres.
         crimp: crimp of the finest folds.
         hang: (n,) in [0,1], how freely the cloth hangs down.
@@ -249,7 +263,7 @@ def folds(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: 
     finest, height = levels[-1], np.zeros(len(x))
     average = neighbours(finest.faces, len(x))
     smooth = np.minimum(*(smoothness(points, finest.faces, average) for points in (finest.rest_shape, x)))
-    for back, (scale, share) in enumerate(zip(SCALES[: len(levels)], SHARES), 1):
+    for back, (scale, share) in enumerate(zip(SCALES[: len(levels)], SHARES), 1):  # 1 is the finest level
         level, widest = levels[-back], scale == SCALES[-1]
         if widest and not hang.any():
             continue
@@ -270,14 +284,29 @@ def folds(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: 
 
 
 def varied(crimp: Crimp, seed: int) -> Crimp:
-    """Returns the crimp of one piece of cloth: more or less creased, soft or stiff."""
-    width, slack, density = np.exp(np.array([0.15, 0.22, 0.25]) * np.random.default_rng([seed, 6]).normal(size=3))
+    """Draws the crimp of one piece of cloth: more or less creased, soft or stiff."""
+    spread = np.array([0.15, 0.22, 0.25])  # standard deviation of the logarithm of each factor
+    width, slack, density = np.exp(spread * np.random.default_rng([seed, 6]).normal(size=3))
     return replace(crimp, width=crimp.width * width, slack=crimp.slack * slack, density=crimp.density * density)
 
 
-def folded(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: np.ndarray, seed: int) -> np.ndarray:
-    """Returns cloth at x (n,3) with its `folds`, raised along its smoothed normals."""
+def folded(
+    levels: list[Level], refine: list[sparse.csr_matrix], x: np.ndarray, crimp: Crimp, hang: np.ndarray, seed: int
+) -> np.ndarray:
+    """Raises a garment's folds along its smoothed normals.
+
+    Args:
+        levels: levels of the pattern, from coarse to fine.
+        refine: matrices from each level's vertices to those of the next.
+        x: (n,3) vertices of the finest level as draped, metres.
+        crimp: crimp of the finest folds.
+        hang: (n,) in [0,1], how freely the cloth hangs down.
+        seed: random seed of the folds' places and sizes.
+
+    Returns:
+        (n,3) vertices of the finest level, metres.
+    """
     faces = levels[-1].faces
-    outward = averaged(normals(x, faces), neighbours(faces, len(x)), 3)
+    outward = averaged(normals(x, faces), neighbours(faces, len(x)), times=3)
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
     return x + folds(levels, refine, x, crimp, hang, seed)[:, None] * outward

@@ -85,7 +85,7 @@ class Roots:
 
 
 def head_centre(body: Body) -> np.ndarray:
-    """Returns the centre (3,) of the skull in the rest pose, metres, relative to the eyes."""
+    """Returns the centre (3,) of the skull in the rest pose, metres; it is found from the eyes."""
     eye = body.vertices[makehuman.EYES["L"]].mean(0)
     return np.array([0.0, eye[1] + 0.028, eye[2] - 0.085])
 
@@ -111,6 +111,9 @@ def plant_roots(
         count: number of samples, of which those are dropped where hair is thin.
         seed: random seed of the samples.
         share: the density of hair in [0,1] at points (n,3) of the base body.
+
+    Returns:
+        The roots, in the pose.
     """
     faces, base, posed = makehuman.base().faces["body"], makehuman.base().vertices, motion.posed_skin
     faces = faces[share(base[faces].reshape(-1, 3)).reshape(-1, 3).max(1) > 0]
@@ -126,18 +129,20 @@ def plant_roots(
     weights = np.stack([1 - a, a * (1 - b), a * b], -1)
 
     def at(values: np.ndarray) -> np.ndarray:
+        """Returns the values (n,3) at the samples from those (V,3) at the vertices."""
         return np.einsum("nk,nkd->nd", weights, values[chosen])
 
     point = at(base)
     grows = share(point) > random[:, 3]
     chosen, weights = chosen[grows], weights[grows]
-    side, normal = at(motion.body.skin) - head_centre(motion.body), at(normals(posed, makehuman.base().faces["body"]))
+    normal = at(normals(posed, makehuman.base().faces["body"]))
+    side = at(motion.body.skin) - head_centre(motion.body)
     return Roots(
-        at(posed),
-        normal / np.linalg.norm(normal, axis=1, keepdims=True),
-        side / np.linalg.norm(side, axis=1, keepdims=True),
-        np.clip(above_hairline(point[grows]) / 0.35, 0, 1),
-        random[grows, 4:],
+        points=at(posed),
+        normals=normal / np.linalg.norm(normal, axis=1, keepdims=True),
+        sides=side / np.linalg.norm(side, axis=1, keepdims=True),
+        rim=np.clip(above_hairline(point[grows]) / 0.35, 0, 1),
+        random=random[grows, 4:],
     )
 
 

@@ -26,15 +26,18 @@ MIRROR_OFFSET = 125  # from a vertex index of the left lashes to that of the rig
 
 
 def brows(motion: Motion, seed: int, fine: bool) -> Strip:
-    """Returns the hairs of both brows, upward at their inner ends and outward at the outer ones.
+    """Grows the hairs of both brows, upward at their inner ends and outward at the outer ones.
 
     Args:
         motion: how the body moves from its rest pose into the pose.
         seed: random seed of the hairs.
         fine: all hairs, else fewer, wider ones.
+
+    Returns:
+        Posed vertices (V,3), faces (F,3) and uv (V,2).
     """
     person = motion.body.person
-    roots = plant_roots(motion, 600 if fine else 160, seed + 71, lambda at: skin.brow_share(at, person) - 0.2)
+    roots = plant_roots(motion, 600 if fine else 160, seed + 71, lambda points: skin.brow_share(points, person) - 0.2)
     across = roots.sides[:, 0] * np.sqrt(2)
     outward, side = ramp(np.abs(across), 0.25, 0.85), np.sign(across)  # outward: 0 at the inner end, 1 at the outer
     direction = np.stack([side * (0.5 + 0.6 * outward), 0.6 - 0.95 * outward, np.zeros_like(across)], 1)
@@ -47,13 +50,22 @@ def brows(motion: Motion, seed: int, fine: bool) -> Strip:
     rise = 0.0003 + 0.0014 * s * (1 - 0.75 * s)  # metres off the skin
     points = roots.points[:, None] + s * (length * direction)[:, None] + rise * roots.normals[:, None]
     normals = np.broadcast_to(roots.normals[:, None], points.shape)
-    return ribbons(0.0006 if fine else 0.0014, points, normals, roots.random, 0.3)
+    width = 0.0006 if fine else 0.0014  # metres
+    return ribbons(width, points, normals, roots.random, roll=0.3)
 
 
 def lashes(motion: Motion, seed: int, fine: bool) -> Strip:
-    """Returns lashes from the lids' edges to the tips of MakeHuman's helpers, bent upward (the lower ones downward).
+    """Grows lashes from the lids' edges to the tips of MakeHuman's helpers, bent upward (the lower ones downward).
 
-    Each is a quadratic Bezier curve. Arguments as of `brows`.
+    Each is a quadratic Bezier curve.
+
+    Args:
+        motion: how the body moves from its rest pose into the pose.
+        seed: random seed of the lashes.
+        fine: all lashes, else half of them, wider.
+
+    Returns:
+        Posed vertices (V,3), faces (F,3) and uv (V,2).
     """
     weights, vertices = makehuman.rig().weights, motion.body.vertices
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
@@ -74,11 +86,12 @@ def lashes(motion: Motion, seed: int, fine: bool) -> Strip:
         up = motion.bone("head")[:, 1]
         parts.append((points, np.broadcast_to(up, points.shape), random))
     points, normals, random = (np.concatenate(column) for column in zip(*parts))
-    return ribbons(0.0006 if fine else 0.001, points, normals, random, 0.0)
+    width = 0.0006 if fine else 0.001  # metres
+    return ribbons(width, points, normals, random, roll=0.0)
 
 
 def beard(motion: Motion, amount: float, below: Surface, seed: int, fine: bool) -> Strip | None:
-    """Returns a beard on cheeks, lip and chin, from trimmed to full, or None if it is painted stubble.
+    """Grows a beard on cheeks, lip and chin, from trimmed to full.
 
     Args:
         motion: how the body moves from its rest pose into the pose.
@@ -86,6 +99,9 @@ def beard(motion: Motion, amount: float, below: Surface, seed: int, fine: bool) 
         below: vertices and faces of posed skin and clothes.
         seed: random seed of the strands.
         fine: all strands, else fewer, wider ones.
+
+    Returns:
+        Posed vertices (V,3), faces (F,3) and uv (V,2); None if the beard is painted stubble.
     """
     if amount <= STUBBLE:
         return None
@@ -98,9 +114,9 @@ def beard(motion: Motion, amount: float, below: Surface, seed: int, fine: bool) 
     chin = ramp(-y, 0.55, 0.9) * ramp(z, 0.1, 0.5)  # 1 on the chin, where hair is longest
     length = 0.008 + 0.007 * fullness + 0.022 * fullness * chin  # metres
     length = length * (1 - 0.35 * lip) * (0.6 + 0.5 * roots.random[:, 0])
-    comb = Comb(len(x), 0.03, body=0.001 + 0.005 * fullness, lift=0.1, weight=0.15, cling=0.3)
+    comb = Comb(count=len(x), length=0.03, body=0.001 + 0.005 * fullness, lift=0.1, weight=0.15, cling=0.3)
     inner_roots = replace(roots, rim=np.ones(len(x)))  # a beard has no hairline
-    surface, steps = Collider(below[0], *below), 4 if fine else 3
+    surface, steps = Collider.at_rest(*below), 4 if fine else 3
     points, normals = grow_guides(comb, inner_roots, direction, length, surface, steps, seed + 62)
-    width = (0.0011 + 0.0008 * fullness) * (1 if fine else 1.8)
-    return ribbons(width, points, normals, roots.random, 0.3)
+    width = (0.0011 + 0.0008 * fullness) * (1 if fine else 1.8)  # metres
+    return ribbons(width, points, normals, roots.random, roll=0.3)

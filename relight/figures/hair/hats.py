@@ -19,15 +19,24 @@ RIM_SIDES_AND_BACK = (-0.14, -0.30, -0.46)  # sine of its elevation about the he
 HAT_THICKNESS = 0.003  # metres
 FIRST_RADIUS, MAX_RADIUS = 0.10, 0.125  # metres from the head's centre to the scalp: first guess, and limit
 BRIM_HALF_ANGLE = 0.95  # radians of azimuth to either side of the front where a peak is joined to the crown
+BRIM_END = 0.98  # radians of azimuth where its elliptic edge would meet the crown
 BRIM_LENGTH = 0.072  # metres, in front
 
 
 def hat(motion: Motion, style: HairStyle) -> list[Strip]:
-    """Builds a round shell over the scalp, and the peak of a cap."""
+    """Builds a round shell over the scalp, and the peak of a cap.
+
+    Args:
+        motion: how the body moves from its rest pose into the pose.
+        style: a style with a hat.
+
+    Returns:
+        For each part its posed vertices (V,3), faces (F,3) and uv (V,2).
+    """
     centre = head_centre(motion.body)
-    head = Collider(motion.body.skin, motion.body.skin, makehuman.base().faces["body"])
+    head = Collider.at_rest(motion.body.skin, makehuman.base().faces["body"])
     azimuth = np.linspace(-np.pi, np.pi, COLUMNS, endpoint=False)
-    front = 0.10 if style.hat == "beanie" else 0.20
+    front = 0.10 if style.hat == "beanie" else 0.20  # sine of the rim's elevation above the forehead
     rim = np.arcsin(np.interp(np.abs(azimuth), RIM_AZIMUTH, (front, front, *RIM_SIDES_AND_BACK)))
     down = np.tile(np.linspace(0, 1, CROWN_ROWS)[:, None], (1, COLUMNS))  # 0 at the top, 1 at the rim
     elevation = np.pi / 2 - TOP_GAP - (np.pi / 2 - TOP_GAP - rim) * down
@@ -46,7 +55,7 @@ def hat(motion: Motion, style: HairStyle) -> list[Strip]:
     strips = []
     for vertices, faces, vertex_uv in parts:
         posed = motion.skin(np.tile(weights, (len(vertices), 1)), vertices)
-        posed, faces, source = thickened(posed, faces, HAT_THICKNESS, 6)
+        posed, faces, source = thickened(posed, faces, HAT_THICKNESS, rings=6)
         strips.append((posed, faces, vertex_uv[source]))
     return strips
 
@@ -61,7 +70,7 @@ def scalp_radius(head: Collider, centre: np.ndarray, direction: np.ndarray) -> n
     radius = np.full(len(flat), FIRST_RADIUS)
     vertices, corner = head.end.numpy(), head.indices.numpy().reshape(-1, 3)
     for _ in range(8):
-        face, weights = head.nearest(centre + flat * radius[:, None], 0.2)
+        face, weights = head.nearest(centre + flat * radius[:, None], max_distance=0.2)
         nearest = np.einsum("nk,nkd->nd", weights, vertices[corner[face]])
         radius = 0.5 * radius + 0.5 * np.einsum("nd,nd->n", nearest - centre, flat)
     return np.minimum(radius.reshape(direction.shape[:2]), MAX_RADIUS)
@@ -109,7 +118,7 @@ def brim(points: np.ndarray, azimuth: np.ndarray) -> Strip:
     outward = np.stack([0.25 * np.sin(angle), -0.32 - 0.5 * (angle / BRIM_HALF_ANGLE) ** 2, np.ones_like(angle)], 1)
     rows = []
     for share in np.linspace(0, 1, BRIM_ROWS):
-        reach = BRIM_LENGTH * share * np.sqrt(np.clip(1 - (angle / 0.98) ** 2, 0, 1))
+        reach = BRIM_LENGTH * share * np.sqrt(np.clip(1 - (angle / BRIM_END) ** 2, 0, 1))
         rows.append(rim + outward * reach[:, None] + np.array([0, 0.002, 0.0]))
     vertices = np.concatenate(rows)
     faces = row_faces(np.arange(len(vertices)).reshape(BRIM_ROWS, len(rim)))

@@ -34,17 +34,17 @@ class HairPart:
 def build_hair(
     motion: Motion,
     style: HairStyle,
-    bearded: float,
+    beard: float,
     below: Surface,
     seed: int,
     fine: bool,
 ) -> list[HairPart]:
-    """Builds the hair of head and face, and the hat, at the last frame.
+    """Builds the hair of head and face, and the hat, in the pose.
 
     Args:
         motion: how the body moves from its rest pose into the pose.
         style: style of the hair.
-        bearded: amount of beard, in [0,1].
+        beard: amount of it, in [0,1].
         below: vertices and faces of posed skin and clothes.
         seed: random seed of length, parting, fringe, and of each strand.
         fine: all strands, else fewer, wider ones.
@@ -53,15 +53,15 @@ def build_hair(
         HairPart("brows", *facial.brows(motion, seed, fine), "brows"),
         HairPart("lashes", *facial.lashes(motion, seed, fine), "lashes"),
     ]
-    beard = facial.beard(motion, bearded, below, seed, fine)
-    if beard is not None:
-        parts.append(HairPart("beard", *beard, "beard"))
+    beard_strip = facial.beard(motion, beard, below, seed, fine)
+    if beard_strip is not None:
+        parts.append(HairPart("beard", *beard_strip, "beard"))
     if style.comb is None:
         return parts
     if style.hat != "none":
         parts += [HairPart(style.name, *strip, "hat") for strip in hat(motion, style)]
     comb = varied(style.comb, seed)
-    parts.append(HairPart("locks", *grow_locks(motion, comb, below, seed, fine, style.hat != "none")))
+    parts.append(HairPart("locks", *grow_locks(motion, comb, below, seed, fine, hat=style.hat != "none")))
     if style.tie != "none":
         parts.append(HairPart(style.tie, *tied_hair(motion, style.tie, below, seed, fine)))
     return parts

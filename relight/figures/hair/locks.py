@@ -53,7 +53,7 @@ def grow_guides(
         deflect: (points, next points) to next points (n,3), away from where hair must not hang.
 
     Returns:
-        Points and normals (n,steps+1,3) of the surface below.
+        Points of the guides, metres, and unit normals of the surface below, each (n,steps+1,3).
     """
     n = len(roots.points)
     layer = comb.body * (0.85 + 0.15 * roots.random[:, 3]) * (0.35 + 0.65 * roots.rim)
@@ -105,6 +105,7 @@ def deflect_from_face(motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.n
     half_width = 0.90 * cheek[cheek[:, 2] > centre[2] + 0.03, 0].max()  # of the face, metres
 
     def deflect(points: np.ndarray, next_points: np.ndarray) -> np.ndarray:
+        """Returns the next points (n,3), moved to the side; both are given in the pose."""
         after, before = ((posed - head[:, 3]) @ head[:, :3] - centre for posed in (next_points, points))  # rest frame
         side = np.where(after[:, 0] > 0, 1.0, -1.0)
         in_face = ramp(after[:, 2], 0.02, 0.06) * ramp(-after[:, 1], -0.03, 0.02)
@@ -128,7 +129,7 @@ def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool
         hat: only hair that a hat leaves free.
 
     Returns:
-        Posed vertices, faces and uv.
+        Posed vertices (V,3), faces (F,3) and uv (V,2).
     """
     if not fine:
         comb = coarser(comb)
@@ -143,7 +144,7 @@ def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool
     steps = int(np.clip(np.ceil(length.max() / (0.014 if fine else 0.022)), 5, 18))
     deflect = deflect_from_face(motion) if comb.direction == "down" else None
     points, normals = grow_guides(
-        comb, guides, direction, length, Collider(below[0], *below), steps, seed, deflect=deflect
+        comb, guides, direction, length, Collider.at_rest(*below), steps, seed, deflect=deflect
     )
     if comb.direction == "tie":  # closes the gap of the last steps to the tie
         points = points + ramp(np.linspace(0, 1, steps + 1), 0.3, 1.0)[None, :, None] * (goal - points[:, -1:])
@@ -156,28 +157,49 @@ def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool
 
 
 def tied_hair(motion: Motion, kind: str, below: Surface, seed: int, fine: bool) -> Strip:
-    """Returns posed vertices, faces and uv of a `kind` of tied hair, bun or ponytail."""
+    """Builds hair that is tied at the back of the head.
+
+    Args:
+        motion: how the body moves from its rest pose into the pose.
+        kind: bun | ponytail.
+        below: vertices and faces of posed skin and clothes.
+        seed: random seed of each strand.
+        fine: all strands, else fewer, wider ones.
+
+    Returns:
+        Posed vertices (V,3), faces (F,3) and uv (V,2).
+    """
     start, direction = tie_point(motion)
-    count, width = (900, 0.0028) if fine else (260, 0.006)
+    count, width = (900, 0.0028) if fine else (260, 0.006)  # strands, metres
     random = random_numbers(count, seed + 50)
     if kind == "bun":
-        return ribbons(width, *bun_arcs(start + 0.022 * direction, direction, random), random, 0.3)
+        points, outward = bun_arcs(start + 0.022 * direction, direction, random)
+        return ribbons(width, points, outward, random, roll=0.3)
     side = np.array([1.0, 0, 0])
     up = np.cross(direction, side)
     angle = 2 * np.pi * random[:, 2]
-    spoke = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up
-    comb = Comb(count, 0.24, body=0.022, weight=0.4)
-    at = start + 0.010 * np.sqrt(random[:, :1]) * spoke - 0.006 * direction
-    roots = Roots(at, np.tile(direction, (count, 1)), spoke, np.ones(count), random)
+    spoke = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up  # away from the middle of the tail
+    comb = Comb(count=count, length=0.24, body=0.022, weight=0.4)
+    tied = start + 0.010 * np.sqrt(random[:, :1]) * spoke - 0.006 * direction
+    roots = Roots(tied, normals=np.tile(direction, (count, 1)), sides=spoke, rim=np.ones(count), random=random)
     length = comb.length * (0.7 + 0.45 * random[:, 0])
     heading = 0.6 * direction + 0.3 * np.sqrt(random[:, :1]) * spoke - np.array([0.0, 0.35, 0.0])
-    surface = Collider(below[0], *below)
-    points, normals = grow_guides(comb, roots, spoke, length, surface, 14 if fine else 9, seed, heading=heading)
-    return ribbons(width, points, np.broadcast_to(spoke[:, None], normals.shape), random, 0.6)
+    surface, steps = Collider.at_rest(*below), 14 if fine else 9
+    points, normals = grow_guides(comb, roots, spoke, length, surface, steps, seed, heading=heading)
+    return ribbons(width, points, np.broadcast_to(spoke[:, None], normals.shape), random, roll=0.6)
 
 
 def bun_arcs(centre: np.ndarray, axis: np.ndarray, random: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the centre lines and outward normals of arcs around a ball, as hair is wound into a bun."""
+    """Lays arcs around a ball, as hair is wound into a bun.
+
+    Args:
+        centre: (3,) of the ball, metres.
+        axis: (3,) unit vector away from the head.
+        random: (n,4) in [0,1]: place along the axis, unused here, place around it, distance from the centre.
+
+    Returns:
+        Points of the arcs, metres, and outward normals, each (n,12,3).
+    """
     side = np.cross(axis, [0.0, 1.0, 0.0])
     side /= np.linalg.norm(side)
     up = np.cross(side, axis)

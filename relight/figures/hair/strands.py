@@ -15,9 +15,15 @@ OUTLINE = ((0.0, 0.15, 0.6, 1.0), (0.75, 1.0, 0.9, 0.15))  # position along a st
 
 
 def line_frames(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns unit vectors (n,m,3) along lines, across them, and upward, given their points and normals (n,m,3)."""
+    """Returns unit vectors along lines, across them, and upward, each (n,m,3).
+
+    Args:
+        points: (n,m,3) of n lines.
+        normals: (n,m,3) of the surface below, which upward is nearest to.
+    """
 
     def unit(vectors: np.ndarray) -> np.ndarray:
+        """Scales vectors (...,3) to length 1."""
         return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
 
     along = unit(np.gradient(points, axis=1))
@@ -26,7 +32,16 @@ def line_frames(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np
 
 
 def interpolate_lines(values: np.ndarray, line: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Interpolates values (g,k,3) on g lines at parameters `at` (n,m) in [0,1] of the lines `line` (n,)."""
+    """Interpolates values on lines.
+
+    Args:
+        values: (g,k,3) at the k points of each of g lines.
+        line: (n,) which line to look at.
+        at: (n,m) places along it, 0 at its first point and 1 at its last.
+
+    Returns:
+        (n,m,3).
+    """
     x = at * (values.shape[1] - 1)
     i = np.minimum(x.astype(int), values.shape[1] - 2)
     t = (x - i)[..., None]
@@ -43,7 +58,7 @@ def spread_strands(
     steps: int,
     seed: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns strands (n,steps+1,3) from their roots along the nearest guides, and the normals of the hair.
+    """Lays strands from their roots along the nearest guides.
 
     A strand keeps its place beside its guide in the guide's frame, drawn toward it by `comb.clump` at the tip; it lies
     at a depth of its own within DEPTH, strays by `comb.fray`, ends a little earlier than others, and is curled.
@@ -57,6 +72,9 @@ def spread_strands(
         length: (g,) of the guides, metres.
         steps: segments of a strand.
         seed: random seed of their straying.
+
+    Returns:
+        Points of the strands, metres, and normals of the hair, each (n,steps+1,3).
     """
     n = len(roots.points)
     guide = cKDTree(guides.points).query(roots.points)[1]  # of each strand
@@ -102,7 +120,7 @@ def ribbons(width: float, points: np.ndarray, normals: np.ndarray, random: np.nd
         roll: the largest roll about the strand, either way, radians.
 
     Returns:
-        Vertices, faces and uv; v runs along the strand.
+        Vertices (V,3), faces (F,3) and uv (V,2); v runs along the strand.
     """
     n, m, _ = points.shape
     s = np.linspace(0, 1, m)

@@ -9,7 +9,7 @@ import numpy as np
 from relight.figures.body.person import Person
 from relight.figures.catalogue.schema import entries
 from relight.figures.hair.combing import Comb
-from relight.figures.texture import Color, lattice
+from relight.figures.texture import Color, lattice_value
 
 LIGHT_SKIN_COLORS = {
     "dark brown": 0.25, "brown": 0.28, "auburn": 0.08, "blond": 0.2, "fair": 0.08, "red": 0.04, "black": 0.07,
@@ -75,11 +75,11 @@ def sample_color(rng: np.random.Generator, person: Person) -> Color:
 
 
 def varied(comb: Comb, seed: int) -> Comb:
-    """Draws one person's length, parting and fringe."""
-    a, b, c = (float(lattice(np.array(seed), np.array(k), 77)) for k in range(3))
+    """Draws one person's length, side of the parting, and whether there is a fringe."""
+    length, side, fringe = (lattice_value(seed, k, 77) for k in range(3))
     return replace(
         comb,
-        length=comb.length * (0.85 + 0.3 * a),
-        part=comb.part * (1 if b < 0.5 else -1),
-        fringe=comb.fringe if comb.fringe == 0 or c < 0.7 else 0.0,
+        length=comb.length * (0.85 + 0.3 * length),
+        part=comb.part * (1 if side < 0.5 else -1),
+        fringe=comb.fringe if fringe < 0.7 else 0.0,
     )

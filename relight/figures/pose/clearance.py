@@ -38,7 +38,7 @@ def clear_hands(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
         solver = PoseSolver(body)
         transforms = bone_transforms(body, rotation_vectors(solver.solve(pose)), solver.shift)
         skin = skinned(weights, body.skin, transforms)
-        surface = Collider(skin, skin, trunk_faces)
+        surface = Collider.at_rest(skin, trunk_faces)
         chest_rotation, chest = solver.world_transform("spine01")
         hips = solver.world_transform("root")[1]
         moved = {}
@@ -55,6 +55,7 @@ def clear_hands(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
             worst = missing >= np.percentile(missing, 80)
             outward = normal[worst].mean(0)
             outward /= max(np.linalg.norm(outward), 1e-6)
+            # The frame of `Hand.wrist`: that of the chest, mirrored, in arm lengths.
             step = chest_rotation.inv().apply(deficit * outward) * [sign, 1, 1]
             step = step / solver.arm_length("L" if sign > 0 else "R")
             moved[side] = replace(hand, wrist=tuple(map(float, np.array(hand.wrist) + step)))

@@ -53,28 +53,43 @@ def skinned(weights: np.ndarray, rest: np.ndarray, transforms: np.ndarray) -> np
 
 
 def rotation_vectors(local: dict[str, Rotation]) -> np.ndarray:
-    """Returns the rotation vectors (B,3) of all bones, 0 for those without a rotation."""
+    """Returns the rotation vectors (B,3), radians, of all bones in the rig's order; 0 for those without a rotation."""
     return np.stack([local[bone].as_rotvec() if bone in local else np.zeros(3) for bone in makehuman.rig().bones])
 
 
 def bone_transforms(body: Body, vectors: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Returns transforms (B,3,4) from the rest pose for rotation vectors (B,3) of the bones and a shift (3,) of all."""
+    """Computes how bones move from the rest pose (forward kinematics).
+
+    Args:
+        body: in its rest pose.
+        vectors: (B,3) rotation vectors of the bones relative to their parents, radians.
+        shift: (3,) of the root, metres.
+
+    Returns:
+        (B,3,4) transforms from the rest pose.
+    """
     rig = makehuman.rig()
     joints = np.stack([body.joints[bone] for bone in rig.bones])
     rotations = Rotation.from_rotvec(vectors).as_matrix()
-    out = np.empty((len(rig.bones), 3, 4))
-    for b, parent in enumerate(rig.parent):
-        parent_transform = out[parent] if parent >= 0 else np.c_[np.eye(3), shift]
-        out[b, :, :3] = parent_transform[:, :3] @ rotations[b]
-        joint = parent_transform[:, :3] @ joints[b] + parent_transform[:, 3]
-        out[b, :, 3] = joint - out[b, :, :3] @ joints[b]
-    return out
+    transforms = np.empty((len(rig.bones), 3, 4))
+    for b, parent in enumerate(rig.parent):  # parents come before children
+        parent_transform = transforms[parent] if parent >= 0 else np.c_[np.eye(3), shift]
+        transforms[b, :, :3] = parent_transform[:, :3] @ rotations[b]
+        joint = parent_transform[:, :3] @ joints[b] + parent_transform[:, 3]  # about which the bone rotates
+        transforms[b, :, 3] = joint - transforms[b, :, :3] @ joints[b]
+    return transforms
 
 
 def build_motion(body: Body, pose: Pose, frames: int) -> Motion:
-    """Interpolates from the rest pose to a pose in `frames` + 1 frames, slowly at both ends.
+    """Interpolates from the rest pose to a pose, slowly at both ends.
 
-    The lowest vertex of the skin ends at y = 0.
+    Args:
+        body: in its rest pose.
+        pose: in which the motion ends.
+        frames: number of steps; there is one frame more.
+
+    Returns:
+        The motion, at whose end the lowest vertex of the skin is at y = 0.
     """
     rig = makehuman.rig()
     solver = PoseSolver(body)

@@ -88,17 +88,25 @@ def revolved(profile: np.ndarray) -> Surface:
 
 
 def strap(line: np.ndarray, across: np.ndarray, width: float, thickness: float) -> Surface:
-    """Builds a closed strap along a line (m,3), whose width is along `across` (3,), perpendicular to the line."""
+    """Builds a closed strap of rectangular section along a line.
+
+    Args:
+        line: (m,3) points of its middle, metres.
+        across: (3,) direction of its width, perpendicular to the line.
+        width, thickness: metres.
+
+    Returns:
+        Vertices (4 m,3) and faces (F,3), counter-clockwise outward.
+    """
     along = np.gradient(line, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     side = np.broadcast_to(unit(across), line.shape)
     up = np.cross(along, side)
-    ring = [line + s * width / 2 * side + t * thickness / 2 * up for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    x = np.stack(ring, 1)
-    i = closed_rings(len(line), 4)
-    ends = [[i[0, 0], i[0, 2], i[0, 1]], [i[0, 0], i[0, 3], i[0, 2]]]
-    ends += [[i[-1, 0], i[-1, 1], i[-1, 2]], [i[-1, 0], i[-1, 2], i[-1, 3]]]
-    return x.reshape(-1, 3), np.concatenate([cell_faces(i), ends])
+    corners = [line + s * width / 2 * side + t * thickness / 2 * up for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    rings = closed_rings(len(line), 4)
+    first, last = rings[0], rings[-1]
+    ends = [first[[0, 2, 1]], first[[0, 3, 2]], last[[0, 1, 2]], last[[0, 2, 3]]]
+    return np.stack(corners, 1).reshape(-1, 3), np.concatenate([cell_faces(rings), ends])
 
 
 def transformed(surface: Surface, axes: np.ndarray, at: np.ndarray) -> Surface:
@@ -114,11 +122,20 @@ def sample_color(rng: np.random.Generator, min_grey: float = 0.0) -> np.ndarray:
 
 
 def palm(motion: Motion, side: str) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the root (3,) of a posed hand's fingers, and its axes (3,3): along them, out of the palm, across."""
+    """Returns where a posed hand is.
+
+    Args:
+        motion: how the body moves from its rest pose into the pose.
+        side: L | R, of the hand.
+
+    Returns:
+        The root (3,) of its middle finger, metres, and its axes (3,3) in columns: along the fingers, out of the palm,
+        across.
+    """
     bones = ("wrist", "finger3-1", "finger2-1", "finger5-1")
     wrist, root, index, little = (motion.joint(f"{bone}.{side}") for bone in bones)
-    out = np.cross(index - little, root - wrist) * (-1 if side == "L" else 1)
-    return root, orthonormal_frame(root - wrist, out)
+    outward = np.cross(index - little, root - wrist) * (-1 if side == "L" else 1)
+    return root, orthonormal_frame(root - wrist, outward)
 
 
 def hand_prop(kind: str, motion: Motion, side: str, figure: Surface, rng: np.random.Generator) -> list[Prop]:
@@ -137,35 +154,39 @@ def hand_prop(kind: str, motion: Motion, side: str, figure: Surface, rng: np.ran
     root, axes = palm(motion, side)
     along, out, _ = axes.T  # along the fingers, out of the palm
     if kind == "phone":
-        phone = transformed(box((0.074, 0.004, 0.036), 0.004), axes, root + 0.020 * out + 0.012 * along)
+        body = box(half=(0.074, 0.004, 0.036), rounding=0.004)
+        phone = transformed(body, axes, root + 0.020 * out + 0.012 * along)
         return [Prop(*phone, Material(sample_color(rng), name="phone"))]
     if kind == "cup":
         x, faces = revolved(np.array(CUP))
         place = root + 0.052 * out - 0.018 * along - np.array([0.0, 0.5 * CUP_HEIGHT + 0.01, 0.0])
-        return [Prop(place + x, faces, Material(sample_color(rng, 0.12), name="cup"))]
-    return bag(motion, 1.0 if side == "L" else -1.0, root + 0.030 * out, figure, rng)
+        return [Prop(place + x, faces, Material(sample_color(rng, min_grey=0.12), name="cup"))]
+    return bag(motion, 1.0 if side == "L" else -1.0, grip=root + 0.030 * out, figure=figure, rng=rng)
 
 
 def bag(motion: Motion, sign: float, grip: np.ndarray, figure: Surface, rng: np.random.Generator) -> list[Prop]:
-    """Builds a bag that hangs upright by two straps, moved outward until it keeps BAG_CLEARANCE; none without room.
+    """Builds a bag that hangs upright by two straps, moved outward until it keeps BAG_CLEARANCE.
 
     Args:
         motion: how the body moves from its rest pose into the pose.
         sign: 1 for the left hand, -1 for the right one.
         grip: (3,) point in the hand through which the straps run, metres.
-        figure: as for `hand_prop`.
+        figure: vertices and faces of the posed and dressed figure.
         rng: random generator.
+
+    Returns:
+        The bag with its straps; nothing if there is no room within MAX_BAG_OFFSET.
     """
     ahead = motion.bone("root")[:, 2] * [1, 0, 1]  # level
     outward = orthonormal_frame(ahead, np.array([sign, 0.0, 0.0]))[:, 1]
     half_height, half_width, loop = rng.uniform(0.11, 0.16), rng.uniform(0.13, 0.18), rng.uniform(0.12, 0.18)
     axes = np.stack([orthonormal_frame(ahead, outward)[:, 0], [0.0, 1.0, 0.0], outward], axis=1)
-    body = box((half_width, half_height, 0.035), 0.012, bulge=0.012)
+    body = box(half=(half_width, half_height, 0.035), rounding=0.012, bulge=0.012)
     x, faces = transformed(body, axes, grip - [0, loop + half_height, 0])
-    surface = Collider(figure[0], *figure)
+    surface = Collider.at_rest(*figure)
     away = 0.0
     while away <= MAX_BAG_OFFSET:
-        face, distance, _ = signed_distance(x + away * outward, surface, 0.1)
+        face, distance, _ = signed_distance(x + away * outward, surface, max_distance=0.1)
         if not ((face >= 0) & (distance < BAG_CLEARANCE)).any():
             break
         away += 0.01
@@ -179,7 +200,7 @@ def bag(motion: Motion, sign: float, grip: np.ndarray, figure: Surface, rng: np.
         line = middle + 0.55 * half_width * s * axes[:, 0]
         rise = (1 - s**4) * (grip + 0.006 * face_sign * outward - middle)
         narrowing = 0.55 * half_width * s * (1 - s**4) * 0.75 * axes[:, 0]
-        straps.append(strap(line + rise - narrowing, outward, 0.004, 0.02))
+        straps.append(strap(line + rise - narrowing, outward, width=0.004, thickness=0.02))
     pieces = stacked([(x + away * outward, faces), *straps])
     return [Prop(*pieces, material)]
 
@@ -192,6 +213,9 @@ def stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Generat
         figure: vertices and faces of the posed and dressed figure.
         ground: height of the floor, metres.
         rng: random generator.
+
+    Returns:
+        Its seat and its legs, or nothing.
     """
     skin = motion.posed_skin
     thighs = skin[makehuman.bone_weights("root", "pelvis", "upperleg") > 0.5]
@@ -209,13 +233,13 @@ def stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Generat
     hanging = in_outline & (vertices[:, 1] < top - SEAT_RANGE) & (vertices[:, 1] > top - 4 * SEAT_RANGE)
     if hanging.sum() > MAX_HANGING * in_outline.sum():
         return []
-    cushion = box((half_width, thickness / 2, half_depth), 0.012)
+    cushion = box(half=(half_width, thickness / 2, half_depth), rounding=0.012)
     cushion = transformed(cushion, axes, np.array([x, top - thickness / 2, z]))
     legs = []
     length = top - thickness - ground
     for side in (-1, 1):
         for end in (-1, 1):
-            leg, faces = box((LEG, length / 2, LEG), 0.004)
+            leg, faces = box(half=(LEG, length / 2, LEG), rounding=0.004)
             leg[:, [0, 2]] += 0.03 * np.array([side, end]) * (0.5 - leg[:, 1:2] / length)  # legs spread downward
             corner = axes @ [side * (half_width - 0.04), 0, end * (half_depth - 0.04)]
             legs.append(transformed((leg, faces), axes, corner + [x, ground + length / 2, z]))
@@ -233,8 +257,9 @@ def props(motion: Motion, pose: Pose, figure: Surface, seed: int) -> list[Prop]:
         seed: random seed of colors and sizes.
     """
     rng = np.random.default_rng([seed, 5])
-    out = stool(motion, figure, float(figure[0][:, 1].min()), rng) if pose.sitting else []
+    floor = float(figure[0][:, 1].min())
+    built = stool(motion, figure, floor, rng) if pose.sitting else []
     for side, hand in (("L", pose.left), ("R", pose.right)):
         if hand.holds:
-            out += hand_prop(hand.holds, motion, side, figure, rng)
-    return out
+            built += hand_prop(hand.holds, motion, side, figure, rng)
+    return built

@@ -11,6 +11,7 @@ from relight.figures.body import makehuman
 from relight.figures.body.person import Body
 from relight.figures.pose.stances import NARROWER, Foot, Hand, Pose
 
+SPINE = ("spine05", "spine04", "spine03", "spine02", "spine01")  # bones, from the pelvis up
 MAX_WRIST_BEND = np.radians(65)
 MAX_FOREARM_TWIST = np.radians(95)
 MAX_REACH = 0.985  # share of the arm's length at which a hand may be, so that the elbow never locks
@@ -20,7 +21,7 @@ THUMB_CLOSED = 0.45  # the same for the thumb
 
 
 def rotation_between(a: np.ndarray, b: np.ndarray) -> Rotation:
-    """Returns the smallest rotation that takes direction a to direction b."""
+    """Returns the smallest rotation that takes direction a (3,) to direction b (3,)."""
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
     axis = np.cross(a, b)
     sine = np.linalg.norm(axis)
@@ -64,7 +65,11 @@ def orthonormal_frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def twist_and_swing(rotation: Rotation, axis: np.ndarray) -> tuple[float, Rotation]:
-    """Splits a rotation into a swing followed by a twist, an angle in (-pi, pi] about a unit axis."""
+    """Splits a rotation into a swing followed by a twist about a unit axis (3,).
+
+    Returns:
+        The angle of the twist, in (-pi, pi], and the swing.
+    """
     x, y, z, w = rotation.as_quat()
     angle = 2 * np.arctan2(np.array([x, y, z]) @ axis, w)
     angle = float((angle + np.pi) % (2 * np.pi) - np.pi)
@@ -85,16 +90,17 @@ class PoseSolver:
     """
 
     def __init__(self, body: Body):
+        """Starts from the body's rest pose."""
         self.joints, self.rig = body.joints, makehuman.rig()
         self.local: dict[str, Rotation] = {}
         self.shift = np.zeros(3)
 
     def world_transform(self, bone: str) -> tuple[Rotation, np.ndarray]:
-        """Returns world rotation and joint position of a bone under the rotations set so far."""
-        chain = [bone]
+        """Returns the world rotation of a bone and its joint (3,), metres, under the rotations set so far."""
+        chain = [bone]  # from the root to the bone
         index = {name: i for i, name in enumerate(self.rig.bones)}
-        while self.rig.parent[index[chain[0]]] >= 0:
-            chain.insert(0, self.rig.bones[self.rig.parent[index[chain[0]]]])
+        while (parent_index := self.rig.parent[index[chain[0]]]) >= 0:
+            chain.insert(0, self.rig.bones[parent_index])
         rotation, position = Rotation.identity(), self.joints[chain[0]] + self.shift
         for parent, child in zip([None, *chain], chain):
             if parent:
@@ -108,8 +114,8 @@ class PoseSolver:
         self.shift = np.array(pose.shift) * leg
         self.local["root"] = Rotation.from_euler("yxz", [pose.hips[1], pose.hips[0], pose.hips[2]], degrees=True)
         lean, twist, tilt = pose.spine
-        for bone in ("spine05", "spine04", "spine03", "spine02", "spine01"):
-            self.local[bone] = Rotation.from_euler("yxz", np.array([twist, lean, tilt]) / 5, degrees=True)
+        for bone in SPINE:
+            self.local[bone] = Rotation.from_euler("yxz", np.array([twist, lean, tilt]) / len(SPINE), degrees=True)
         # the pose gives the head's rotation in the world, so the neck undoes that of hips and spine
         head = np.array([pose.head[1], pose.head[0] - 0.5 * (lean + pose.hips[0]), pose.head[2] - tilt - pose.hips[2]])
         for bone, share in (("neck01", 0.25), ("neck02", 0.25), ("head", 0.5)):
@@ -120,7 +126,14 @@ class PoseSolver:
         return self.local
 
     def limb(self, upper: str, lower: str, tip: str, goal: np.ndarray, pole: np.ndarray) -> None:
-        """Rotates two bones so that `tip` reaches `goal` (3,) and the joint between them points toward `pole` (3,)."""
+        """Rotates two bones so that the limb reaches a goal.
+
+        Args:
+            upper, lower: the bones.
+            tip: the bone at whose joint the lower one ends.
+            goal: (3,) of that joint in the world, metres.
+            pole: (3,) direction in which the joint between the bones points.
+        """
         upper_bone, lower_bone = self.joints[lower] - self.joints[upper], self.joints[tip] - self.joints[lower]
         rotation, root = self.world_transform(upper)
         parent = rotation * self.local.get(upper, Rotation.identity()).inv()

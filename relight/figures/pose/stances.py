@@ -110,10 +110,12 @@ def varied(pose: Pose, rng: np.random.Generator) -> Pose:
     """Returns a variant of a pose: random angles and wrists, at times mirrored, turned, or with the feet closer."""
 
     def near(values: Triple, spread: float) -> Triple:
+        """Draws values around the given ones, with a standard deviation."""
         x, y, z = np.array(values) + rng.normal(0, spread, 3)
         return float(x), float(y), float(z)
 
     def mirrored(angles: Triple) -> Triple:
+        """Returns the angles about x, y and z of the mirror image."""
         return angles[0], -angles[1], -angles[2]
 
     if rng.random() < 0.5:
@@ -128,7 +130,8 @@ def varied(pose: Pose, rng: np.random.Generator) -> Pose:
         pose, left=left, right=right, spine=near(pose.spine, 1.5), hips=near(pose.hips, 1.0), head=near(pose.head, 4.0)
     )
     closer, turn = float(rng.uniform(*CLOSER_FEET)), float(rng.normal(0, TURN_SPREAD))
-    if rng.random() < 0.5 and not pose.sitting and all(foot.step[0] <= 0.07 and not foot.step[1] for foot in pose.feet):
+    has_level_feet = not pose.sitting and all(foot.step[0] <= 0.07 and not foot.step[1] for foot in pose.feet)
+    if rng.random() < 0.5 and has_level_feet:
         left_foot, right_foot = (
             replace(foot, step=(foot.step[0] - closer, foot.step[1], foot.step[2])) for foot in pose.feet
         )

@@ -8,7 +8,7 @@ import numpy as np
 from relight.figures.tailor.fabrics import Fabric, trait
 from relight.figures.tailor.garments import Garment
 from relight.figures.tailor.seams import DENIM_THREAD, ZIP, line
-from relight.figures.texture import band, grain, lattice
+from relight.figures.texture import band, grain, lattice_value
 
 FADED_DENIM = np.array([0.48, 0.51, 0.55])
 RIB = 0.055  # metres of ribbing at hems and cuffs
@@ -53,21 +53,21 @@ class Patch:
     @property
     def fading(self) -> float:
         """Returns how much the fabric fades with its age."""
-        return FADES.get(self.fabric.kind, 0.2) * (0.4 + 0.9 * trait(self.fabric, 11))
+        return FADES.get(self.fabric.kind, 0.2) * (0.4 + 0.9 * trait(self.fabric, "age"))
 
     @cached_property
     def uneven(self) -> np.ndarray:
-        """Noise (h,w) of a centimetre."""
-        return self.grain(0.012, 0.012, 60)
+        """Noise (h,w) of mean 0 and standard deviation 1, with features of a centimetre."""
+        return self.grain(0.012, 0.012, layer=60)
 
     @cached_property
     def pucker(self) -> np.ndarray:
-        """How near (h,w) the cloth is to a seam or border, in [0,1]."""
+        """How near (h,w) the cloth is to a seam or border: 1 there, 1/e a centimetre from it."""
         return np.exp(-np.minimum(self.marks["seam"], self.marks["edge"]) / 0.010)
 
     @cached_property
     def rope(self) -> np.ndarray:
-        """Noise (h,w) across the bias, as puckered cloth turns to ropes."""
+        """Noise (h,w) of mean 0 and standard deviation 1 across the bias, as puckered cloth turns to ropes."""
         u, v = self.u + self.v, self.v - self.u
         return grain(u, v, 0.010, 0.014, self.texel, self.fabric.seed + 61, self.offset)
 
@@ -76,9 +76,12 @@ class Patch:
         """Returns a number that makes noise differ between panels."""
         return 3.17 * (self.number % 19)
 
-    def grain(self, width: float, height: float, number: int) -> np.ndarray:
-        """Returns `texture.grain` (h,w) with features of `width` by `height` metres, another one for each number."""
-        return grain(self.u, self.v, width, height, self.texel, self.fabric.seed + number, self.offset)
+    def grain(self, width: float, height: float, layer: int) -> np.ndarray:
+        """Returns noise (h,w) of mean 0 and standard deviation 1 with features of `width` by `height` metres.
+
+        Each layer of noise has a number of its own.
+        """
+        return grain(self.u, self.v, width, height, self.texel, self.fabric.seed + layer, self.offset)
 
     def line(self, distance: np.ndarray) -> np.ndarray:
         """Returns the coverage (h,w) of a line of stitches at `distance` metres, not thinner than a texel."""
@@ -97,7 +100,8 @@ def seams(patch: Patch) -> None:
 def hems(patch: Patch) -> None:
     """Ribs or stitches the borders; on denim also the seams, with yellow thread."""
     garment, edge = patch.garment, patch.marks["edge"]
-    stitch = patch.line(edge - 0.020 * (1 + (garment.thickness > 0.004)))
+    hem = 0.040 if garment.thickness > 0.004 else 0.020  # metres from the border to its stitches
+    stitch = patch.line(edge - hem)
     if patch.fabric.kind not in ("denim", "leather") and max(garment.hem_pin, garment.cuff_pin - 0.1) > 0.35:
         ribs = 0.30 * patch.thin * (band(patch.u, 0.0055, 0.5, max(0.002, patch.texel)) - 0.5)
         patch.log += np.clip((RIB - edge) / 0.003, 0, 1) * (ribs - 0.05)
@@ -123,20 +127,21 @@ def fading(patch: Patch) -> None:
 
 def creases(patch: Patch) -> None:
     """Bleaches old creases, which lost their dye."""
-    lines = np.clip(1 - 1.8 * np.abs(patch.grain(0.055, 0.011, 62)), -0.3, 1)
+    lines = np.clip(1 - 1.8 * np.abs(patch.grain(0.055, 0.011, layer=62)), -0.3, 1)
     patch.log += (0.02 + 0.13 * patch.fading) * patch.marks["bend"] * lines
 
 
 def soil(patch: Patch) -> None:
     """Darkens the hems of trousers, and leaves stains."""
-    soiled, seed, number = trait(patch.fabric, 10), patch.fabric.seed, patch.number
+    soiled, seed = trait(patch.fabric, "soil"), patch.fabric.seed
     low = np.exp(-patch.marks["edge"] / 0.035) * (patch.garment.kind == "trousers")
     patch.log -= 0.25 * soiled * low * np.clip(0.6 + 0.5 * patch.uneven, 0, 2)
-    for stain in range(int(5 * soiled**2 * (0.5 + trait(patch.fabric, 13)))):
-        x, y, r = (float(lattice(np.array(stain), np.array(number + 100 * j), seed)) for j in range(3))
-        x, y = patch.u.min() + x * np.ptp(patch.u), patch.v.min() + y * np.ptp(patch.v)
-        distance = np.hypot(patch.u - x, patch.v - y) / (0.004 + 0.022 * r**2) + 0.15 * patch.uneven
-        patch.log -= (0.10 + 0.22 * r) * np.clip((1.15 - distance) / 0.3, 0, 1)
+    for stain in range(int(5 * soiled**2 * (0.5 + trait(patch.fabric, "stains")))):
+        across, along, size = (lattice_value(stain, patch.number + 100 * k, seed) for k in range(3))
+        u, v = patch.u.min() + across * np.ptp(patch.u), patch.v.min() + along * np.ptp(patch.v)
+        radius = 0.004 + 0.022 * size**2  # metres
+        distance = np.hypot(patch.u - u, patch.v - v) / radius + 0.15 * patch.uneven
+        patch.log -= (0.10 + 0.22 * size) * np.clip((1.15 - distance) / 0.3, 0, 1)
 
 
 def zip_teeth(patch: Patch) -> None:
@@ -162,13 +167,23 @@ def aged(
     texel: float,
     color: np.ndarray,
 ) -> np.ndarray:
-    """Adds traces of sewing and wear to the albedo of a panel; arguments as in `Patch`.
+    """Adds traces of sewing and wear to the albedo of a panel.
+
+    Args:
+        garment: garment to which the panel belongs.
+        fabric: its seed gives age and soil.
+        panel: its name.
+        u, v: (h,w) cloth coordinates across and along, metres.
+        marks: (h,w) the panel's part of `marks.images`, by name.
+        texel: metres between the samples.
+        color: (h,w,3) linear albedo.
 
     Returns:
         (h,w,3) linear albedo.
     """
-    dye = 2 * trait(fabric, 40 + sum(map(ord, panel)) % 7) - 1  # panels are cut from other bolts
-    patch = Patch(garment, fabric, panel, u, v, marks, texel, color, 0.035 * dye * np.ones(u.shape, u.dtype))
+    dye = 2 * trait(fabric, "dye", sum(map(ord, panel)) % 7) - 1  # panels are cut from other bolts
+    log = 0.035 * dye * np.ones(u.shape, u.dtype)
+    patch = Patch(garment, fabric, panel, u, v, marks, texel, color, log)
     for leave in TRACES:
         leave(patch)
     return np.clip(patch.color * np.exp(patch.log)[..., None], 0.006, 0.88)

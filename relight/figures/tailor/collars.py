@@ -1,6 +1,7 @@
 """Collars, neckbands, lapels and hoods: strips that continue the draped neckline, upward or folded onto the cloth."""
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -13,11 +14,13 @@ from relight.figures.texture import noise
 
 CORD = 0.20  # metres of a drawstring
 CORD_RADIUS = 0.0028  # metres
+CORD_SIDES = 6  # of its section
 CORD_STEP = 0.007  # metres between its rings
 CORD_DISTANCE = 0.028  # metres from the middle
 MIN_CORD_RINGS = 12
 NECK_AXIS = (0.0, 0.94, 0.34)  # of the rest pose: necks lean forward by 20 degrees
 NECK_RANGE = 0.16  # largest distance of the neckline from the base of the neck, metres
+MIN_NECKLINE = 12  # vertices of a neckline
 LAPEL = 0.27  # length of lapels below the base of the neck, metres
 BAND = 0.030  # standard deviation of the average by which a neckband smooths the neckline, metres
 BAND_RANGE = 0.045  # width of the cloth beside the neckline that moves with it, metres
@@ -32,7 +35,7 @@ PROFILES = {  # rows of collars that are the same all around: metres up and out 
     ),
     "stand": ((0.012, -0.002), (0.026, -0.001), (0.040, 0.002)),
 }  # fmt: skip
-NECKBAND = ((0.007, -0.001), (0.013, -0.003))  # the same of a neckband
+NECKBAND = ((0.007, -0.001), (0.013, -0.003))  # likewise, of a neckband
 LAPELS = ((0.02, 0.7), (0.12, 1.0), (0.3, 0.9), (0.6, 0.55), (1.0, 0.35))  # rows of lapels, as of HOOD
 HOOD = (  # rows of a hood that lies on the back: share of its length, height over its thickness
     (0.2, 0.10), (0.5, 0.10), (0.8, 0.12), (0.97, 0.22), (1.0, 0.55), (0.92, 0.85), (0.7, 1.0), (0.42, 1.05),
@@ -40,39 +43,50 @@ HOOD = (  # rows of a hood that lies on the back: share of its length, height ov
 )  # fmt: skip
 
 
-def neck_of(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the base of the posed neck (3,), metres, and its axes (3,3): left, up, forward."""
+class Neck(NamedTuple):
+    """The posed neck.
+
+    Attributes:
+        base: (3,) its lower end, metres.
+        left, up, forward: (3,) its axes, of unit length.
+    """
+
+    base: np.ndarray
+    left: np.ndarray
+    up: np.ndarray
+    forward: np.ndarray
+
+
+def neck_of(motion: Motion) -> Neck:
+    """Returns the neck of the posed body."""
     turn = motion.bone("neck01")[:, :3]
     left, up = turn @ [1.0, 0.0, 0.0], turn @ NECK_AXIS
-    return motion.joint("neck01"), np.stack([left, up, np.cross(left, up)])
+    return Neck(motion.joint("neck01"), left, up, np.cross(left, up))
 
 
-def neckline(
-    vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, up: np.ndarray, low: float = 0.0
-) -> tuple[np.ndarray, bool] | None:
+def neckline(vertices: np.ndarray, faces: np.ndarray, neck: Neck, low: float = 0.0) -> tuple[np.ndarray, bool] | None:
     """Finds the border around the neck.
 
     Args:
         vertices: (n,3) metres.
         faces: (F,3).
-        neck: (3,) base of the posed neck, metres.
-        up: (3,) its axis.
+        neck: of the posed figure.
         low: metres below the neck down to which the edges of an open front belong to the neckline.
 
     Returns:
         Its vertices (m,) in order, and whether it is a closed loop, which begins in front; None if there is none.
     """
     for ring in border_loops(faces):
-        away = vertices[ring] - neck
+        away = vertices[ring] - neck.base
         near = np.linalg.norm(away, axis=1) < NECK_RANGE
-        if near.sum() < 12:
+        if near.sum() < MIN_NECKLINE:
             continue
-        near |= (np.linalg.norm(away, axis=1) < 2 * low) & (away @ up > -low)
+        near |= (np.linalg.norm(away, axis=1) < 2 * low) & (away @ neck.up > -low)
         if near.all():
-            front = int(np.argmax(vertices[ring, 2] - 0.2 * np.abs(vertices[ring, 0] - neck[0])))
+            front = int(np.argmax(vertices[ring, 2] - 0.2 * np.abs(vertices[ring, 0] - neck.base[0])))
             return np.roll(ring, -front), True
         run = longest_run(ring, near)
-        return (run, False) if len(run) > 12 else None
+        return (run, False) if len(run) > MIN_NECKLINE else None
     return None
 
 
@@ -86,7 +100,7 @@ def smooth_line(values: np.ndarray, times: int, closed: bool) -> np.ndarray:
     return values
 
 
-def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: np.ndarray, up: np.ndarray) -> np.ndarray:
+def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: Neck) -> np.ndarray:
     """Smooths a garment's neckline as a neckband does, and returns the vertices (n,3).
 
     The border's displacement from a smooth border is replaced by its average along it, with a Gaussian of standard
@@ -97,10 +111,9 @@ def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: np
         vertices: (n,3) as draped, metres.
         faces: (F,3).
         smooth: (n,3) the garment close around the body, without folds, metres.
-        neck: (3,) base of the posed neck.
-        up: (3,) its axis.
+        neck: of the posed figure.
     """
-    border = neckline(vertices, faces, neck, up)
+    border = neckline(vertices, faces, neck)
     if border is None:
         return vertices
     ring, closed = border
@@ -110,10 +123,11 @@ def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: np
     move = smooth_line(displacement, averagings, closed) - displacement
     distance, nearest = cKDTree(vertices[ring]).query(vertices, 4, distance_upper_bound=BAND_RANGE)
     share = np.clip(1 - distance / BAND_RANGE, 0, 1) ** 2
-    mean = np.einsum("nk,nkd->nd", share, np.concatenate([move, [[0, 0, 0]]])[nearest])
-    out = vertices + share.max(1, keepdims=True) * mean / np.maximum(share.sum(1, keepdims=True), 1e-9)
-    out[ring] = vertices[ring] + move
-    return out
+    move_or_none = np.concatenate([move, [[0, 0, 0]]])  # where there is no vertex in range, `nearest` is len(ring)
+    mean = np.einsum("nk,nkd->nd", share, move_or_none[nearest])
+    moved = vertices + share.max(1, keepdims=True) * mean / np.maximum(share.sum(1, keepdims=True), 1e-9)
+    moved[ring] = vertices[ring] + move
+    return moved
 
 
 def profile(kind: str, back: np.ndarray, front: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -152,58 +166,56 @@ def paths_over(
         length: (m,) of the paths, metres.
 
     Returns:
-        Points and unit normals (PATH_STEPS + 1,m,3).
+        Points of the paths, and unit normals of the surface there, each (PATH_STEPS + 1,m,3).
     """
     points, places, facing = start, [], []
     for _ in range(PATH_STEPS + 1):
-        face, distance, normal = signed_distance(points, surface, 0.06)
+        face, distance, normal = signed_distance(points, surface, max_distance=0.06)
         points = points - np.where(face >= 0, distance, 0)[:, None] * normal
         places.append(points)
         facing.append(normal)
         heading = heading - (heading * normal).sum(1, keepdims=True) * normal
         heading /= np.maximum(np.linalg.norm(heading, axis=1, keepdims=True), 1e-9)
-        heading = smooth_line(heading, 2, False)
+        heading = smooth_line(heading, 2, closed=False)
         points = points + heading * (length / PATH_STEPS)[:, None]
     return np.stack(places), np.stack(facing)
 
 
-def lay_hood(
-    vertices: np.ndarray, faces: np.ndarray, base: np.ndarray, neck: np.ndarray, up: np.ndarray
-) -> list[np.ndarray]:
+def lay_hood(vertices: np.ndarray, faces: np.ndarray, base: np.ndarray, neck: Neck) -> list[np.ndarray]:
     """Lays a hood that is not worn on the cloth: deep and thick at the back of the neck, thin at the front.
 
     Args:
         vertices: (n,3) of the garment, metres.
         faces: (F,3).
         base: (m,3) the neckline, smoothed.
-        neck: (3,) base of the posed neck, metres.
-        up: (3,) its axis.
+        neck: of the posed figure.
 
     Returns:
         Rows (m,3) of the strip.
     """
-    cloth = Collider(vertices, vertices, faces)
-    away = base - neck
+    cloth = Collider.at_rest(vertices, faces)
+    away, up = base - neck.base, neck.up
     level = away - np.outer(away @ up, up)  # without its part along the neck
     level_length = np.linalg.norm(level, axis=1)
     back = np.clip(-level[:, 2] / np.maximum(level_length, 1e-6), 0, 1)  # 1 at the back of the neck
     length, thick = 0.045 + 0.15 * back**1.2, 0.020 + 0.030 * back
     heading = level / np.maximum(level_length[:, None], 1e-6) - up  # outward on all sides, and down
-    start, heading = smooth_line(base, HOOD_SMOOTHING, False), smooth_line(heading, HOOD_SMOOTHING, False)
+    start = smooth_line(base, HOOD_SMOOTHING, closed=False)
+    heading = smooth_line(heading, HOOD_SMOOTHING, closed=False)
     flattened = smoothed(vertices, faces, HOOD_SMOOTHING)  # over folds the paths would cross
-    points, outward = paths_over(Collider(flattened, flattened, faces), start, heading, length)
-    outward = np.stack([smooth_line(row, HOOD_SMOOTHING, False) for row in outward])
+    points, outward = paths_over(Collider.at_rest(flattened, faces), start, heading, length)
+    outward = np.stack([smooth_line(row, HOOD_SMOOTHING, closed=False) for row in outward])
     rows = rows_over(points, outward, thick, HOOD, creased=True, smoothing=8)
     for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):  # the opening's edge stands up around the neck
         row += np.outer(rise + 0.016 * back, up)
     for row in rows:
-        face, distance, normal = signed_distance(row, cloth, 0.03)
+        face, distance, normal = signed_distance(row, cloth, max_distance=0.03)
         row += np.where(face >= 0, np.clip(HOOD_CLEARANCE - distance, 0, 0.02), 0)[:, None] * normal
     return rows
 
 
 def lay_lapels(
-    vertices: np.ndarray, faces: np.ndarray, ring: np.ndarray, base: np.ndarray, neck: np.ndarray, up: np.ndarray
+    vertices: np.ndarray, faces: np.ndarray, ring: np.ndarray, base: np.ndarray, neck: Neck
 ) -> list[np.ndarray]:
     """Lays the collar and the lapels of a jacket on the cloth, with the notch between them.
 
@@ -212,18 +224,17 @@ def lay_lapels(
         faces: (F,3).
         ring: (m,) vertices of the neckline, in order.
         base: (m,3) the neckline, smoothed.
-        neck: (3,) base of the posed neck, metres.
-        up: (3,) its axis.
+        neck: of the posed figure.
 
     Returns:
         Rows (m,3) of the strip.
     """
-    cloth = Collider(vertices, vertices, faces)
-    normal = smooth_line(normals(vertices, faces)[ring], 6, False)
-    tangent = smooth_line(np.gradient(base, axis=0), 6, False)
-    inward = smooth_line(np.cross(normal, tangent), 12, False)  # borders run so that the cloth is to their left
+    cloth = Collider.at_rest(vertices, faces)
+    normal = smooth_line(normals(vertices, faces)[ring], 6, closed=False)
+    tangent = smooth_line(np.gradient(base, axis=0), 6, closed=False)
+    inward = smooth_line(np.cross(normal, tangent), 12, closed=False)  # borders run so that the cloth is to their left
     inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
-    below = np.clip(-((base - neck) @ up), 0, LAPEL)  # metres below the neck's base
+    below = np.clip(-((base - neck.base) @ neck.up), 0, LAPEL)  # metres below the neck's base
     collar = np.clip(1 - below / 0.06, 0, 1)  # 1 on the collar around the neck, 0 on the lapels below it
     from_end = np.minimum(np.arange(len(ring)), np.arange(len(ring))[::-1]) / 8
     notch = 1 - 0.5 * np.exp(-(((below - 0.055) / 0.014) ** 2))  # between collar and lapels
@@ -243,7 +254,7 @@ def rows_over(
     """Returns the rows (m,3) of a strip along paths over the cloth.
 
     Args:
-        points, outward: of the paths, as `paths_over` returns them.
+        points, outward: (PATH_STEPS + 1,m,3) of the paths, metres, and unit normals there.
         thick: (m,) height of the strip over the cloth, metres.
         shape: for each row, its share of the paths' length, and its height over `thick`.
         creased: whether the heights are uneven.
@@ -258,7 +269,7 @@ def rows_over(
         crease = np.zeros(len(thick))
         if creased:
             crease = 0.25 * (noise(crease_place, np.full_like(crease_place, 5 * share), 5) - 0.5)
-        rows.append(smooth_line(row + raised * ((height + crease) * thick)[:, None], smoothing, False))
+        rows.append(smooth_line(row + raised * ((height + crease) * thick)[:, None], smoothing, closed=False))
     return rows
 
 
@@ -267,8 +278,7 @@ def collar(
     faces: np.ndarray,
     uv: np.ndarray,
     kind: str,
-    neck: np.ndarray,
-    up: np.ndarray,
+    neck: Neck,
     uv_per_metre: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Builds the collar of a draped garment.
@@ -278,14 +288,13 @@ def collar(
         faces: (F,3).
         uv: (n,2) of the vertices.
         kind: see `Garment.collar`.
-        neck: (3,) base of the posed neck, metres.
-        up: (3,) its axis.
+        neck: of the posed figure.
         uv_per_metre: texture units per metre.
 
     Returns:
-        Vertices, faces and corner uv; None if the neckline is not found.
+        Vertices (V,3), faces (F,3) and corner uv (F,3,2); None if the neckline is not found.
     """
-    border = neckline(vertices, faces, neck, up, LAPEL if kind == "lapel" else 0.0)
+    border = neckline(vertices, faces, neck, low=LAPEL if kind == "lapel" else 0.0)
     if border is None:
         return None
     ring, closed = border
@@ -295,26 +304,27 @@ def collar(
         ring = np.roll(ring, len(ring) // 2)
     base = smooth_line(vertices[ring], 4, closed)
     if kind == "hood":
-        rows = lay_hood(vertices, faces, base, neck, up)
+        rows = lay_hood(vertices, faces, base, neck)
     elif kind == "lapel":
-        rows = lay_lapels(vertices, faces, ring, base, neck, up)
+        rows = lay_lapels(vertices, faces, ring, base, neck)
     else:
-        out = base - neck - np.outer((base - neck) @ up, up)
+        away = base - neck.base
+        out = away - np.outer(away @ neck.up, neck.up)
         out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-6)
         spread = np.zeros_like(base)
         if kind == "fold":  # the points stand apart where the collar opens
             travel = np.r_[0, np.cumsum(np.linalg.norm(np.diff(base, axis=0), axis=1))]
             for from_end, inward in ((travel, base[2] - base[0]), (travel[-1] - travel, base[-3] - base[-1])):
                 spread += np.outer(np.exp(-((from_end / 0.035) ** 2)), 0.013 * inward / np.linalg.norm(inward))
-        shape = profile(kind, np.clip(-out[:, 2], 0, 1), np.clip(out[:, 2], 0, 1))
+        shape = profile(kind, back=np.clip(-out[:, 2], 0, 1), front=np.clip(out[:, 2], 0, 1))
         rows = [
-            base + up * rise[:, None] + out * reach[:, None] + spread * (number / len(shape)) ** 2
+            base + neck.up * rise[:, None] + out * reach[:, None] + spread * (number / len(shape)) ** 2
             for number, (rise, reach) in enumerate(shape, 1)
         ]
     row_lengths = [np.linalg.norm(b - a, axis=1) for a, b in pairwise([base, *rows])]
     travel = np.concatenate([np.zeros((1, len(ring))), np.cumsum(row_lengths, axis=0)])  # metres from the neckline
-    strip, strip_faces = extruded(np.arange(len(ring)), rows, len(ring), closed)
-    points = np.concatenate([vertices[ring] - SEAM_OFFSET * up, strip])
+    strip, strip_faces = extruded(np.arange(len(ring)), rows, offset=len(ring), closed=closed)
+    points = np.concatenate([vertices[ring] - SEAM_OFFSET * neck.up, strip])
     points, shell, source = thickened(points, strip_faces, THICKNESS, rings=None)
     column, row = source % len(ring), source // len(ring)  # of each vertex in the strip
     vertex_uv = uv[ring][column] - np.stack([0 * column, travel[row, column] * uv_per_metre], axis=1)
@@ -324,20 +334,22 @@ def collar(
     return points, shell, np.clip(corner_uv, 0.001, 0.999)
 
 
-def cords(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.ndarray) -> list[Surface]:
+def cords(vertices: np.ndarray, faces: np.ndarray, neck: Neck) -> list[Surface]:
     """Builds the two drawstrings of a hood: tubes that lie on the garment's front, from the neckline down.
 
     Args:
         vertices: (n,3) of the garment, metres.
         faces: (F,3) without sleeves.
-        neck: (3,) base of the posed neck, metres.
-        left: (3,) axis to its left.
+        neck: of the posed figure.
+
+    Returns:
+        Vertices (V,3) and faces (F,3) of each cord; none where the garment has no front to lie on.
     """
-    surface, tubes = Collider(vertices, vertices, faces), []
+    surface, tubes = Collider.at_rest(vertices, faces), []
     rays, ahead = 60, 0.6  # rays from the front, metres before the neck, CORD_STEP apart downward
     for side in (-1, 1):
-        origin = np.broadcast_to(neck + side * CORD_DISTANCE * left + [0, 0, ahead], (rays, 3)).copy()
-        origin[:, 1] = neck[1] + 0.05 - CORD_STEP * np.arange(rays)
+        origin = np.broadcast_to(neck.base + side * CORD_DISTANCE * neck.left + [0, 0, ahead], (rays, 3)).copy()
+        origin[:, 1] = neck.base[1] + 0.05 - CORD_STEP * np.arange(rays)
         _, depth = surface.raycast(origin, np.broadcast_to([0.0, 0.0, -1.0], (rays, 3)))
         on_front = np.flatnonzero(np.isfinite(depth) & (depth < ahead - 0.02))[: round(CORD / CORD_STEP)]
         if len(on_front) < MIN_CORD_RINGS:
@@ -345,11 +357,12 @@ def cords(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.nd
         path = origin[on_front] - [0, 0, 1] * (depth[on_front] - 1.5 * CORD_RADIUS)[:, None]
         for _ in range(3):
             path[1:-1] = 0.5 * path[1:-1] + 0.25 * (path[:-2] + path[2:])
-        turn = 2 * np.pi * np.arange(6) / 6
+        turn = 2 * np.pi * np.arange(CORD_SIDES) / CORD_SIDES
         around = CORD_RADIUS * np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=1)
         rings = [point + around for point in path]
-        strip, tube = extruded(np.arange(6), rings[1:], 6, True)
-        last = 6 * (len(path) - 1)  # first vertex of the last ring
-        ends = [[0, k, k + 1] for k in range(1, 5)] + [[last, last + k + 1, last + k] for k in range(1, 5)]
+        strip, tube = extruded(np.arange(CORD_SIDES), rings[1:], offset=CORD_SIDES, closed=True)
+        last = CORD_SIDES * (len(path) - 1)  # first vertex of the last ring
+        fan = range(1, CORD_SIDES - 1)
+        ends = [[0, k, k + 1] for k in fan] + [[last, last + k + 1, last + k] for k in fan]
         tubes.append((np.concatenate([rings[0], strip]), np.concatenate([tube, ends])))
     return tubes

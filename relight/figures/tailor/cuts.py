@@ -19,7 +19,7 @@ TRUNK = 0.35  # share of arm bones in the skinning, below which a vertex belongs
 
 
 def neck_field(body: Body, garment: Garment, fields: Fields) -> np.ndarray:
-    """Returns the metres (n,) outside the neck opening, negative within it.
+    """Returns the metres (n,) outside the neck opening of a garment, negative within it.
 
     The opening is an ellipsoid, open at the top, with a V below it in front. Distances are exact across the opening,
     and scaled along its other axes.
@@ -68,15 +68,26 @@ def front_field(fields: Fields, body: Body, garment: Garment) -> np.ndarray:
 
 
 def cuts(body: Body, garment: Garment) -> list[Callable[[Fields], np.ndarray]]:
-    """Returns functions of `Fields`; keeping where each is positive, one after the other, leaves the garment."""
+    """Returns how a garment is cut from the suit.
+
+    Args:
+        body: in its rest pose.
+        garment: to be cut.
+
+    Returns:
+        Functions of the suit's fields; keeping where each is positive, one after the other, leaves the garment.
+    """
 
     def above_hem(fields: Fields) -> np.ndarray:
+        """Returns the metres (n,) above the hem."""
         return fields["y"] - hem_height(body, garment)
 
     def below_waist(fields: Fields) -> np.ndarray:
+        """Returns the metres (n,) below the upper edge of trousers or a skirt."""
         return body.heights["waist"] + garment.waist - fields["y"]
 
     def above_cuffs(fields: Fields) -> np.ndarray:
+        """Returns the distance (n,) along the leg to the end of trousers: 1 is that from hip to knee."""
         return garment.leg_end - np.where(fields["x"] > 0, fields["legL"], fields["legR"])
 
     if garment.kind == "top":
@@ -87,7 +98,7 @@ def cuts(body: Body, garment: Garment) -> list[Callable[[Fields], np.ndarray]]:
 
 
 def hem_height(body: Body, garment: Garment) -> float:
-    """Returns the height on the rest pose down to which a garment is cut from the suit; its drop begins there."""
+    """Returns the height on the rest pose, metres, down to which a garment is cut; its drop begins there."""
     return body.heights["crotch"] + garment.hem if garment.seam is None else body.heights["waist"] + garment.seam
 
 
@@ -115,6 +126,7 @@ def cut_from_suit(body: Body, garment: Garment, suit: Fields) -> tuple[sparse.cs
 
 
 def largest_piece(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """Returns the largest connected piece; a cut may leave small others."""
-    label = sparse.csgraph.connected_components(neighbours(faces, matrix.shape[0]))[1][faces[:, 0]]
-    return compacted(matrix, faces[label == np.bincount(label).argmax()])
+    """Returns the largest connected piece of a surface, matrix (n,k) and faces (F,3); a cut may leave small others."""
+    _, piece_of_vertex = sparse.csgraph.connected_components(neighbours(faces, matrix.shape[0]))
+    piece = piece_of_vertex[faces[:, 0]]
+    return compacted(matrix, faces[piece == np.bincount(piece).argmax()])

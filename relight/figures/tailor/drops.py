@@ -30,39 +30,46 @@ def lowest_border(faces: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, bool]:
 
 
 def split_border(faces: np.ndarray, n: int, ring: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
-    """Splits the border edges between vertices of `ring` (m,) in the middle; each face has at most one of them.
+    """Splits edges of the border in the middle, and with them their faces; each has at most one of them.
+
+    Args:
+        faces: (F,3).
+        n: number of vertices.
+        ring: (m,) vertices, between which border edges are split.
 
     Returns:
-        The matrix (n+e,n) from n vertices to those with the e middles, the faces, and the face that each comes from.
+        The matrix (n+e,n) from the vertices to those with the e middles, the new faces (F',3), and the old face (F',)
+        that each comes from.
     """
     on_ring = np.zeros(n, bool)
     on_ring[ring] = True
     sides = rim(faces)
     border = {tuple(side) for side in sides[on_ring[sides].all(1)].tolist()}
-    out: list[list[int]] = []
+    new_faces: list[list[int]] = []
     parent: list[int] = []
     ends: list[list[int]] = []
     for number, face in enumerate(faces.tolist()):
         rotated = [face[k:] + face[:k] for k in range(3)]
         on_border = next((corners for corners in rotated if tuple(corners[:2]) in border), None)
         if on_border is None:
-            out.append(face)
+            new_faces.append(face)
             parent.append(number)
         else:
             a, b, c = on_border
             middle = n + len(ends)
             ends.append([a, b])
-            out += [[a, middle, c], [middle, b, c]]
+            new_faces += [[a, middle, c], [middle, b, c]]
             parent += [number, number]
     row = np.repeat(np.arange(len(ends)), 2)
     middles = sparse.csr_matrix((np.full(len(row), 0.5), (row, np.ravel(ends))), shape=(len(ends), n))
-    return sparse.vstack([sparse.identity(n, format="csr"), middles]).tocsr(), np.array(out), np.array(parent)
+    return sparse.vstack([sparse.identity(n, format="csr"), middles]).tocsr(), np.array(new_faces), np.array(parent)
 
 
 def wave_profile(garment: Garment, angle: np.ndarray) -> np.ndarray:
-    """Returns the height (n,) in [0,1] of a drop's irregular folds at bearings (n,)."""
-    uneven = 0.5 * np.sin(3 * angle + garment.fold_phase) + 0.4 * np.sin(5 * angle + 2.3 * garment.fold_phase)
-    return 0.5 + 0.5 * np.sin(garment.fold_count * angle + uneven + 4.1 * garment.fold_phase)
+    """Returns the height (n,) in [0,1] of a drop's irregular folds at bearings (n,), radians."""
+    phase = garment.fold_phase
+    uneven = 0.5 * np.sin(3 * angle + phase) + 0.4 * np.sin(5 * angle + 2.3 * phase)
+    return 0.5 + 0.5 * np.sin(garment.fold_count * angle + uneven + 4.1 * phase)
 
 
 def rounded(flat: np.ndarray, centre: np.ndarray, angle: np.ndarray) -> np.ndarray:
@@ -106,6 +113,7 @@ def drop_rows(
     wave = wave_profile(garment, angle)
 
     def length(outline: np.ndarray) -> float:
+        """Returns the length of an outline (m,2), metres."""
         sides = np.linalg.norm(np.roll(outline, -1, 0) - outline, axis=1)
         return float(sides[: len(top) - (not closed)].sum())  # an open outline has no last side
 
@@ -126,7 +134,7 @@ def drop_rows(
     count = max(2, round(garment.drop / ROW))
     for k in range(1, count + 1):
         s = k / count
-        mean_radius = np.linalg.norm(row_outline(s, garment.flare, 0.0) - centre, axis=1).mean()
+        mean_radius = np.linalg.norm(row_outline(s, garment.flare, depth=0.0) - centre, axis=1).mean()
         depth = garment.gather * min(1.0, garment.drop * s / GATHERED) + garment.pleat * s  # over the radius
         cut = row_outline(s, garment.flare, depth * mean_radius)
         hanging, low, high = cut, 0.0, 0.5 * mean_radius
@@ -142,26 +150,32 @@ def drop_rows(
 def add_drop(garment: Garment, level: Level, fields: Fields, hull: Hull) -> tuple[Level, Fields]:
     """Continues the lowest border downward: skirts, coat tails, shirt tails. A drop moves with the pelvis.
 
+    Args:
+        garment: its drop, flare and folds.
+        level: the coarsest level, as cut from the suit.
+        fields: (n,) of its vertices, by name.
+        hull: convex hull of the trunk.
+
     Returns:
-        The level and the fields with the drop.
+        The level and the fields with the drop; its field "drop" rises from 0 to 1 at the end.
     """
     ring, closed = lowest_border(level.faces, fields["y"])
     cut_rows, start_rows = drop_rows(garment, level.rest_shape[ring].copy(), fields["y"][ring], closed, hull)
-    points, strip = extruded(ring, cut_rows, len(level.rest_shape), closed)
+    points, strip = extruded(ring, cut_rows, offset=len(level.rest_shape), closed=closed)
     start, count = np.concatenate(start_rows), len(cut_rows)
     down = np.repeat(np.arange(1, count + 1) / count, len(ring))
-    root = np.zeros(level.weights.shape[1])
+    root = np.zeros(level.weights.shape[1])  # skinning weights of the pelvis, the first bone
     root[0] = 1
-    root_share = np.clip(4 * down, 0, 1)[:, None]
+    root_share = np.clip(4 * down, 0, 1)[:, None]  # from a quarter of the drop on, it follows the pelvis only
     weights = np.tile(level.weights[ring], (count, 1)) * (1 - root_share) + root * root_share
     fields = {name: np.r_[values, np.tile(values[ring], count)] for name, values in fields.items()}
     fields["drop"][len(level.rest_shape) :] = down
     whole = Level(
-        np.concatenate([level.rest_shape, points]),
-        np.concatenate([level.start, start]),
-        np.concatenate([level.fitted, start]),
-        np.r_[level.pin_weight, np.zeros(len(points))],
-        np.concatenate([level.weights, weights]),
-        np.concatenate([level.faces, strip]),
+        rest_shape=np.concatenate([level.rest_shape, points]),
+        start=np.concatenate([level.start, start]),
+        fitted=np.concatenate([level.fitted, start]),
+        pin_weight=np.r_[level.pin_weight, np.zeros(len(points))],
+        weights=np.concatenate([level.weights, weights]),
+        faces=np.concatenate([level.faces, strip]),
     )
     return whole, fields

@@ -20,6 +20,7 @@ MAX_WAIST_EASE = 0.036  # metres, of a top: wider cloth falls into one deep fold
 MAX_INNER_EASE = 0.020  # metres, of the trunk of a top worn under a jacket
 MAX_INNER_ARM_EASE = 0.016  # same, of its sleeves
 MIN_SITTING_EASE = 0.009  # metres, of the legs of trousers on a sitting figure, unless they stretch
+TUCKED_SHARES = (0.5, 0.5, 0.7, 1, 1, 1)  # of the ease at TORSO_AT that a tucked top keeps: less at the hips
 SITTING_HEM = 0.10  # metres above the crotch: hem of tops on a sitting figure
 MAX_LENGTH = 1.06  # factor of a drop's usual length: longer skirts would lie on the floor
 MIN_EASE = 0.004  # metres, not scaled by the fit
@@ -42,15 +43,14 @@ def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
     extra_drop, sleeve, leg = rng.normal(0, [0.025, 0.05, 0.03])  # metres; positions along arm and leg
 
     def eased(ease: tuple[float, ...]) -> tuple[float, ...]:
+        """Scales what is above MIN_EASE by the looseness."""
         return tuple(min(e, MIN_EASE) + looseness * max(e - MIN_EASE, 0) for e in ease)
 
     if garment.name in ROUND:
         neck, v_depth = NECKS[int(rng.choice(len(NECKS), p=NECK_SHARES))]
         garment = replace(garment, neck=neck, v_depth=v_depth)
-    if garment.sleeve_end > 1.5 and garment.collar not in ("lapel", "stand") and rng.random() < 0.14:
-        garment = replace(
-            garment, sleeve_end=float(rng.uniform(1.3, 1.65)), cuff_pin=max(garment.cuff_pin, 0.5)
-        )  # pushed up
+    if garment.sleeve_end > 1.5 and garment.collar not in ("lapel", "stand") and rng.random() < 0.14:  # pushed up
+        garment = replace(garment, sleeve_end=float(rng.uniform(1.3, 1.65)), cuff_pin=max(garment.cuff_pin, 0.5))
     elif 0.3 < garment.sleeve_end < 0.9:
         garment = replace(garment, sleeve_end=float(np.clip(garment.sleeve_end + 2 * sleeve, 0.32, 0.85)))
     leg_end = garment.leg_end
@@ -83,9 +83,9 @@ def over(outer: Garment, inner: Garment) -> Garment:
         `outer` with at least 8 mm more ease than `inner` at the trunk, and 6 mm more at the sleeves if `inner` has
         any.
     """
-    torso = tuple(max(o, i + 0.008) for o, i in zip(outer.torso_ease, inner.torso_ease))
-    arm = outer.arm_ease if inner.armhole else tuple(max(o, i + 0.006) for o, i in zip(outer.arm_ease, inner.arm_ease))
-    return replace(outer, torso_ease=torso, arm_ease=arm)
+    torso = tuple(max(ease, below + 0.008) for ease, below in zip(outer.torso_ease, inner.torso_ease))
+    arm = tuple(max(ease, below + 0.006) for ease, below in zip(outer.arm_ease, inner.arm_ease))
+    return replace(outer, torso_ease=torso, arm_ease=outer.arm_ease if inner.armhole else arm)
 
 
 def under(inner: Garment) -> Garment:
@@ -100,7 +100,7 @@ def under(inner: Garment) -> Garment:
 
 def tucked(top: Garment, bottom: Garment) -> list[Garment]:
     """Returns a top tucked into a skirt or trousers, and these with a waistband that fits over it."""
-    snug = tuple(ease * share for ease, share in zip(top.torso_ease, (0.5, 0.5, 0.7, 1, 1, 1)))
+    snug = tuple(ease * share for ease, share in zip(top.torso_ease, TUCKED_SHARES))
     inside = replace(top, hem=0.10, drop=0.0, flare=0.0, slack=0.025, torso_ease=snug, tuck_height=bottom.waist)
     return [inside, replace(bottom, waistband_offset=0.007)]
 

@@ -16,7 +16,7 @@ from relight.figures.texture import Color
 STRAPS = ((0.60, 0.80), (0.36, 0.44))  # start and end of the straps across the foot, from heel (0) to toes (1)
 LACE_STEP = 0.017  # metres between bands of laces
 HALF_LACE, HALF_LACE_WIDTH = 0.021, 0.0032  # half the length and half the width of a band, metres
-LACE_THICKNESS = 0.0025  # metres
+LACE_THICKNESS, STRAP_THICKNESS, UPPER_THICKNESS = 0.0025, 0.003, 0.004  # metres
 OUTLINE_POINTS = 72  # of a sole
 # Rows of a sole, from its top to its bottom: metres outward from the outline, and the height: metres above the ground
 # where positive, else over the thickness.
@@ -99,8 +99,8 @@ def palette(shoe: Shoe, upper: Color, sole: Color) -> dict[str, np.ndarray]:
 
 
 def build_shoes(motion: Motion, shoe: Shoe) -> list[Part]:
-    """Builds both shoes at the last frame of a motion, with the soles below the feet."""
-    return [part for side in "LR" for part in one_shoe(motion, shoe, side)]
+    """Builds both shoes in the pose, with the soles below the feet."""
+    return [part for side in "LR" for part in build_shoe(motion, shoe, side)]
 
 
 def upper(body: Body, shoe: Shoe, side: str) -> Upper:
@@ -113,8 +113,8 @@ def upper(body: Body, shoe: Shoe, side: str) -> Upper:
         field = field - np.where(on_side, 0.35 * np.clip(0.03 - np.abs(suit[:, 2] - ankle[2] - 0.05), 0, 1), 0)
     matrix, faces = clip(sparse.identity(len(suit), format="csr"), faces, field)
     for _ in range(2):
-        up, faces = loop(faces, matrix.shape[0])
-        matrix = up @ matrix
+        subdivide, faces = loop(faces, matrix.shape[0])
+        matrix = subdivide @ matrix
     rest = matrix @ suit
     ground = suit[on_side, 1].min()
     toes, heel = rest[:, 2].max(), rest[:, 2].min()
@@ -132,11 +132,11 @@ def upper(body: Body, shoe: Shoe, side: str) -> Upper:
     foot[makehuman.rig().bones.index(f"foot.{side}")] = 1
     rigid = np.clip((ankle[1] + 0.01 - shape[:, 1]) / 0.03, 0, 1)[:, None]  # 1 below the ankle: toes do not bend it
     weights = weights / weights.sum(1, keepdims=True) * (1 - rigid) + foot * rigid
-    return Upper(shape, weights, faces, foot, ground, toes, heel)
+    return Upper(shape, weights, faces, foot, ground=ground, toes=toes, heel=heel)
 
 
-def one_shoe(motion: Motion, shoe: Shoe, side: str) -> list[Part]:
-    """Builds the shoe of a side ("L" | "R") at the last frame of a motion."""
+def build_shoe(motion: Motion, shoe: Shoe, side: str) -> list[Part]:
+    """Builds the shoe of a side ("L" | "R") in the pose: upper, toe cap, laces and sole."""
     outside, ankle = upper(motion.body, shoe, side), motion.body.joints[f"foot.{side}"]
     shape, weights, faces = outside.shape, outside.weights, outside.faces
     ground, toes, heel = outside.ground, outside.toes, outside.heel
@@ -148,19 +148,19 @@ def one_shoe(motion: Motion, shoe: Shoe, side: str) -> list[Part]:
         from_ankle_strap = np.abs(shape[:, 1] - ankle[1] + 0.012 + 0.10 * along)  # metres; it slopes down to the front
         around_ankle = np.minimum(0.009 - from_ankle_strap, 0.40 - along)
         field = np.maximum(across_foot, 4 * around_ankle)  # positive on the straps
-        keep, cut = clip(sparse.identity(len(shape), format="csr"), faces, field)
-        posed = motion.skin(keep @ weights, keep @ shape)
-        vertices, cut, _ = thickened(posed, cut, 0.003, rings=None)
+        matrix, cut = clip(sparse.identity(len(shape), format="csr"), faces, field)
+        posed = motion.skin(matrix @ weights, matrix @ shape)
+        vertices, cut, _ = thickened(posed, cut, STRAP_THICKNESS, rings=None)
         parts.append(Part("upper", vertices, cut))
     else:
         in_cap = np.zeros(len(faces), bool)
         if shoe.cap:
             cap_length = shoe.cap + 0.03 * np.clip((shape[:, 1] - ground) / 0.03, 0, 1)  # it reaches back higher up
             field = cap_length - (toes - shape[:, 2]) / length
-            whole, faces, in_cap = split(sparse.identity(len(shape), format="csr"), faces, field)
-            shape, weights = whole @ shape, whole @ weights
+            matrix, faces, in_cap = split(sparse.identity(len(shape), format="csr"), faces, field)
+            shape, weights = matrix @ shape, matrix @ weights
         posed = motion.skin(weights, shape)
-        vertices, thick, _ = thickened(posed, faces, 0.004, 4)
+        vertices, thick, _ = thickened(posed, faces, UPPER_THICKNESS, rings=4)
         in_cap = np.r_[in_cap, np.zeros(len(thick) - len(faces), bool)]
         parts.append(Part("upper", vertices, thick[~in_cap]))
         if shoe.cap:
@@ -193,6 +193,9 @@ def laces(
         length: length of the foot, metres.
         toes: z of its front end, metres.
         count: number of bands.
+
+    Returns:
+        The laces, posed.
     """
     facing = normals(shape, faces)
     distance = toes - shape[:, 2] + 0.9 * (shape[:, 1] - ground)  # from the toes over the instep up the shaft, metres
@@ -207,7 +210,7 @@ def laces(
     matrix, cut = compacted(matrix, cut)
     rest = matrix @ shape + (matrix @ normals(shape, faces)) * LACE_THICKNESS
     posed = motion.skin(matrix @ weights, rest)
-    vertices, cut, _ = thickened(posed, cut, LACE_THICKNESS, 2)
+    vertices, cut, _ = thickened(posed, cut, LACE_THICKNESS, rings=2)
     return Part("lace", vertices, cut)
 
 

@@ -150,11 +150,9 @@ def room_for_hands(garments: list[Garment], sitting: bool) -> tuple[float, float
     """
     cut = [g for g in garments if g.kind != "scarf"]
     tops = [g for g in cut if g.kind == "top"]
-    hips = [max(g.leg_ease[2:5]) for g in cut if g.kind == "trousers"] + [
-        0.02 + 0.03 * g.flare for g in cut if g.drop > 0.2
-    ]
+    at_hips = [max(g.leg_ease[2:5]) for g in cut if g.kind == "trousers"]
+    at_hips += [0.02 + 0.03 * g.flare for g in cut if g.drop > 0.2]
     if not sitting:
-        hips += [max(g.torso_ease[:2]) for g in tops]
-    return max(hips, default=0.01) + LAYER * len(cut), max((g.torso_ease[3] for g in tops), default=0.0) + LAYER * len(
-        tops
-    )
+        at_hips += [max(g.torso_ease[:2]) for g in tops]
+    at_chest = [g.torso_ease[3] for g in tops]
+    return max(at_hips, default=0.01) + LAYER * len(cut), max(at_chest, default=0.0) + LAYER * len(tops)

@@ -1,5 +1,6 @@
 """Marks: where a garment is sewn, where it ends, and where it rubs and bends, as images of its texture atlas."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,7 +63,10 @@ def bell(position: np.ndarray, centre: float, width: float) -> np.ndarray:
 
 
 def seam_distance(pattern: Pattern) -> np.ndarray:
-    """Returns the metres (F,3) to the nearest seam: sides, shoulders, armholes, insides of limbs."""
+    """Returns the metres (F,3), at most MAX_DISTANCE, from each face's corners to the nearest seam of a garment.
+
+    Seams are at the sides, shoulders and armholes, and along the insides of limbs.
+    """
     level = pattern.levels[-1]
     faces, points = level.faces, level.rest_shape
     corner = points[faces]
@@ -89,12 +93,19 @@ def seam_distance(pattern: Pattern) -> np.ndarray:
 
 
 def images(panels: Panels, marks: Marks) -> dict[str, np.ndarray]:
-    """Renders the marks into images (side,side) of the atlas, with rows from the bottom up.
+    """Renders the marks into images of the atlas.
 
     Each face is sampled at seven points: its corners, the middles of its sides, and its centre. A cell is the mean over
     the samples in it and near it.
+
+    Args:
+        panels: the atlas.
+        marks: at the corners of the faces.
+
+    Returns:
+        (side,side) float32 images by the name of the mark, with rows from the bottom up.
     """
-    side = -(-panels.side // CELL)  # cells
+    side = math.ceil(panels.side / CELL)  # cells
     barycentric = np.concatenate([np.eye(3), 0.5 * (1 - np.eye(3)), np.full((1, 3), 1 / 3)])  # (7,3)
     column_row = np.floor(np.einsum("wk,fkd->wfd", barycentric, panels.uv) * side).astype(int).clip(0, side - 1)
     cell = (column_row[..., 1] * side + column_row[..., 0]).ravel()

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,24 @@ from relight.figures.texture import coded
 
 GUTTER = 2  # pixels between panels and around them
 
-Box = tuple[float, float, int, int, int, int]  # u0, v0 (metres) of a panel's corner; its column, row, columns, rows
+
+class Box(NamedTuple):
+    """The rectangle of a panel in the atlas.
+
+    Attributes:
+        u, v: cloth coordinates of the panel's lower left corner, metres.
+        column, row: of the rectangle's lower left pixel; rows run from the bottom up.
+        columns, rows: its size in pixels.
+    """
+
+    u: float
+    v: float
+    column: int
+    row: int
+    columns: int
+    rows: int
+
+
 Painter = Callable[[str, np.ndarray, np.ndarray, tuple[slice, slice]], np.ndarray]  # see `draw`
 
 
@@ -39,7 +57,12 @@ class Panels:
 
 
 def arc_length(sideways: np.ndarray, forward: np.ndarray) -> np.ndarray:
-    """Returns the arc length (F,3) from a panel's middle: radius times angle, which is continuous inside each face."""
+    """Returns the arc length (F,3) from a panel's middle, metres: radius times angle, continuous inside each face.
+
+    Args:
+        sideways, forward: (F,3) places of the faces' corners about the axis of trunk or limb, metres; the middle of
+            the panel is forward.
+    """
     angle = np.arctan2(sideways, forward)
     angle = angle[:, :1] + (angle - angle[:, :1] + np.pi) % (2 * np.pi) - np.pi
     return angle * np.hypot(sideways, forward)
@@ -87,10 +110,15 @@ def arm_axes(body: Body, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def cloth_coordinates(pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Returns the panels' names, the panel (F,) of each face, and cloth coordinates (F,3,2) of its corners, metres."""
+    """Divides a garment into panels and flattens them.
+
+    Returns:
+        The panels' names by number, the number (F,) of each face's panel, and cloth coordinates (F,3,2) of its corners,
+        metres across and along the panel.
+    """
     level = pattern.levels[-1]
-    faces, p = level.faces, level.rest_shape
-    corner = p[faces]
+    faces = level.faces
+    corner = level.rest_shape[faces]
     if pattern.garment.kind == "scarf":  # both halves have the same texture, from the middle to the ends
         return ["scarf"], np.zeros(len(faces), int), np.stack([corner[..., 0], np.abs(corner[..., 1])], axis=-1)
     middle = corner.mean(1)
@@ -101,11 +129,11 @@ def cloth_coordinates(pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarr
         names = ["front left", "front right", "back left", "back right"]
         for k, side in enumerate("LR"):
             sign = 1 if side == "L" else -1
-            on_limb, out, forward = limb_frame(pattern, side)
+            on_limb, outward, forward = limb_frame(pattern, side)
             back = forward.mean(1) < 0
             panel[on_limb] = k + 2 * back
             turn = np.where(back, -1, 1)[:, None]
-            cloth[on_limb, :, 0] = arc_length(out * turn, forward * turn) * turn * sign
+            cloth[on_limb, :, 0] = arc_length(outward * turn, forward * turn) * turn * sign
         return names, panel, cloth
     names = ["front", "back", "left sleeve", "right sleeve"]
     axis = side_plane(pattern)
@@ -117,15 +145,22 @@ def cloth_coordinates(pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarr
         for k, side in enumerate("LR"):
             on_limb, up, forward = limb_frame(pattern, side)
             panel[on_limb] = 2 + k
+            along, _, _ = arm_axes(pattern.body, side)
+            from_shoulder = corner[on_limb] - pattern.body.joints[f"upperarm01.{side}"]
             cloth[on_limb, :, 0] = arc_length(forward, up)
-            cloth[on_limb, :, 1] = -(
-                (corner[on_limb] - pattern.body.joints[f"upperarm01.{side}"]) @ arm_axes(pattern.body, side)[0]
-            )
+            cloth[on_limb, :, 1] = -(from_shoulder @ along)
     return names, panel, cloth
 
 
 def lay_out(names: list[str], panel: np.ndarray, cloth: np.ndarray, side: int) -> Panels:
-    """Packs the panels' rectangles, rows by height, into a square of `side` pixels at the largest scale that fits."""
+    """Packs the panels' rectangles, in rows of falling height, into a square at the largest scale that fits.
+
+    Args:
+        names: names of the panels, by number.
+        panel: (F,) number of each face's panel.
+        cloth: (F,3,2) cloth coordinates of the corners, metres.
+        side: of the square, pixels.
+    """
     used = [int(k) for k in np.unique(panel)]
     low = {k: cloth[panel == k].reshape(-1, 2).min(0) for k in used}
     span = {k: cloth[panel == k].reshape(-1, 2).max(0) - low[k] for k in used}
@@ -140,7 +175,7 @@ def lay_out(names: list[str], panel: np.ndarray, cloth: np.ndarray, side: int) -
                 x, y, row_height = 0, y + row_height, 0
             if width > side or y + height > side:
                 return {}
-            boxes[k] = (float(low[k][0]), float(low[k][1]), x, y, width, height)
+            boxes[k] = Box(float(low[k][0]), float(low[k][1]), x, y, width, height)
             x, row_height = x + width, max(row_height, height)
         return boxes
 
@@ -150,10 +185,10 @@ def lay_out(names: list[str], panel: np.ndarray, cloth: np.ndarray, side: int) -
         small, large = (scale, large) if place(scale) else (small, scale)
     boxes = place(small)
     uv = np.zeros_like(cloth)
-    for k, (u0, v0, x, y, _, _) in boxes.items():
+    for k, box in boxes.items():
         on_panel = panel == k
-        uv[on_panel, :, 0] = (x + GUTTER + (cloth[on_panel, :, 0] - u0) * small) / side
-        uv[on_panel, :, 1] = (y + GUTTER + (cloth[on_panel, :, 1] - v0) * small) / side
+        uv[on_panel, :, 0] = (box.column + GUTTER + (cloth[on_panel, :, 0] - box.u) * small) / side
+        uv[on_panel, :, 1] = (box.row + GUTTER + (cloth[on_panel, :, 1] - box.v) * small) / side
     return Panels(names, panel, cloth, uv, boxes, small, side)
 
 
@@ -169,10 +204,10 @@ def draw(panels: Panels, paint: Painter) -> np.ndarray:
         (side,side,3) uint8 sRGB.
     """
     image = np.full((panels.side, panels.side, 3), 128, np.uint8)
-    for k, (u0, v0, x, y, w, h) in panels.boxes.items():
-        u = u0 + (np.arange(w) + 0.5 - GUTTER) / panels.scale
-        v = v0 + (np.arange(h) + 0.5 - GUTTER) / panels.scale
+    for k, box in panels.boxes.items():
+        u = box.u + (np.arange(box.columns) + 0.5 - GUTTER) / panels.scale
+        v = box.v + (np.arange(box.rows) + 0.5 - GUTTER) / panels.scale
         u, v = np.broadcast_arrays(u[None].astype(np.float32), v[:, None].astype(np.float32))
-        place = (slice(y, y + h), slice(x, x + w))
+        place = (slice(box.row, box.row + box.rows), slice(box.column, box.column + box.columns))
         image[place] = coded(paint(panels.names[k], u, v, place))
     return image[::-1].copy()  # rows run from the top, v from the bottom

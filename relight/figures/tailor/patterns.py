@@ -19,6 +19,7 @@ from relight.figures.tailor.garments import ARM_AT, LEG_AT, TORSO_AT, Garment
 from relight.figures.tailor.suit import BLADES, Fields, arm_share, expand_evenly, suit_fields, trunk_hull
 
 PIN_OFFSET = 0.004  # metres from the suit to pinned cuffs, waistbands and necklines
+MAX_START_EASE = 0.006  # metres: the simulation begins with cloth closer to the body than it is cut
 HEM = 0.06  # height above the crotch where the length of a drop with a seam at the waist begins, metres
 LEG = 0.82  # metres from hip to ankle, for which the lengths of drops are given
 FADE = 0.12  # metres below that over which this begins
@@ -49,7 +50,13 @@ class Pattern:
 
 
 def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
-    """Builds the pattern of a garment for a body, refined `levels` times (edges of 25, 13, 6 mm)."""
+    """Builds the pattern of a garment for a body.
+
+    Args:
+        body: in its rest pose.
+        garment: to be cut.
+        levels: number of subdivisions; edges of 25 mm become 13 and 6 mm long.
+    """
     suit = suit_fields(body)
     garment = with_drop_for(body, garment)
     matrix, faces, sleeve = cut_from_suit(body, garment, suit)
@@ -71,10 +78,11 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     ease, lengthening = fit(body, garment, fields, points, outward)
     fitted = points + outward * (PIN_OFFSET + garment.waistband_offset)
-    start = hanging + lengthening + outward * np.minimum(ease, 0.006)[:, None]
+    start = hanging + lengthening + outward * np.minimum(ease, MAX_START_EASE)[:, None]
     rest_shape = hanging + lengthening + outward * ease[:, None]
     fields["drop"] = np.zeros(len(points))
-    level = Level(rest_shape, start, fitted, pin_weights(body, garment, fields), weights, faces)
+    pins = pin_weights(body, garment, fields)
+    level = Level(rest_shape, start, fitted, pin_weight=pins, weights=weights, faces=faces)
     if garment.drop:
         if garment.gather:  # gathers are finer than the suit
             matrix, split_faces, parent = split_border(faces, len(points), lowest_border(faces, fields["y"])[0])
@@ -82,7 +90,7 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
             fields = {name: matrix @ values for name, values in fields.items()}
         level, fields = add_drop(garment, level, fields, hull)
     above_drop = fields["drop"] == 0
-    level.start[above_drop] += 0.7 * (level.rest_shape - level.start)[above_drop]
+    level.start[above_drop] += 0.7 * (level.rest_shape - level.start)[above_drop]  # most of the ease after all
     sleeve = np.r_[sleeve, np.zeros(len(level.faces) - len(sleeve), bool)]
     return refined(body, garment, level, fields, sleeve, levels)
 
@@ -96,7 +104,16 @@ def with_drop_for(body: Body, garment: Garment) -> Garment:
 
 
 def refined(body: Body, garment: Garment, coarsest: Level, fields: Fields, sleeve: np.ndarray, levels: int) -> Pattern:
-    """Returns the pattern of a coarsest level, refined `levels` times; fields and sleeve as in `Pattern`."""
+    """Refines a garment by Loop subdivision.
+
+    Args:
+        body: in its rest pose.
+        garment: its description.
+        coarsest: as it was cut.
+        fields: (n,) of its vertices, by name.
+        sleeve: (F,) whether a face belongs to a sleeve.
+        levels: number of subdivisions.
+    """
     refined_levels, refine = [coarsest], []
     for _ in range(levels):
         coarse = refined_levels[-1]

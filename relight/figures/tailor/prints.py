@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relight.figures.tailor.fabrics import Fabric, palette, trait
+from relight.figures.tailor.fabrics import Fabric, further_color, trait
 from relight.figures.texture import band, lattice, mixed, noise
 
 EDGE = 0.0012  # metres over which the edge of a motif is soft
-# block letters, whose bits are three columns by five rows
+# Block letters: bit 3 * row + column of each is set where the letter is, in five rows from the top by three columns.
 GLYPHS = (31599, 29847, 29671, 31143, 29391, 4687, 31567, 23533, 29847, 24914, 23469, 29257, 23421, 23533, 31599)
 
 
@@ -41,7 +41,14 @@ def motifs(shape: str, u: np.ndarray, v: np.ndarray, cell: float, seed: int) -> 
 
 
 def camouflage(fabric: Fabric, u: np.ndarray, v: np.ndarray, size: float, offset: float) -> np.ndarray:
-    """Returns patches (...,3) of three shades on the ground."""
+    """Returns patches (...,3) of three shades on the ground.
+
+    Args:
+        fabric: its colors and its seed.
+        u, v: (...) cloth coordinates, metres.
+        size: factor of the patches' size.
+        offset: makes the patches of panels differ.
+    """
     first, second, seed = np.array(fabric.first), np.array(fabric.second), fabric.seed
     color = np.broadcast_to(first, (*u.shape, 3))
     shades = (first + (second - first) * 0.6, first + (second - first) * 1.0, 0.4 * first)
@@ -53,11 +60,17 @@ def camouflage(fabric: Fabric, u: np.ndarray, v: np.ndarray, size: float, offset
 
 
 def tie_dye(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float) -> np.ndarray:
-    """Returns rings (...,3) of the fabric's colors, with patches of a third."""
+    """Returns rings (...,3) of the fabric's colors, with patches of a third.
+
+    Args:
+        fabric: its colors and its seed.
+        u, v: (...) cloth coordinates, metres.
+        offset: makes the rings of panels differ.
+    """
     field = noise(u / 0.12 + offset, v / 0.09, fabric.seed)
     field = field + 0.5 * noise(u / 0.035 + offset, v / 0.03, fabric.seed + 1)
     rings = mixed(np.array(fabric.first), np.array(fabric.second), 0.5 + 0.5 * np.sin(9 * field))
-    return mixed(rings, palette(fabric, 0), np.clip(2.5 * field - 2.2, 0, 0.8))
+    return mixed(rings, further_color(fabric, "third color"), np.clip(2.5 * field - 2.2, 0, 0.8))
 
 
 def printed(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float) -> np.ndarray:
@@ -68,23 +81,30 @@ def printed(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float) -> np.n
         u, v: (...) cloth coordinates, metres.
         offset: makes the prints of panels differ.
     """
-    number, size = int(trait(fabric, 2) * 8), fabric.size * (0.5 + 1.2 * trait(fabric, 3) ** 2)
-    if number == 6:
+    # 0 to 2: motifs of one shape; 3 to 5: of two shapes; 6: camouflage; 7: tie-dye.
+    kind, size = int(trait(fabric, "print") * 8), fabric.size * (0.5 + 1.2 * trait(fabric, "print size") ** 2)
+    if kind == 6:
         return camouflage(fabric, u, v, size, offset)
-    if number == 7:
+    if kind == 7:
         return tie_dye(fabric, u, v, offset)
     shapes, cell = ("dots", "flowers", "leaves"), 0.055 * size
-    large = motifs(shapes[number % 3], u + offset, v, cell, fabric.seed)
+    large = motifs(shapes[kind % 3], u + offset, v, cell, fabric.seed)
     color = mixed(np.array(fabric.first), np.array(fabric.second), large)
-    if number < 3:
+    if kind < 3:
         return color
-    place = u + offset + 0.37 * cell, v + 0.45 * cell
-    small = motifs(shapes[(number + 1) % 3], *place, 0.61 * cell, fabric.seed + 50)
-    return mixed(color, palette(fabric, 0), 0.9 * np.clip(small, 0, 1))
+    shifted = u + offset + 0.37 * cell, v + 0.45 * cell
+    small = motifs(shapes[(kind + 1) % 3], *shifted, 0.61 * cell, fabric.seed + 50)
+    return mixed(color, further_color(fabric, "third color"), 0.9 * np.clip(small, 0, 1))
 
 
 def lettering(x: np.ndarray, y: np.ndarray, seed: int, count: int) -> np.ndarray:
-    """Returns the coverage (...) of a line of `count` block letters, each a unit square, centred at the origin."""
+    """Returns the coverage (...) of a line of block letters, each a unit square, centred at the origin.
+
+    Args:
+        x, y: (...) coordinates to the right and up, in letters.
+        seed: random seed of the letters.
+        count: number of letters.
+    """
     x = x + count / 2
     number = np.floor(x)  # of the letter
     glyph = np.array(GLYPHS)[(lattice(number, 0 * number, seed) * len(GLYPHS)).astype(int)]
@@ -123,14 +143,21 @@ class PrintArea:
     @property
     def third(self) -> np.ndarray:
         """Returns a further color (3,)."""
-        return palette(self.fabric, 0)
+        return further_color(self.fabric, "third color")
 
     def cover(self, distance: np.ndarray) -> np.ndarray:
         """Returns the coverage (...) of a shape, given the signed distance from its edge over the reach."""
         return np.clip(0.5 - distance * self.reach / self.soft, 0, 1)
 
     def line(self, height: float, scale: float, seed: int, count: int) -> np.ndarray:
-        """Returns the coverage (...) of a line of letters as wide as the emblem, `height` below its centre."""
+        """Returns the coverage (...) of a line of letters as wide as the emblem.
+
+        Args:
+            height: of its middle below the centre, over the reach.
+            scale: factor by which letters are lower than the reach.
+            seed: chooses the letters, with the fabric's.
+            count: number of letters.
+        """
         return lettering(self.x * 0.5 * count / 1.2, (self.y + height) * scale, self.fabric.seed + seed, count)
 
 
@@ -155,18 +182,18 @@ def bars(area: PrintArea) -> np.ndarray:
 
 def word(area: PrintArea) -> np.ndarray:
     """Paints a word of four to eight letters."""
-    count = 4 + int(5 * trait(area.fabric, 6))
-    return mixed(area.ground, area.second, area.line(0.0, 1.6, 0, count))
+    count = 4 + int(5 * trait(area.fabric, "letters"))
+    return mixed(area.ground, area.second, area.line(height=0.0, scale=1.6, seed=0, count=count))
 
 
 def two_lines(area: PrintArea) -> np.ndarray:
     """Paints a word with small print below it."""
-    return mixed(word(area), area.third, area.line(0.55, 5.5, 1, 14))
+    return mixed(word(area), area.third, area.line(height=0.55, scale=5.5, seed=1, count=14))
 
 
 def two_figures(area: PrintArea) -> np.ndarray:
     """Paints a number, as on a jersey."""
-    return mixed(area.ground, area.second, lettering(area.x * 0.9, area.y * 0.55, area.fabric.seed, 2))
+    return mixed(area.ground, area.second, lettering(area.x * 0.9, area.y * 0.55, area.fabric.seed, count=2))
 
 
 def star(area: PrintArea) -> np.ndarray:
@@ -181,7 +208,7 @@ def landscape(area: PrintArea) -> np.ndarray:
     x, y = area.x, area.y
     hill = area.cover(y + 0.25 + 0.5 * (noise(x * 1.7 + 9, 0 * x, area.fabric.seed) - 0.5))
     sky = np.broadcast_to(area.second, area.ground.shape)
-    picture = mixed(sky, palette(area.fabric, 1), np.clip(0.5 + 0.5 * y, 0, 1))
+    picture = mixed(sky, further_color(area.fabric, "fourth color"), np.clip(0.5 + 0.5 * y, 0, 1))
     picture = mixed(picture, area.third, area.cover(np.hypot(x - 0.2, y - 0.3) - 0.35))
     picture = mixed(picture, 0.4 * area.third, hill)
     return mixed(area.ground, picture, area.cover(np.maximum(np.abs(x), np.abs(y)) - 1))
@@ -208,14 +235,15 @@ def emblem(fabric: Fabric, panel: str, u: np.ndarray, v: np.ndarray, soft: float
         soft: metres over which edges are soft.
     """
     ground = np.broadcast_to(np.array(fabric.first), (*np.broadcast(u, v).shape, 3))
-    place = trait(fabric, 3)
+    place = trait(fabric, "emblem place")
     if "sleeve" in panel:
-        if trait(fabric, 4) >= 0.25:
+        if trait(fabric, "sleeve stripe") >= 0.25:
             return ground
         return mixed(ground, np.array(fabric.second), band(u, 0.024, 0.45, soft) * (np.abs(u) < 0.036))
     if (panel == "back") != (place > 0.85):
         return ground
-    small = 0.55 < place < 0.85
-    reach = (0.032 if small else 0.075 + 0.07 * trait(fabric, 5)) * min(fabric.size, 1.3)
+    small = 0.55 < place < 0.85  # on one side of the chest; large ones are in its middle
+    reach = (0.032 if small else 0.075 + 0.07 * trait(fabric, "emblem size")) * min(fabric.size, 1.3)
     x, y = (u - (0.085 if small else 0.0)) / reach, (v - (0.41 if small else 0.35)) / reach
-    return EMBLEMS[int(trait(fabric, 2) * len(EMBLEMS))](PrintArea(fabric, ground, v, x, y, reach, soft))
+    paint = EMBLEMS[int(trait(fabric, "emblem") * len(EMBLEMS))]
+    return paint(PrintArea(fabric, ground, v, x, y, reach, soft))

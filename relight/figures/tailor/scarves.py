@@ -11,7 +11,7 @@ from relight.figures.cloth.drape import Level
 from relight.figures.cloth.solver import SolverSettings
 from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import grid_faces
-from relight.figures.tailor.collars import neck_of
+from relight.figures.tailor.collars import Neck, neck_of
 from relight.figures.tailor.garments import Garment
 from relight.figures.tailor.patterns import Pattern, refined
 
@@ -47,35 +47,47 @@ class Wrap:
     width: float
 
 
-SOLVER = [SolverSettings(12, 3, 22), SolverSettings(10, 4, 12), SolverSettings(8, 5, 10, gravity=-5.0)]
+SOLVER = [  # for each level of a scarf, from coarse to fine
+    SolverSettings(substeps=12, iterations=3, settle_frames=22),
+    SolverSettings(substeps=10, iterations=4, settle_frames=12),
+    SolverSettings(substeps=8, iterations=5, settle_frames=10, gravity=-5.0),
+]
 
 
-def outline(surface: Collider, centre: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """Measures neck and collars around a centre.
+def outline(surface: Collider, neck: Neck) -> np.ndarray:
+    """Measures neck and collars around the base of the neck.
 
     Args:
         surface: the dressed figure.
-        centre: (3,) base of the neck, metres.
-        frame: (3,3) axes of the neck in rows: left, up, forward.
+        neck: of the posed figure.
 
     Returns:
         Radii (BEARINGS,) in metres, from the front to the left.
     """
     angle = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
-    outward = np.outer(np.sin(angle), frame[0]) + np.outer(np.cos(angle), frame[2])
+    outward = np.outer(np.sin(angle), neck.left) + np.outer(np.cos(angle), neck.forward)
     low, high = NECK_RADII
     radius = np.full(BEARINGS, low)
     for height in (0.03, 0.045, 0.06):  # the widest of three heights counts
-        origin = centre + height * frame[1] + NECK_RAYS * outward
+        origin = neck.base + height * neck.up + NECK_RAYS * outward
         radius = np.maximum(radius, NECK_RAYS - np.minimum(surface.raycast(origin, -outward)[1], 0.09))
     return gaussian_filter1d(np.minimum(radius, high), 3, mode="wrap")
 
 
 def drop_line(surface: Collider, x: float, top: float, length: float, lift: float) -> np.ndarray:
-    """Returns a line (m,3) down the figure's front, `lift` metres off it, from height `top`.
+    """Lays a line down the front of a figure.
 
-    It has 15 % more height than `length`. Where rays miss the figure, it hangs straight; if all do, 0.1 m before the
-    origin.
+    Where rays miss the figure, the line hangs straight; if all do, 0.1 m before the origin.
+
+    Args:
+        surface: the dressed figure.
+        x: of the line, metres.
+        top: height of its upper end, metres.
+        length: metres; the line has 15 % more height, since it is cut to its length later.
+        lift: metres off the figure.
+
+    Returns:
+        (m,3) points from the top down, metres.
     """
     y = top - np.arange(0.0, 1.15 * length, 0.01)
     origin = np.stack([np.full_like(y, x), y, np.full_like(y, RAY_START)], axis=1)
@@ -86,18 +98,27 @@ def drop_line(surface: Collider, x: float, top: float, length: float, lift: floa
     return np.stack([origin[:, 0], y, z + lift], axis=1)
 
 
-def centre_line(wrap: Wrap, surface: Collider, centre: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the ribbon's centre line (n,3), a point every EDGE, and the directions (n,3) away from the figure."""
-    neck_radius = outline(surface, centre, frame)
+def centre_line(wrap: Wrap, surface: Collider, neck: Neck) -> tuple[np.ndarray, np.ndarray]:
+    """Lays the centre line of a ribbon around the neck, with both ends down the front.
+
+    Args:
+        wrap: how the scarf is worn.
+        surface: the dressed figure.
+        neck: of the posed figure.
+
+    Returns:
+        The points (n,3) of the line, every EDGE, metres, and the unit directions (n,3) away from the figure there.
+    """
+    neck_radius = outline(surface, neck)
     angle = np.radians(wrap.start - np.arange(0, wrap.turn + 1, RING_STEP))
     layers = LAYER * np.abs(angle - angle[0]) / (2 * np.pi)  # each turn lies on the one before
     bearings = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
     radius = np.interp(angle, bearings, neck_radius, period=2 * np.pi) + RING_DISTANCE + layers
-    outward = np.outer(np.sin(angle), frame[0]) + np.outer(np.cos(angle), frame[2])
-    ring = centre + wrap.height * frame[1] + outward * radius[:, None]
+    outward = np.outer(np.sin(angle), neck.left) + np.outer(np.cos(angle), neck.forward)
+    ring = neck.base + wrap.height * neck.up + outward * radius[:, None]
     # The ends hang from the first and the last point of the ring, the second one over the first.
     ends = [
-        drop_line(surface, centre[0] + x, ring[k, 1] - 0.03, length, lift)
+        drop_line(surface, neck.base[0] + x, ring[k, 1] - 0.03, length, lift)
         for x, length, k, lift in zip(wrap.at, wrap.ends, (0, -1), (0.012, 0.036))
     ]
     ahead = np.broadcast_to([0.0, 0.0, 1.0], (1, 3))
@@ -117,14 +138,19 @@ def centre_line(wrap: Wrap, surface: Collider, centre: np.ndarray, frame: np.nda
 
 
 def build_scarf(motion: Motion, garment: Garment, surface: Collider, levels: int) -> Pattern:
-    """Builds the pattern of a scarf, refined `levels` times, whose start lies around the posed figure `surface`.
+    """Builds the pattern of a scarf, whose start lies around the posed figure.
 
     Its rest shape is the flat ribbon (x across, y along, metres). Its skinning weights are 0: it does not move with the
     body.
+
+    Args:
+        motion: how the body moves from its rest pose into the pose.
+        garment: a scarf; its name chooses how it is worn.
+        surface: the dressed figure, posed.
+        levels: number of subdivisions.
     """
-    centre, frame = neck_of(motion)
     wrap = entries("garments", "wraps", Wrap)[garment.name]
-    line, away = centre_line(wrap, surface, centre, frame)
+    line, away = centre_line(wrap, surface, neck_of(motion))
     along = np.gradient(line, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     across = np.cross(along, away)
@@ -139,5 +165,7 @@ def build_scarf(motion: Motion, garment: Garment, surface: Collider, levels: int
     start = start.reshape(-1, 3)
     fields = {"drop": np.ones(len(flat))}
     unpinned = np.zeros(len(flat))
-    coarsest = Level(flat, start, start, unpinned, np.zeros((len(flat), 1)), faces)
-    return refined(motion.body, garment, coarsest, fields, np.zeros(len(faces), bool), levels)
+    no_skinning = np.zeros((len(flat), 1))
+    coarsest = Level(flat, start, fitted=start, pin_weight=unpinned, weights=no_skinning, faces=faces)
+    no_sleeves = np.zeros(len(faces), bool)
+    return refined(motion.body, garment, coarsest, fields, no_sleeves, levels)

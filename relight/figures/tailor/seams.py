@@ -36,7 +36,8 @@ def stitched(
     Returns:
         (...,3) linear albedo.
     """
-    sewing = Sewing(color, color * 0.55, np.array(DENIM_THREAD) if kind == "denim" else color * 0.6)
+    thread = np.array(DENIM_THREAD) if kind == "denim" else color * 0.6
+    sewing = Sewing(color, dark=color * 0.55, thread=thread)
     if garment.kind == "trousers":
         sew_trousers(sewing, kind, name, u, top - v)
     if name == "front":
@@ -100,7 +101,14 @@ def sew_trousers(sewing: Sewing, kind: str, name: str, u: np.ndarray, below: np.
 
 
 def sew_buttons(sewing: Sewing, garment: Garment, u: np.ndarray, v: np.ndarray, top: float) -> None:
-    """Draws the buttons of a closed front, if it has some; arguments as of `stitched`."""
+    """Draws the buttons of a closed front, if it has some.
+
+    Args:
+        sewing: to draw on.
+        garment: its front and collar.
+        u, v: (...) cloth coordinates across and along, metres.
+        top: v of the panel's upper end.
+    """
     is_shirt = garment.collar == "fold" and garment.front == "none"
     if garment.front not in ("buttons", "double", "placket") and not is_shirt:
         return
@@ -108,7 +116,7 @@ def sew_buttons(sewing: Sewing, garment: Garment, u: np.ndarray, v: np.ndarray, 
         sewing.draw(0.7 * line(np.abs(u) - 0.016), sewing.dark)  # the edges of its placket
     has_buttons = v > top - 0.16 if garment.front == "placket" else np.ones(v.shape, bool)
     apart = 0.060 if garment.front == "double" else 0.0  # metres; the two rows are 1.4 times this apart
-    radius, step = (0.0052, 0.085) if garment.collar == "fold" else (0.010, 0.12)
+    radius, step = (0.0052, 0.085) if garment.collar == "fold" else (0.010, 0.12)  # metres, from one to the next
     button = np.hypot(np.abs(u - 0.5 * apart) - 0.7 * apart, np.mod(v, step) - 0.04) - radius
     pale = np.array(PALE_BUTTON if sewing.color.mean() < 0.3 else GREY_BUTTON)
     sewing.draw(np.clip(0.5 - button / 0.001, 0, 1) * has_buttons, pale if radius < 0.01 else sewing.dark)

@@ -21,7 +21,16 @@ Fields = dict[str, np.ndarray]  # attributes of vertices by name, see `suit_fiel
 
 
 def polyline_parameter(points: np.ndarray, line: list[np.ndarray]) -> np.ndarray:
-    """Returns the parameter (n,) of the nearest point on a polyline: segment plus fraction; its ends are extended."""
+    """Returns where points lie along a polyline.
+
+    Args:
+        points: (n,3).
+        line: points (3,) of the polyline.
+
+    Returns:
+        (n,) the parameter of the nearest point on the line: 1.5 is the middle of the second segment. Both ends are
+        extended, so it may be below 0 and above the number of segments.
+    """
     least_distance, parameter = np.full(len(points), np.inf), np.zeros(len(points))
     for k, (a, b) in enumerate(pairwise(line)):
         u = (points - a) @ (b - a) / ((b - a) @ (b - a))  # along the segment, from 0 to 1
@@ -39,21 +48,20 @@ def suit_fields(body: Body) -> Fields:
     These are x, y, z in metres; armL, armR (0 shoulder, 1 elbow, 2 wrist, -1 off the arm) and legL, legR (0 hip, 1
     knee, 2 ankle); arm_shareL, arm_shareR, the sum of the skinning weights of the arm's bones.
     """
-    points, j, rig = body.tights, body.joints, makehuman.rig()
-    out = {"x": points[:, 0], "y": points[:, 1], "z": points[:, 2]}
+    points, rig = body.tights, makehuman.rig()
+    fields = {"x": points[:, 0], "y": points[:, 1], "z": points[:, 2]}
     for side in "LR":
-        arm = [
-            i
-            for i, b in enumerate(rig.bones)
-            if b.endswith(f".{side}") and b.startswith(("upperarm", "lowerarm", "wrist"))
-        ]
-        share = rig.weights[makehuman.TIGHTS][:, arm].sum(1)
-        line = polyline_parameter(points, [j[f"{bone}.{side}"] for bone in ("upperarm01", "lowerarm01", "wrist")])
-        out[f"arm_share{side}"], out[f"arm{side}"] = share, np.where(share > 0.05, line, -1.0)
-        out[f"leg{side}"] = polyline_parameter(
-            points, [j[f"{bone}.{side}"] for bone in ("upperleg01", "lowerleg01", "foot")]
+        arm_prefixes = ("upperarm", "lowerarm", "wrist")
+        arm_bones = [i for i, b in enumerate(rig.bones) if b.endswith(f".{side}") and b.startswith(arm_prefixes)]
+        share = rig.weights[makehuman.TIGHTS][:, arm_bones].sum(1)
+        arm, leg = (
+            polyline_parameter(points, [body.joints[f"{bone}.{side}"] for bone in bones])
+            for bones in (("upperarm01", "lowerarm01", "wrist"), ("upperleg01", "lowerleg01", "foot"))
         )
-    return out
+        fields[f"arm_share{side}"] = share
+        fields[f"arm{side}"] = np.where(share > 0.05, arm, -1.0)
+        fields[f"leg{side}"] = leg
+    return fields
 
 
 def arm_share(fields: Fields) -> np.ndarray:
@@ -138,13 +146,23 @@ def trunk_hull(points: np.ndarray, fields: Fields, heights: dict[str, float]) ->
         distance = np.where(facing > 1e-6, -sides[:, 2] / np.maximum(facing, 1e-6), np.inf)  # along each direction
         known.append(height)
         radii.append(np.min(distance, axis=1))
-    return Hull(middle, slices, np.stack([np.interp(slices, known, r) for r in np.transpose(radii)], axis=1))
+    columns = [np.interp(slices, known, radius) for radius in np.transpose(radii)]  # one for each direction
+    return Hull(middle, slices, np.stack(columns, axis=1))
 
 
 def expand_evenly(hull: Hull, points: np.ndarray, faces: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Moves points out to a hull (`Hull.expand`) and spreads those from the cleft between the buttocks over the seat.
 
     Without this, the cloth that lined the cleft would be bunched on a narrow strip, and crumple there.
+
+    Args:
+        hull: convex hull of the trunk.
+        points: (n,3) metres.
+        faces: (F,3).
+        share: (n,) of the distance to the hull that points inside it are moved.
+
+    Returns:
+        (n,3) metres.
     """
     expanded = hull.expand(points, share)
     average = neighbours(faces, len(points))

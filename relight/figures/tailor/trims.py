@@ -6,8 +6,10 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter
 
 from relight.figures.cloth.colliders import Collider
 from relight.figures.surfaces import Surface, clip, extruded, grid_faces, normals, thickened
+from relight.figures.tailor.collars import Neck
 from relight.figures.tailor.patterns import Pattern
 
+# Right and left edge of the band of each closed front on the pattern, metres from the middle.
 BANDS = {"zip": (-0.013, 0.013), "buttons": (-0.018, 0.018), "placket": (-0.017, 0.017), "double": (-0.030, 0.085)}
 PLACKET = 0.15  # length of a placket, metres
 OFFSET = 0.0025  # metres between the cloth and a band, a belt or a tie; also their thickness
@@ -21,7 +23,8 @@ TIE_OUTLINE = (  # metres below the top, and half the width there
     (0.017, 0.014, 0.013, 0.036, 0.036, 0.002),
 )
 TIE_RAYS = 0.6  # metres before the neck where rays toward the shirt start
-MIN_TIE_ROWS = 25  # of 40 that must meet the shirt below the knot
+TIE_ROWS = 40
+MIN_TIE_ROWS = 25  # of these that must meet the shirt below the knot
 
 
 def band(pattern: Pattern, positions: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
@@ -33,28 +36,28 @@ def band(pattern: Pattern, positions: np.ndarray, uv: np.ndarray) -> tuple[np.nd
         uv: (n,2) of these vertices.
 
     Returns:
-        Vertices, faces and corner uv; None if the garment has no such band.
+        Vertices (V,3), faces (F,3) and corner uv (F,3,2); None if the garment has no such band.
     """
     garment, level = pattern.garment, pattern.levels[-1]
     if garment.front not in BANDS:
         return None
-    low, high = BANDS[garment.front]
-    p = level.rest_shape
-    x, z = p[:, 0], p[:, 2]
+    right, left = BANDS[garment.front]
+    x, y, z = level.rest_shape.T
     ahead = (z > np.median(z)) & (np.abs(x) < 0.2)
     faces = level.faces[ahead[level.faces].all(1) & ~pattern.sleeve]
-    matrix = sparse.identity(len(p), format="csr")
-    fields = [x - low, high - x]
+    matrix = sparse.identity(len(x), format="csr")
+    fields = [x - right, left - x]  # each is positive on the band
     if garment.front == "placket":
-        top = p[np.unique(faces)][np.abs(p[np.unique(faces), 0]) < 0.02, 1].max(initial=-9)
-        fields.append(p[:, 1] - top + PLACKET)
+        used = np.unique(faces)
+        top = y[used][np.abs(x[used]) < 0.02].max(initial=-9)
+        fields.append(y - top + PLACKET)
     for field in fields:
         if not len(faces):
             return None
         matrix, faces = clip(matrix, faces, matrix @ field, snap=0.2)
     flat = matrix @ positions
-    out = flat + OFFSET * normals(flat, faces)
-    points, shell, source = thickened(out, faces, OFFSET, rings=None)
+    raised = flat + OFFSET * normals(flat, faces)
+    points, shell, source = thickened(raised, faces, OFFSET, rings=None)
     return points, shell, (matrix @ uv)[source][shell]
 
 
@@ -69,14 +72,14 @@ def belt(vertices: np.ndarray, faces: np.ndarray, band: np.ndarray, ahead: np.nd
         width: width of the belt, metres.
 
     Returns:
-        Belt and buckle; nothing if the cloth does not go all around.
+        Vertices and faces of belt and buckle; nothing if the cloth does not go all around.
     """
     centre = band.mean(0)
     up = np.linalg.svd(band - centre)[2][2]  # normal of the plane that fits the belt
     up = up * np.sign(up[1])
     ahead = ahead - (ahead @ up) * up
     ahead /= np.linalg.norm(ahead)
-    left, surface = np.cross(up, ahead), Collider(vertices, vertices, faces)
+    left, surface = np.cross(up, ahead), Collider.at_rest(vertices, faces)
     bearing = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
     outward = np.outer(np.cos(bearing), ahead) + np.outer(np.sin(bearing), left)
     heights = np.linspace(-0.5, 0.5, 4) * width
@@ -88,7 +91,7 @@ def belt(vertices: np.ndarray, faces: np.ndarray, band: np.ndarray, ahead: np.nd
     radius = maximum_filter(radius, 3, mode=("nearest", "wrap"))  # follows the cloth closely
     radius = gaussian_filter1d(radius, 1.0, mode="wrap") + OFFSET
     rings = [centre + h * up + r[:, None] * outward for h, r in zip(heights[::-1], radius[::-1])]
-    strip, strip_faces = extruded(np.arange(BEARINGS), rings[1:], BEARINGS, True)
+    strip, strip_faces = extruded(np.arange(BEARINGS), rings[1:], offset=BEARINGS, closed=True)
     ribbon = thickened(np.concatenate([rings[0], strip]), strip_faces, OFFSET, rings=None)[:2]
     # The buckle: a plate as bent as the belt, a little wider and 3 mm before it.
     outer_radius = radius.max(0)
@@ -100,29 +103,28 @@ def belt(vertices: np.ndarray, faces: np.ndarray, band: np.ndarray, ahead: np.nd
     return [ribbon, thickened(plate.reshape(-1, 3), grid_faces(*x.shape), BUCKLE_OFFSET, rings=None)[:2]]
 
 
-def tie(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.ndarray) -> Surface | None:
+def tie(vertices: np.ndarray, faces: np.ndarray, neck: Neck) -> Surface | None:
     """Builds a tie on a shirt's front, from the collar down.
 
     Args:
         vertices: (n,3) of the shirt, metres.
         faces: (F,3) without sleeves.
-        neck: (3,) base of the posed neck, metres.
-        left: (3,) axis to its left.
+        neck: of the posed figure.
 
     Returns:
-        Vertices and faces; None if the shirt's front is not found.
+        Vertices (V,3) and faces (F,3); None if the shirt's front is not found.
     """
-    surface = Collider(vertices, vertices, faces)
-    s = np.linspace(0, TIE, 40)  # metres below the top
+    surface = Collider.at_rest(vertices, faces)
+    s = np.linspace(0, TIE, TIE_ROWS)  # metres below the top
     half_width = np.interp(s, *TIE_OUTLINE)
     across = np.linspace(-1, 1, 7)
-    top = neck + 0.02 * np.array([0.0, 1.0, 0.0])
+    top = neck.base + 0.02 * np.array([0.0, 1.0, 0.0])
     # Rays from in front give the depth of the shirt at each point of the tie.
-    origin = top + (half_width[:, None] * across)[..., None] * left + [0.0, 0.0, TIE_RAYS]
+    origin = top + (half_width[:, None] * across)[..., None] * neck.left + [0.0, 0.0, TIE_RAYS]
     origin[..., 1] -= s[:, None]
-    depth = surface.raycast(origin.reshape(-1, 3), np.broadcast_to([0.0, 0.0, -1.0], (origin.size // 3, 3)))[1]
-    depth = depth.reshape(origin.shape[:2])
-    is_on_shirt = np.isfinite(depth).all(1) & (depth < TIE_RAYS).all(1)
+    backward = np.broadcast_to([0.0, 0.0, -1.0], (origin.size // 3, 3))
+    depth = surface.raycast(origin.reshape(-1, 3), backward)[1].reshape(origin.shape[:2])
+    is_on_shirt = np.asarray(np.isfinite(depth).all(1) & (depth < TIE_RAYS).all(1))
     if is_on_shirt[KNOT < s].sum() < MIN_TIE_ROWS:
         return None
     first, last = np.flatnonzero(is_on_shirt)[[0, -1]]
