@@ -67,6 +67,13 @@ def test_a_row_means_the_same_in_every_preset():
             assert rows.setdefault(row, words) == words, (preset, row)
 
 
+def test_the_orders_of_the_study_of_orders():
+    """A row without `model.order` has the order of the maps, which is 4 there."""
+    plan = Plan({"hydra": "scale=smoke experiment=order"})
+    orders = {row: plan.settings(plan.trainings_of(row)[0])["model"]["order"] for row in plan.rows}
+    assert orders == {"order_2": 2, "order_3": 3, "order_4": 4}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", PRESETS)
 def test_every_preset_plans(preset):
