@@ -10,7 +10,7 @@ from relight.figures.body.person import Person
 from relight.figures.builder import Paint
 from relight.figures.outfits import Outfit
 from relight.figures.tailor import footwear, panels, trims
-from relight.figures.tailor.aging import aged
+from relight.figures.tailor.aging import Patch, aged
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.garments import Garment
 from relight.figures.tailor.marks import images, marks
@@ -53,7 +53,7 @@ class GarmentPaint:
             color = woven(worn.fabric, panel, u, v, texel)
             color = stitched(self.garment, worn.fabric.kind, panel, u, v, top, color)
             marks_here = {mark: image[place] for mark, image in self.marks.items()}
-            return aged(self.garment, worn.fabric, panel, u, v, marks_here, texel, color)
+            return aged(Patch(self.garment, worn.fabric, panel, u, v, marks_here, texel, color))
 
         return Material(texture=panels.draw(self.atlas, paint), name=worn.garment.name)
 

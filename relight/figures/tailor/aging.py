@@ -1,6 +1,6 @@
 """Traces of sewing and wear in the albedo: seams, hems, ribs, fading, creases, soil, panels of unequal dye."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -27,7 +27,7 @@ class Patch:
         marks: (h,w) the panel's part of `marks.images`, by name.
         texel: metres between the samples.
         color: (h,w,3) linear albedo, without `log`.
-        log: (h,w) logarithm of the factor by which traces change the albedo.
+        log: (h,w) logarithm of the factor by which traces change the albedo; at first that of the panel's dye.
     """
 
     garment: Garment
@@ -38,7 +38,12 @@ class Patch:
     marks: dict[str, np.ndarray]
     texel: float
     color: np.ndarray
-    log: np.ndarray
+    log: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Varies the dye between panels, which are cut from different bolts."""
+        dye = 2 * trait(self.fabric, "dye", self.number % 7) - 1
+        self.log = 0.035 * dye * np.ones(self.u.shape, self.u.dtype)
 
     @property
     def number(self) -> int:
@@ -157,33 +162,8 @@ def zip_teeth(patch: Patch) -> None:
 TRACES = (seams, hems, puckers, fading, creases, soil, zip_teeth)  # in this order
 
 
-def aged(
-    garment: Garment,
-    fabric: Fabric,
-    panel: str,
-    u: np.ndarray,
-    v: np.ndarray,
-    marks: dict[str, np.ndarray],
-    texel: float,
-    color: np.ndarray,
-) -> np.ndarray:
-    """Adds traces of sewing and wear to the albedo of a panel.
-
-    Args:
-        garment: garment to which the panel belongs.
-        fabric: its seed gives age and soil.
-        panel: its name.
-        u, v: (h,w) cloth coordinates across and along, metres.
-        marks: (h,w) the panel's part of `marks.images`, by name.
-        texel: metres between the samples.
-        color: (h,w,3) linear albedo.
-
-    Returns:
-        (h,w,3) linear albedo.
-    """
-    dye = 2 * trait(fabric, "dye", sum(map(ord, panel)) % 7) - 1  # panels are cut from other bolts
-    log = 0.035 * dye * np.ones(u.shape, u.dtype)
-    patch = Patch(garment, fabric, panel, u, v, marks, texel, color, log)
+def aged(patch: Patch) -> np.ndarray:
+    """Adds the traces of sewing and wear to a panel, which is changed, and returns its linear albedo (h,w,3)."""
     for leave in TRACES:
         leave(patch)
     return np.clip(patch.color * np.exp(patch.log)[..., None], 0.006, 0.88)
