@@ -302,6 +302,7 @@ def initial_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
     start, start_config = load_network(settings.start)
     start_settings = {"size": start_config["size"], **start_config["model"]}
     new_settings = {"size": network.size, **asdict(recipe.model)}
+    start_settings["dropout"] = new_settings["dropout"]  # no weight depends on it
     # A U-Net is convolutional: its weights fit every size above one pixel at the bottleneck.
     if isinstance(network, UNet) and min(network.size, start_config["size"]) > STRIDE:
         start_settings["size"] = network.size
