@@ -387,8 +387,8 @@ class Plan:
 
     @property
     def score_files(self) -> list[str]:
-        """All files of scores that the report needs."""
-        tables = [self.scores(name, usual) for name in self.tables for usual in (False, True)]
+        """All files of scores that the report needs: by each experiment's own figures and lights, and by the usual."""
+        tables = [self.scores(name, usual=usual) for name in self.tables for usual in (False, True)]
         files = (f"{self.out}/{path}" for rows in tables for paths in rows.values() for path in paths)
         return list(dict.fromkeys(files))
 

@@ -6,11 +6,14 @@ from bpy_extras.io_utils import ImportHelper
 
 from . import light, shader, transport
 
-KNOWN = {}  # signature of the light that each object has, by name
+KNOWN = {}  # by name of the object, the signature (transport.signature) of the light that it has
 
 
 def update(scene, force=False):
-    """Gives every object that relight made the light of the scene's world, if that or the object's rotation changed."""
+    """Gives every object that relight made the light of the scene's world.
+
+    Objects whose rotation and light did not change are left alone, unless `force`.
+    """
     for item in scene.objects:
         if transport.PROPERTY in item and item.active_material:
             signature = transport.signature(item, scene.world)
@@ -21,7 +24,7 @@ def update(scene, force=False):
 
 @persistent
 def follow(scene, *_):
-    """Follows the world, after a change, a new frame or the loading of a file."""
+    """Updates the light after a change of the scene, a new frame, or the loading of a file, which names no scene."""
     update(scene if isinstance(scene, bpy.types.Scene) else bpy.context.scene)
 
 

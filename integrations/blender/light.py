@@ -3,13 +3,15 @@
 The harmonics are those of relight: real, orthonormal, without the Condon-Shortley phase, index l*l + l + m, pole +z.
 """
 
+from math import ceil
+
 import numpy as np
 
 ROWS = 64  # of the panorama that is projected: order 2 needs no finer one
 
 
 def basis(directions):
-    """Returns the harmonics (...,9) of unit vectors (...,3)."""
+    """Returns the harmonics Y_lm (...,9) of order 2 of unit vectors (...,3), index l*l + l + m."""
     x, y, z = np.moveaxis(np.asarray(directions, np.float64), -1, 0)
     values = [0.28209479 * np.ones_like(x), 0.48860251 * y, 0.48860251 * z, 0.48860251 * x]
     values += [1.09254843 * x * y, 1.09254843 * y * z, 0.31539157 * (3 * z * z - 1), 1.09254843 * x * z]
@@ -17,13 +19,18 @@ def basis(directions):
 
 
 def sphere(rows=ROWS):
-    """Returns directions (rows,2 rows,3) over the sphere, the top row first, and the solid angle (rows,1) of each."""
-    edges = np.pi * (0.5 - np.arange(rows + 1) / rows)
-    up, around = (edges[:-1] + edges[1:]) / 2, np.pi - 2 * np.pi * (np.arange(2 * rows) + 0.5) / (2 * rows)
-    flat = np.cos(up)[:, None]
-    directions = [flat * np.cos(around), flat * np.sin(around), np.broadcast_to(np.sin(up)[:, None], (rows, 2 * rows))]
-    angle = (np.sin(edges[:-1]) - np.sin(edges[1:])) * np.pi / rows
-    return np.stack(directions, -1), angle[:, None]
+    """Samples the sphere as Blender's lat-long panoramas do: +z is at the top, -x in the leftmost column.
+
+    Returns:
+        Directions (rows,2 rows,3), the top row first, and the solid angle (rows,1) of each.
+    """
+    edges = np.pi * (0.5 - np.arange(rows + 1) / rows)  # elevations between the rows
+    elevation = (edges[:-1] + edges[1:]) / 2
+    azimuth = np.pi - 2 * np.pi * (np.arange(2 * rows) + 0.5) / (2 * rows)
+    horizontal = np.cos(elevation)[:, None]
+    z = np.broadcast_to(np.sin(elevation)[:, None], (rows, 2 * rows))
+    solid_angle = (np.sin(edges[:-1]) - np.sin(edges[1:])) * np.pi / rows
+    return np.stack([horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), z], -1), solid_angle[:, None]
 
 
 def project(world, axes):
@@ -36,26 +43,31 @@ def project(world, axes):
     Returns:
         Radiance coefficients (9,3).
     """
-    directions, angle = sphere()
+    directions, solid_angle = sphere()
     radiance, turn = radiance_of(world, len(directions))
-    frame = directions @ turn.T @ np.asarray(axes, np.float64).T
-    return np.einsum("hwk,hwc,hw->kc", basis(frame), radiance, np.broadcast_to(angle, radiance.shape[:2]))
+    in_frame = directions @ turn.T @ np.asarray(axes, np.float64).T
+    return np.einsum("hwk,hwc,hw->kc", basis(in_frame), radiance, np.broadcast_to(solid_angle, radiance.shape[:2]))
 
 
 def radiance_of(world, rows):
     """Returns the radiance (rows,2 rows,3) of a world, and the rotation (3,3) from its panorama to the scene."""
-    plain = np.ones((rows, 2 * rows, 3))
+    white = np.ones((rows, 2 * rows, 3))
     background, image, color, turn = look_up(world)
     if background is None:
-        return plain * (0 if world is None else np.array(world.color)), np.eye(3)
+        return white * (0 if world is None else np.array(world.color)), np.eye(3)
     strength = background.inputs["Strength"].default_value
     if image is None:
-        return plain * strength * np.array(color[:3]), np.eye(3)
+        return white * strength * np.array(color[:3]), np.eye(3)
     return strength * shrunk(linear_pixels(image), rows), turn
 
 
 def look_up(world):
-    """Returns a world's Background node, its image and its color, None where absent, and the rotation (3,3)."""
+    """Finds what a world shines with.
+
+    Returns:
+        Its Background node, or None; the image of the panorama that is linked to the node, or None; the node's color
+        (4,), or None without a node; and the rotation (3,3) from the panorama to the scene.
+    """
     nodes = world.node_tree.nodes if world and world.node_tree else ()
     background = next((node for node in nodes if node.type == "BACKGROUND"), None)
     if background is None:
@@ -71,7 +83,7 @@ def look_up(world):
 
 
 def linear_pixels(image):
-    """Returns the linear pixels (H,W,3) of an image, the top row first."""
+    """Returns the linear pixels (H,W,3) of a Blender image, the top row first; raises ValueError if it has none."""
     width, height = image.size
     if not width:
         raise ValueError(f"the panorama {image.name} has no pixels: its file is missing")
@@ -85,13 +97,16 @@ def linear_pixels(image):
 
 
 def shrunk(pixels, rows):
-    """Returns a lat-long panorama as means over (rows,2 rows) parts; each pixel counts in the part of its center."""
+    """Shrinks a lat-long panorama (H,W,3) to the means (rows,2 rows,3) over its parts.
+
+    Each pixel counts in the part of its left and upper edge. Smaller panoramas are enlarged by whole factors before.
+    """
     height, width, _ = pixels.shape
     if height < rows or width < 2 * rows:
-        pixels = pixels.repeat(-(-rows // height), 0).repeat(-(-2 * rows // width), 1)
+        pixels = pixels.repeat(ceil(rows / height), axis=0).repeat(ceil(2 * rows / width), axis=1)
         height, width, _ = pixels.shape
     for axis, (count, parts) in enumerate(((height, rows), (width, 2 * rows))):
-        starts = -(-np.arange(parts) * count // parts)
+        starts = -(-np.arange(parts) * count // parts)  # rounded up
         sizes = np.diff([*starts, count]).reshape((-1, 1, 1) if axis == 0 else (-1, 1))
         pixels = np.add.reduceat(pixels.astype(np.float64), starts, axis) / sizes
     return pixels

@@ -9,12 +9,12 @@ CHANNELS = "RGB"
 
 
 def light_inputs(channel):
-    """Returns the names of the inputs that hold a channel's nine coefficients, three in each."""
+    """Returns the names of the inputs that hold a channel's nine coefficients of the light, three in each."""
     return [f"Light {channel} {third}" for third in range(3)]
 
 
 def node_group():
-    """Returns the group that computes albedo / pi * max(transport . light, 0) and shines with it."""
+    """Returns the group of nodes that emits albedo / pi * max(transport . light, 0); makes it at the first call."""
     if group := bpy.data.node_groups.get(GROUP):
         return group
     group = bpy.data.node_groups.new(GROUP, "ShaderNodeTree")
@@ -75,11 +75,12 @@ def math(nodes, link, operation, *values):
 
 
 def new_material(name, sources):
-    """Returns a material with the group; `sources` makes the node behind each input, from the material's nodes.
+    """Returns a material that shines with the group of `node_group`.
 
     Args:
         name: of the material.
-        sources: a function from the nodes to pairs of an output and the name of an input.
+        sources: a function that takes the material's nodes, adds some that feed the group, and yields pairs of an
+            output of theirs and the name of the group's input that it feeds.
     """
     material = bpy.data.materials.new(name)
     material.use_nodes = True
@@ -95,7 +96,7 @@ def new_material(name, sources):
 
 
 def set_light(material, coefficients):
-    """Sets the light (9,3) of a material."""
+    """Sets the light of a material from `new_material`: radiance coefficients (9,3) in the transport's frame."""
     node = material.node_tree.nodes[GROUP]
     for channel, values in zip(CHANNELS, np.asarray(coefficients).T):
         for name, third in zip(light_inputs(channel), values.reshape(3, 3)):

@@ -24,7 +24,7 @@ def bake(item, program, rays):
 
     Args:
         item: an object with a mesh. Other objects cast no shadow on it.
-        program: of relight.
+        program: path or name of relight's program.
         rays: per vertex.
 
     Raises:
@@ -65,7 +65,7 @@ def bake(item, program, rays):
 
 
 def run(program, *words):
-    """Runs relight. Raises Problem with its last line if it fails."""
+    """Runs relight's program with these words as its arguments. Raises Problem with its last line if it fails."""
     try:
         done = subprocess.run([program, *map(str, words)], capture_output=True, text=True)
     except OSError as error:
@@ -127,7 +127,14 @@ def grown(values, known, steps=4):
 
 
 def add_plane(path, context):
-    """Adds an upright plane, two units high, that shows maps of relight, and faces -y, as people of Blender do.
+    """Adds an upright plane, two units high, that shows maps of relight and faces -y, as people in Blender do.
+
+    Args:
+        path: of the maps, .exr.
+        context: Blender's, with the collection that gets the plane.
+
+    Returns:
+        The plane, an object of Blender.
 
     Raises:
         Problem: if the file holds no maps.
@@ -160,7 +167,7 @@ def add_plane(path, context):
 
 
 def new_image(name, values):
-    """Returns a packed image of values (H,W,4) that no color management touches."""
+    """Returns an image of Blender with values (H,W,4), the top row first, that no color management touches."""
     height, width, _ = values.shape
     image = bpy.data.images.new(name, width, height, alpha=True, float_buffer=True, is_data=True)
     image.alpha_mode = "CHANNEL_PACKED"  # otherwise colors count as multiplied by alpha
@@ -176,7 +183,10 @@ def axes(item):
 
 
 def signature(item, world):
-    """Returns a text that changes with the world's light and the object's rotation."""
+    """Returns a text that changes whenever the light of a world, seen from an object, does.
+
+    It does not change if a panorama is painted on, hence the button for this.
+    """
     from .light import look_up
 
     background, image, color, turn = look_up(world)

@@ -22,7 +22,11 @@ DISPLAY_STRENGTH = 0.5  # shading may exceed 1: half of it is shown
 
 
 class RememberingRelighter(Relighter):
-    """A relighter that infers a picture with the same mask once, so that turning a light is quick."""
+    """A relighter that infers a picture with the same mask once, so that turning a light is quick.
+
+    Attributes:
+        memory: the people of a picture by a key of its pixels, options and mask; the oldest first.
+    """
 
     def __init__(self, network):
         super().__init__(network)
@@ -51,7 +55,7 @@ class RememberingRelighter(Relighter):
 
 
 def coverage_of_all(people):
-    """Returns the coverage (H,W) uint8 of a picture by its people."""
+    """Returns the coverage (H,W) uint8 of a picture by its people, a list from `Relighter.infer`."""
     return np.max([person.coverage for person in people], 0)
 
 
@@ -67,7 +71,15 @@ def pictures(image):
 
 
 def coverages(mask, count):
-    """Returns a coverage (H,W) uint8 for each of `count` pictures: of its own mask, or of the only one; or None."""
+    """Returns the coverage (H,W) uint8, or None, of each of `count` pictures.
+
+    Args:
+        mask: MASK with one mask for each picture, or one for all; or None.
+        count: number of pictures.
+
+    Raises:
+        ValueError: for another number of masks.
+    """
     if mask is None:
         return [None] * count
     masks = np.round(255 * mask.reshape(-1, *mask.shape[-2:]).cpu().numpy().clip(0, 1)).astype(np.uint8)
@@ -77,7 +89,7 @@ def coverages(mask, count):
 
 
 def to_image(arrays):
-    """Returns an IMAGE or a MASK of arrays of one shape, uint8, uint16 or float."""
+    """Returns an IMAGE of arrays (H,W,3), or a MASK of arrays (H,W), of one shape; uint8 and uint16 become [0,1]."""
     scale = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535}.get(arrays[0].dtype, 1)
     return torch.from_numpy(np.stack([np.asarray(array, np.float32) / np.float32(scale) for array in arrays]))
 

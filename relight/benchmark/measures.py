@@ -151,7 +151,8 @@ def invariances(inferred: Mapping[str, Intrinsics]) -> dict[str, float]:
     A method that always infers the same light is invariant, too. Read these numbers together with the errors.
 
     Args:
-        inferred: by the name of the variant; "" is the picture itself.
+        inferred: by the name of the variant (`variants`); "" is the picture itself. The tint is measured between `warm`
+            and `plain`, which differ in color only: `plain` is as dark as `warm` must be to clip no more.
 
     Returns:
         INVARIANCES by name, for the maps and the light that the method infers. The ideal is 0, but 1 for `dark_albedo`

@@ -63,7 +63,7 @@ class Assembly:
         self.figure = Collider.at_rest(vertices, faces)
 
     def side(self, share: int) -> int:
-        """Returns the pixels of a texture's side that is a share (1/n) of the largest one's."""
+        """Returns the pixels of a texture's side that is 1/`share` of the largest one's, at least MIN_SIDE."""
         return max(MIN_SIDE, self.detail.texture // share)
 
     def add_all(self) -> None:
@@ -229,7 +229,7 @@ class Assembly:
 
 
 def as_cover(worn: DrapedGarment) -> Cover:
-    """Returns a draped garment as it covers what is below it; its drop hangs free and covers nothing for good."""
+    """Returns a draped garment as it covers what is below it; its drop hangs free, so nothing is hidden behind it."""
     level = worn.pattern.levels[-1]
     above_drop = worn.pattern.fields["drop"] < 0.02
     return Cover(level.fitted, worn.draped.positions, level.faces, close=above_drop)

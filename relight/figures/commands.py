@@ -30,7 +30,11 @@ def seeds_of(text: str) -> list[int]:
 
 @contextmanager
 def ended_by_exit() -> Iterator[None]:
-    """Lets SIGTERM end the process by SystemExit, with code 143: workers end, and temporary files are removed."""
+    """Lets SIGTERM raise SystemExit with code 128 + 15 inside the `with`.
+
+    So the pool ends its workers, and temporary files are removed, where the signal itself would end the process at
+    once.
+    """
     previous = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
         yield
@@ -39,7 +43,10 @@ def ended_by_exit() -> Iterator[None]:
 
 
 def start_worker() -> None:
-    """Prepares a worker: SIGTERM, which the parent sends, ends it as in `ended_by_exit`; Ctrl-C is the parent's."""
+    """Prepares a worker: SIGTERM, which the parent sends, raises SystemExit, so that temporary files are removed.
+
+    Ctrl-C goes to all processes; a worker ignores it, and waits for the parent to end it.
+    """
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

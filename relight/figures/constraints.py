@@ -18,7 +18,7 @@ OUTFITS = 80  # maximal number drawn for each of them; it finds the rarest garme
 
 
 def names() -> dict[str, list[str]]:
-    """Returns the names of all poses, garments and hair styles."""
+    """Returns the names of all poses, garments and hair styles, by the kinds "pose", "garment" and "hair style"."""
     return {"pose": list(poses()), "garment": [*wardrobe(), *group("scarves")], "hair style": list(styles())}
 
 
@@ -115,7 +115,10 @@ class Constraints:
 
 
 def check_name(kind: str, name: str, known: Collection[str]) -> None:
-    """Raises UserError for an unknown name; the message suggests the closest known one and lists all."""
+    """Raises UserError for an unknown name; the message suggests the closest known one and lists all.
+
+    `kind` says what has the name, such as "pose", for the message.
+    """
     if name not in known:
         close = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean {close[0]!r}? " if close else ""

@@ -108,6 +108,7 @@ def sample(seed: int, attempt: int, per_subject: int, sits: float, constraints: 
         constraints: on what is otherwise drawn at random.
     """
     subject = seed // per_subject
+    # The second number of each seed tells the draws apart: person, outfit, pose, expression.
     person = constraints.sample_person(np.random.default_rng([subject, 0]))
     rng = np.random.default_rng([subject, 1, attempt if per_subject == 1 else 0])
     outfit = constraints.sample_outfit(rng, person)
@@ -151,6 +152,7 @@ def attempt_figure(
     figure_props = props.props(motion, pose, surface, seed)
     for prop in figure_props:
         builder.add(prop.vertices, prop.faces, None, prop.material)
+    # 4 keeps these random numbers apart from others of the seed.
     all_outfits = [outfit, *(in_other_fabrics(outfit, np.random.default_rng([seed, 4, k])) for k in range(1, outfits))]
     info = {
         "name": f"g{seed:04d}",

@@ -60,7 +60,7 @@ class Document:
         """Starts an empty document."""
         self.blob = bytearray()
         self.lists: dict[str, list[dict]] = {}
-        self._textures: dict[bytes, int] = {}
+        self._textures: dict[bytes, int] = {}  # index of a texture by its PNG
 
     def append(self, name: str, entry: dict) -> int:
         """Appends an entry to a list of the document, "meshes" or "nodes", and returns its index there."""
@@ -89,7 +89,7 @@ class Document:
         """
         view = self.view(array.tobytes(), target)
         entry = {"bufferView": view, "componentType": component, "count": len(array), "type": kind}
-        if kind == "VEC3":
+        if kind == "VEC3":  # glTF wants the bounds of positions
             entry |= {"min": array.min(0).tolist(), "max": array.max(0).tolist()}
         return self.append("accessors", entry)
 
@@ -117,8 +117,8 @@ class Document:
         return self.append("materials", named | {"pbrMetallicRoughness": surface, "doubleSided": True} | gloss)
 
     def write(self, path: Path, root: int) -> None:
-        """Writes the document atomically, with `root` as the node of the scene."""
-        self.blob.extend(b"\0" * (-len(self.blob) % 4))
+        """Writes the document as .glb, whole or not at all, with node `root` (an index) as that of the scene."""
+        self.blob.extend(b"\0" * (-len(self.blob) % 4))  # chunks are multiples of 4 bytes
         head = {"asset": ASSET, "extensionsUsed": [SPECULAR], "scene": 0, "scenes": [{"nodes": [root]}]}
         head |= {"buffers": [{"byteLength": len(self.blob)}]}
         text = json.dumps(head | self.lists).encode()

@@ -86,7 +86,7 @@ def hem_swept(pattern: Pattern, x: np.ndarray, motion: Motion) -> float:
     Args:
         pattern: the result is 0 if it has no drop.
         x: (n,3) the draped finest vertices, metres.
-        motion: into the pose.
+        motion: how the body moves from its rest pose into the pose.
     """
     if not pattern.garment.drop:
         return 0.0
@@ -123,12 +123,19 @@ def check_outfit(worn: list[DrapedGarment], motion: Motion, sitting: bool) -> tu
 
 
 def covered_hands(worn: list[DrapedGarment], motion: Motion) -> tuple[float, float]:
-    """Returns the shares of the left and the right hand that cloth covers, seen from the front.
+    """Measures the shares of the left and the right hand that cloth covers, seen from the front.
 
     Only skin that faces forward counts. It is covered where the first surface in front of it is cloth within
     COVER_RANGE whose outside faces forward too. Skin behind other skin or behind more distant cloth is not counted.
     Sleeves are left out: a cuff may fall over the hand. A hand with MIN_HAND_VERTICES counted vertices or fewer has
     share 0.
+
+    Args:
+        worn: the draped garments.
+        motion: how the body moves from its rest pose into the pose.
+
+    Returns:
+        The shares of the left and of the right hand, in [0,1].
     """
     skin_faces = makehuman.base().faces["body"]
     skin = motion.posed_skin

@@ -62,6 +62,7 @@ def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
     crossed = min(pose.left.wrist[0], pose.right.wrist[0]) < CROSSED  # +x is outward from the shoulder
 
     def stays(garment: Garment) -> bool:
+        """Returns whether a garment suits the pose."""
         long_coat = garment.collar == "lapel" and garment.drop > 0.2
         return not (pose.sitting and long_coat) and not (crossed and garment.kind == "scarf")
 
@@ -72,7 +73,7 @@ def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
 
 
 def pick(rng: np.random.Generator, *draws: str) -> Garment:
-    """Draws a garment of one of the names that these draws of the catalogue list."""
+    """Draws one of the garments that these draws of the catalogue list, such as "trousers", and its fit."""
     names = [name for draw in draws for name in drawn_from(draw)]
     return tailored(rng, wardrobe()[str(rng.choice(names))])
 
@@ -104,9 +105,19 @@ def innermost_top(worn: list[Garment]) -> Garment:
 
 
 def add_outer_layers(rng: np.random.Generator, worn: list[Garment]) -> list[Garment]:
-    """Returns the garments, from the skin outward, with a jacket or coat in 40 % of cases, and at times a scarf."""
+    """Adds a jacket or coat in 40 % of cases, for whose sake the top below is cut closer, and at times a scarf.
+
+    Nothing is worn over sweaters, hoodies, robes and dresses with a seam.
+
+    Args:
+        rng: random generator.
+        worn: the garments so far, from the skin outward.
+
+    Returns:
+        All garments, from the skin outward.
+    """
     worn, top = list(worn), innermost_top(worn)
-    is_dress = top.seam is not None
+    is_dress = top.seam is not None  # of tops, only dresses have one
     if top.name in ("sweater", "hoodie", "robe") or is_dress or rng.random() >= 0.40:
         return worn
     draws = ["outer"]

@@ -39,7 +39,13 @@ class GarmentPaint:
 
     @classmethod
     def of(cls, pattern: Pattern, number: int, atlas: panels.Panels) -> "GarmentPaint":
-        """Returns the paint of the garment that is cut by a pattern."""
+        """Returns the paint of a garment.
+
+        Args:
+            pattern: by which the garment is cut.
+            number: of the garment in the outfit.
+            atlas: panels of the garment's texture.
+        """
         return cls(number, pattern.garment, atlas, images(atlas, marks(pattern)))
 
     def __call__(self, outfit: Outfit) -> Material:
@@ -47,7 +53,7 @@ class GarmentPaint:
         worn, texel = outfit.garments[self.number], 1 / self.atlas.scale
 
         def paint(panel: str, u: np.ndarray, v: np.ndarray, place: tuple[slice, slice]) -> np.ndarray:
-            """Returns the albedo (h,w,3) of a panel, as `panels.draw` asks for it."""
+            """Returns the albedo (h,w,3) of a panel at cloth coordinates u and v (h,w), at `place` in the atlas."""
             faces = self.atlas.panel == self.atlas.names.index(panel)
             top = self.atlas.cloth[faces][..., 1].max()  # v of the panel's upper end
             color = woven(worn.fabric, panel, u, v, texel)
@@ -62,16 +68,18 @@ def cord_paint(number: int) -> Paint:
     """Returns the paint of the cords of a hood, paler than the garment with this number."""
 
     def paint(outfit: Outfit) -> Material:
+        """Returns the material of the cords in an outfit."""
         ground = np.array(outfit.garments[number].fabric.first, np.float32)
-        return Material(0.5 * (ground + 0.7), name="hood cord")
+        return Material(0.5 * (ground + 0.7), name="hood cord")  # half-way to a light grey
 
     return paint
 
 
 def shoe_paint(part: str) -> Paint:
-    """Returns the paint of a part of the shoes, named as in `footwear.palette`."""
+    """Returns the paint of a part of the shoes: upper, sole, lace or cap."""
 
     def paint(outfit: Outfit) -> Material:
+        """Returns the material of the part in an outfit."""
         return Material(footwear.palette(outfit.shoe, outfit.upper, outfit.sole)[part], name=f"shoes: {part}")
 
     return paint
@@ -85,11 +93,18 @@ ACCESSORIES: dict[str, tuple[float, Callable[[Outfit], Fabric | None]]] = {  # w
 
 
 def accessory_paint(name: str, side: int) -> Paint:
-    """Returns the paint of one of ACCESSORIES: a square of fabric as a texture of `side` pixels."""
+    """Returns the paint of one of ACCESSORIES.
+
+    Args:
+        name: of the accessory.
+        side: pixels of its square texture, which is as wide as the cloth and stands for half that length of it: the
+            accessories' texture coordinates are stretched as much along the cloth.
+    """
     width, fabric_of = ACCESSORIES[name]
     u, v = cell_centres(side)
 
     def paint(outfit: Outfit) -> Material:
+        """Returns the material of the accessory in an outfit."""
         fabric = fabric_of(outfit)
         assert fabric is not None  # all outfits of a figure have the same clothes
         albedo = woven(fabric, "front", width * u, -0.5 * width * v, texel=width / side)
@@ -104,7 +119,14 @@ def cell_centres(side: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def skin_material(person: Person, outfit: Outfit, side: int, seed: int) -> Material:
-    """Returns the material of a person's skin, with a texture of `side` pixels."""
+    """Returns the material of a person's skin.
+
+    Args:
+        person: gives color, age and freckles.
+        outfit: gives the color of the hair, the stubble of scalp and beard, and makeup.
+        side: of the texture, pixels.
+        seed: random seed of the skin's texture.
+    """
     hair_color = np.array(outfit.hair_color)
     texture = skin.paint_skin(person, hair_color, outfit.hair.scalp, outfit.beard, outfit.makeup, side, seed)
     return Material(texture=texture, name="skin")
@@ -121,11 +143,12 @@ def hair_material(outfit: Outfit, kind: str, side: int, seed: int) -> Material:
     """
     color = np.array(outfit.hair_color)
     if kind == "lashes":
-        return Material((0.3 * np.minimum(color, 0.12)).astype(np.float32), name=kind)
+        return Material((0.3 * np.minimum(color, 0.12)).astype(np.float32), name=kind)  # dark on blond people, too
     if kind == "brows":
         color = skin.brow_color(color)
     u, v = cell_centres(side)
     pale = float(np.clip(color.mean() / 0.3, 0, 1))  # light hair varies less, in shares of its own albedo
-    spread = 0.30 - 0.16 * pale
+    spread = 0.30 - 0.16 * pale  # standard deviation of ln albedo, about
+    # Fine and coarse strands, 120 and 31 across the texture, less the mean of both.
     streaks = noise(u * 120, v * 5, seed) + 0.7 * noise(u * 31, v * 3, seed + 1) - 0.85
     return Material(texture=coded(color * np.exp(2.4 * spread * streaks)[..., None]), name=kind)

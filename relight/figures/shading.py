@@ -14,7 +14,11 @@ SMOOTHINGS = 6  # times the shading is averaged with that of neighbouring vertic
 
 
 def overhead() -> np.ndarray:
-    """Returns coefficients (4,) of a radiance proportional to 1 + OVERHEAD y that gives an open upward surface 1."""
+    """Returns the SH coefficients (4,) of a sky with radiance proportional to 1 + OVERHEAD y.
+
+    Its irradiance on an open surface that faces up, pi (1 + 2/3 OVERHEAD) before scaling, is 1.
+    """
+    # A radiance that is linear in the direction is given by its values in four directions.
     radiance = np.array([1 + OVERHEAD, 1 - OVERHEAD, 1, 1])
     directions = np.array([[0, 1, 0], [0, -1, 0], [1, 0, 0], [0, 0, 1]], float)
     return np.linalg.solve(basis(directions, 1), radiance) / (np.pi * (1 + 2 / 3 * OVERHEAD))

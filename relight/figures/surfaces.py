@@ -11,7 +11,15 @@ Surface = tuple[np.ndarray, np.ndarray]  # vertices (V,3) and faces (F,3)
 
 
 def edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns the edges (E,2), the edge (F,3) of each side 01, 12, 20, and the number of faces (E,) at each edge."""
+    """Finds the edges of a mesh.
+
+    Args:
+        faces: (F,3).
+
+    Returns:
+        The two vertices (E,2) of each edge, ascending; the index (F,3) of the edge at each side 01, 12, 20 of a face;
+        the number of faces (E,) at each edge: 1 on the border, 2 inside.
+    """
     sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1).astype(np.int64)
     n = int(faces.max(initial=0)) + 1
     key = sides[:, 0] * n + sides[:, 1]  # one number for an edge is faster than rows of two
@@ -145,6 +153,11 @@ def split(
         faces: (F,3).
         field: (n,) at the vertices of the surface.
 
+    Args:
+        matrix: (n,k) from source vertices to those of the surface.
+        faces: (F,3).
+        field: (n,) at the vertices, linear on each edge.
+
     Returns:
         The matrix (m,k) to its new vertices, its faces (F',3), and which of them (F',) lie on the positive side.
     """
@@ -159,11 +172,19 @@ def split(
 
 
 def loop(faces: np.ndarray, n: int) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """Subdivides once by Loop's scheme; returns the matrix (n+E,n) to the new vertices, and the new faces (4F,3).
+    """Subdivides a mesh once by Loop's scheme.
 
     Loop, "Smooth subdivision surfaces based on triangles", 1987; borders follow the cubic B-spline rule. The n old
     vertices come first, then one on each edge: 3/8 of both ends and 1/8 of both opposite corners, 1/2 of both ends on
     the border. Old vertices move by beta toward each neighbour, on the border by 1/8 toward both neighbours on it.
+
+    Args:
+        faces: (F,3).
+        n: number of vertices.
+
+    Returns:
+        The matrix (n+E,n) from the old vertices to the new ones, whose rows sum to 1, and the new faces (4F,3), in four
+        blocks as `quarters` has them.
     """
     edge, face_edge, count = edges(faces)
     edge_count, is_border = len(edge), count == 1
@@ -228,7 +249,16 @@ def border_loops(faces: np.ndarray) -> list[np.ndarray]:
 
 
 def border_distance(vertices: np.ndarray, faces: np.ndarray, rings: int) -> np.ndarray:
-    """Returns the number of edges (V,) from each vertex to the border, at most `rings`."""
+    """Counts edges to the border of a mesh.
+
+    Args:
+        vertices: (V,3).
+        faces: (F,3).
+        rings: largest count.
+
+    Returns:
+        The least number of edges (V,) from each vertex to one on the border, at most `rings`.
+    """
     edge, _, count = edges(faces)
     distance = np.full(len(vertices), rings)
     distance[edge[count == 1].ravel()] = 0
@@ -240,7 +270,7 @@ def border_distance(vertices: np.ndarray, faces: np.ndarray, rings: int) -> np.n
 
 
 def near_border(vertices: np.ndarray, faces: np.ndarray, rings: int) -> np.ndarray:
-    """Returns which faces (F,) have a vertex less than `rings` edges from the border."""
+    """Returns which of the faces (F,3) have one of the vertices (V,3) less than `rings` edges from the border."""
     return (border_distance(vertices, faces, rings)[faces] < rings).any(1)
 
 
@@ -284,7 +314,7 @@ def extruded(ring: np.ndarray, rows: list[np.ndarray], offset: int, closed: bool
 
     Args:
         ring: (m,) vertices of the border, in order.
-        rows: (m,3) points of each row.
+        rows: (m,3) points of each row, from the border outward.
         offset: index of the first new vertex.
         closed: whether the border is a closed loop.
 
@@ -310,7 +340,12 @@ def grid_faces(rows: int, columns: int) -> np.ndarray:
 
 
 def longest_run(ring: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Returns the longest run of chosen vertices in a closed ring (m,), of which at least one is not chosen."""
+    """Returns the longest run of chosen vertices in a closed ring.
+
+    Args:
+        ring: (m,) vertices in order.
+        chosen: (m,) bool; at least one is chosen, and at least one is not.
+    """
     runs = []
     for start in np.flatnonzero(chosen & ~np.roll(chosen, 1)):  # chosen, and the vertex before is not
         length = int(np.argmin(np.roll(chosen, -start)))  # up to the first that is not chosen

@@ -51,7 +51,13 @@ def smoothstep(t: np.ndarray) -> np.ndarray:
 
 
 def grid_noise(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
-    """Returns `noise` (h,w) at the points of a grid with columns x (w,) and rows y (h,)."""
+    """Returns `noise` (h,w) on a grid, whose lattice points are hashed once instead of four times for each sample.
+
+    Args:
+        x: (w,) coordinates of the columns.
+        y: (h,) coordinates of the rows.
+        seed: random seed of the values.
+    """
     i, j = np.floor(x).astype(int), np.floor(y).astype(int)
     a, b = smoothstep((x - i).astype(x.dtype)), smoothstep((y - j).astype(y.dtype))[:, None]
     columns, rows = np.arange(i.min(), i.max() + 2), np.arange(j.min(), j.max() + 2)
@@ -99,5 +105,5 @@ def mixed(ground: np.ndarray, pattern: np.ndarray, share: np.ndarray) -> np.ndar
 
 
 def coded(linear: np.ndarray) -> np.ndarray:
-    """Returns linear values, clipped to [0,1], as 8-bit sRGB."""
+    """Returns linear values (...), clipped to [0,1], as 8-bit sRGB, by a table of 65536 values."""
     return SRGB[(65535 * np.clip(linear, 0, 1) + 0.5).astype(np.uint16)]

@@ -140,7 +140,16 @@ class Obstacles:
 
 
 def drape_outfit(motion: Motion, outfit: Outfit, detail: Detail) -> list[DrapedGarment]:
-    """Drapes the garments of an outfit one over the other, from the skin outward."""
+    """Drapes the garments of an outfit one over the other.
+
+    Args:
+        motion: of the body, from the rest pose to the figure's pose.
+        outfit: its garments are in order from the skin outward.
+        detail: how fine the cloth is, and how long it is simulated.
+
+    Returns:
+        The draped garments, in the same order.
+    """
     obstacles, worn = Obstacles(motion, outfit, detail.frames), list[DrapedGarment]()
     for item in outfit.garments:
         garment = item.garment
@@ -184,9 +193,16 @@ def cleft(body: Body, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def fallen_over(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Returns which faces (F,) of cloth (n,3) face against the cloth around them: gathers that fell over.
+    """Returns which faces of cloth face against the cloth around them: gathers that fell over.
 
     They would push cloth that hangs over them inward, and catch it.
+
+    Args:
+        x: (n,3) vertices, metres.
+        faces: (F,3).
+
+    Returns:
+        (F,) bool.
     """
     facing = normals(x, faces)
     average = wrinkles.averaged(facing, neighbours(faces, len(x)), BROAD)

@@ -46,7 +46,7 @@ class Camera:
     jpeg: float
 
     def weakened(self, strength: float) -> "Camera":
-        """Returns a camera that does each of these by the factor `strength` in [0,1]."""
+        """Returns a camera whose settings are all multiplied by `strength` in [0,1]; with 0 it changes no picture."""
         return Camera(*(strength * value for value in vars(self).values()))
 
 
@@ -111,6 +111,9 @@ def compress_jpeg(coded: Tensor, quality: int) -> Tensor:
     Args:
         coded: (3,S,S) in [0,1]; S is a multiple of 8.
         quality: 1 to 100; scales the quantisation tables of Annex K as libjpeg does.
+
+    Returns:
+        (3,S,S) in [0,1].
     """
     scale = 50 / quality if quality < 50 else 2 - quality / 50
     tables = (_QUANTISATION.to(coded.device) * scale).round().clamp(1, 255)

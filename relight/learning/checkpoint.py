@@ -141,7 +141,13 @@ def save_state(
 def restore_state(
     path: Path, digest: str, parts: Mapping[str, nn.Module | torch.optim.Optimizer], device: torch.device
 ) -> tuple[int, list[dict[str, float]], str]:
-    """Loads the state of the same training into `parts`, if it exists.
+    """Loads the state of the same training, if it exists.
+
+    Args:
+        path: .pt.
+        digest: the training's fingerprint; the state of another one is not loaded.
+        parts: modules and optimisers by name, whose states are replaced.
+        device: on which the tensors are loaded.
 
     Args:
         path: .pt, from `save_state`.
@@ -150,7 +156,8 @@ def restore_state(
         device: to load to.
 
     Returns:
-        The first step to do, the rows logged before, and a message about the file, "" if there is none.
+        The first step to do, 0 if nothing is loaded; the rows logged before; and a message about the file for the
+        user, "" if there is no file.
     """
     if not path.exists():
         return 0, [], ""

@@ -161,7 +161,25 @@ def scatter(compact: Tensor, pixel: Tensor, size: int) -> Tensor:
 
 
 class RelitSet:
-    """The figures of a packed set and a table of lights on one device; relights any pairs of them."""
+    """The figures of a packed set and a table of lights on one device; relights any pairs of them.
+
+    There are F maps of figures with P pixels in all, N lights, and K coefficients of `order`.
+
+    Attributes:
+        names, figure_of: of each map, its name and that of the frontal view of its figure.
+        has_view: (F,) bool, whether a map is another view than the frontal one.
+        size: S of the square images, pixels.
+        color: color model, `paper` or `photo`.
+        coefficients: K' that a batch has, up to the order of the network.
+        order: highest band of the files, by which images are relit.
+        lights, light_split: (N,K,3) and (N,) the split of each light.
+        counts: (F,) pixels of each map, a NumPy array; `count` is the same on the device.
+        max_pixels: the largest of these, rounded up to a multiple of MULTIPLE.
+        offset: (F,) where the pixels of each map begin.
+        pixel, below, interior, outside: see `neighbours`; pixel (P,) is the flat index in the image.
+        transport, normal, ao, albedo, gloss: (P,...) maps; albedo is linear, or uint8 sRGB codes with `paper`.
+        signs: (K,) of the coefficients under mirroring.
+    """
 
     def __init__(self, packed: Path, lights: Path, order: int, color: str, device: torch.device | str = "cpu"):
         """Loads the files.
@@ -241,6 +259,9 @@ class RelitSet:
             light: (B,) int indices of lights.
             mirror: (B,) bool, which pairs are mirrored left to right: image, maps and light. Their compact maps keep
                 the order of the unmirrored pixels.
+
+        Returns:
+            The batch, at exposure 1.
         """
         device, size, width = self.pixel.device, self.size, self.max_pixels
         chosen = torch.as_tensor(figure, device=device)

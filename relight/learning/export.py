@@ -170,7 +170,7 @@ def export(network: Network, path: Path | str, config: dict[str, Any]) -> float:
     if path.suffix != ".onnx":
         raise UserError(f"export {path}: the name must end in .onnx")
     graph = PhotoGraph(_open_sized(copy.deepcopy(network)))
-    inputs = sample(2, least(network), least(network) + STRIDE)
+    inputs = sample_inputs(2, smallest_side(network), smallest_side(network) + STRIDE)
     batch, height, width = Dim("batch", min=1, max=64), Dim("h", min=1, max=64), Dim("w", min=1, max=64)
     shape = {0: batch, 2: STRIDE * height, 3: STRIDE * width}
     with warnings.catch_warnings(), atomic_write(path) as tmp:
@@ -192,14 +192,22 @@ def export(network: Network, path: Path | str, config: dict[str, Any]) -> float:
 
 
 def check(network: Network, path: Path) -> float:
-    """Returns the largest difference between the file's outputs and torch's, at two shapes new to the export.
+    """Compares an .onnx file with torch, at two shapes new to the export.
 
-    Raises RuntimeError when it is above TOLERANCE.
+    Args:
+        network: that was exported.
+        path: the file.
+
+    Returns:
+        The largest difference between their outputs.
+
+    Raises:
+        RuntimeError: if it is above TOLERANCE.
     """
     graph, run = PhotoGraph(network), read_onnx(path).run
-    worst, size = 0.0, least(network)
+    worst, size = 0.0, smallest_side(network)
     for shape in ((1, size, size), (3, size + STRIDE, size)):
-        image, mask = sample(*shape)
+        image, mask = sample_inputs(*shape)
         with torch.inference_mode():
             expected = graph(image, mask)
         result = run(image.numpy(), mask.numpy())
@@ -209,12 +217,12 @@ def check(network: Network, path: Path) -> float:
     return worst
 
 
-def least(network: Network) -> int:
+def smallest_side(network: Network) -> int:
     """Returns the smallest side that the network can take. Its bottleneck must have more than one pixel."""
     return max(network.size, 2 * STRIDE)
 
 
-def sample(batch: int, height: int, width: int) -> tuple[Tensor, Tensor]:
+def sample_inputs(batch: int, height: int, width: int) -> tuple[Tensor, Tensor]:
     """Returns an image (batch,3,height,width) linear in [0,1] and a mask (batch,1,height,width) of a rectangle.
 
     Sizes are in pixels. The same sizes give the same values.

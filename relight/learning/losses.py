@@ -188,7 +188,12 @@ TERMS: dict[str, Callable[[Comparison], dict[str, Tensor]]] = {
 
 
 def variation(compact: Tensor, batch: Batch) -> Tensor:
-    """Returns absolute forward differences |dx| + |dy| (B,P,C) in the mask eroded by one pixel, zero elsewhere."""
+    """Returns |dx| + |dy| (B,P,C), absolute forward differences of maps in the mask eroded by one pixel, else zero.
+
+    Args:
+        compact: (B,P,C) the maps at the P pixels of each figure, row by row, so that most right neighbours come next.
+        batch: knows the pixels below and those of the eroded mask.
+    """
     right = (compact[:, 1:] - compact[:, :-1]).abs()
     below = compact.flatten(0, 1).index_select(0, batch.below).view_as(compact)
     return (F.pad(right, (0, 0, 0, 1)) + (below - compact).abs()) * batch.interior
@@ -204,6 +209,9 @@ def detail(error: Tensor, truth: Tensor, batch: Batch) -> Tensor:
         error: inferred minus true values (B,P,C).
         truth: (B,P,C).
         batch: the batch of the compact maps.
+
+    Returns:
+        A scalar.
     """
     level = LEVEL**2 * (truth**2).sum((1, 2))
     wrong, true = detail_energies(error, batch), detail_energies(truth, batch)
@@ -238,12 +246,15 @@ def exclusion(inferred: tuple[Tensor, Tensor], truth: tuple[Tensor, Tensor], bat
         inferred: two maps (B,P,C), here albedo and shading.
         truth: the true maps.
         batch: the batch of the compact maps.
+
+    Returns:
+        A scalar, 0 if neither correlation exceeds the true one.
     """
     maps = [x.mean(-1, keepdim=True).clamp_min(DARK).log() for x in (*inferred, *truth)]
     excess = []
-    for images, weight in octaves(maps, batch):
+    for images, weight in octaves(maps, batch):  # two inferred and two true ones
         energy = torch.stack([(x**2 * weight).sum((1, 2, 3)) for x in images])
-        energy[:2] += LEVEL**2 * energy[2:]
+        energy[:2] += LEVEL**2 * energy[2:]  # bounds the divisor where the inferred detail is weak
         shared = torch.stack([((a * s).abs() * weight).sum((1, 2, 3)) for a, s in (images[:2], images[2:])])
         inferred_correlation, true_correlation = shared / (energy[::2] * energy[1::2]).clamp_min(1e-12).sqrt()
         excess.append((inferred_correlation - true_correlation).clamp_min(0).mean())

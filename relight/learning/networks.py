@@ -266,6 +266,13 @@ class Network(nn.Module):
 
     The shape map is transport (`ours`, `unet`), normal (`sfsnet`), or normal and AO (`sfsnet_ao`). Subclasses
     implement `infer`.
+
+    Attributes:
+        order: highest band of the harmonics.
+        size: S of the images of the training, pixels.
+        albedo: how albedo is constrained, see `constrain_albedo`.
+        sees: `image`, or `mask` for a network that is given the silhouette only.
+        refinement: refines the light, or None.
     """
 
     layout = torch.channels_last  # memory format of the features

@@ -35,6 +35,7 @@ class Muon(torch.optim.Optimizer):
     """
 
     def __init__(self, weights: list[Tensor]):
+        """Starts with the learning rate 0; a schedule sets `lr`, which is multiplied by `factor`."""
         super().__init__([{"params": weights, "factor": MUON_LR}], {"lr": 0.0})
 
     @torch.no_grad()

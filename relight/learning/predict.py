@@ -68,6 +68,6 @@ def _unmirrored(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
         order: of the harmonics.
     """
     signs = {"transport": mirror_signs(order), "light": mirror_signs(order)[:, None], "normal": torch.ones(3)}
-    signs["normal"][0] = -1
+    signs["normal"][0] = -1  # x
     flipped = {name: values if name == "light" else values.flip(2) for name, values in maps.items()}
     return {name: values * signs[name].to(values) if name in signs else values for name, values in flipped.items()}

@@ -321,7 +321,10 @@ def initial_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
 
 
 def learning_rate(train: Train, step: int) -> float:
-    """Returns the learning rate of `step`: linear warm-up, then constant or a cosine to FINAL_LR."""
+    """Returns the learning rate of a step, counted from 0: linear warm-up, then constant or a cosine to FINAL_LR.
+
+    `train` has the largest rate, the schedule and the numbers of steps.
+    """
     warm = min(1.0, (step + 1) / train.warmup) if train.warmup else 1.0
     if train.schedule == "constant":
         return train.lr * warm
@@ -381,7 +384,13 @@ def update_average(average: nn.Module, network: nn.Module, decay: float) -> None
 
 
 class Meter:
-    """Means of the losses over an epoch, summed on the device to avoid a synchronisation in each step."""
+    """Means of the losses over an epoch, summed on the device to avoid a synchronisation in each step.
+
+    Attributes:
+        names, sums: of the losses, on the device.
+        steps: added so far.
+        first_nonfinite: the first step whose total was not finite, infinity if there is none.
+    """
 
     def __init__(self, device: torch.device):
         self.device = device

@@ -78,7 +78,17 @@ def numbers(
     from relight.lights.show import format_statistics
     from relight.sh import bands, from_relight
 
-    loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down)
+    loaded = load_light(
+        light,
+        order,
+        layout=layout,
+        yaw=yaw,
+        flip=flip,
+        exposure=exposure,
+        convention=convention,
+        repair=repair,
+        upside_down=upside_down,
+    )
     table = Table("l, m", "R", "G", "B", title=f"{loaded.source}, convention {to}", title_justify="left")
     for k, (l, row) in enumerate(zip(bands(loaded.order), from_relight(loaded.coefficients, to))):
         name = str(k) if to == "kanamori2018" else f"{l}, {k - l * l - l}"
@@ -114,7 +124,17 @@ def show(
     if Path(light).suffix == ".npz":
         write_contact_sheet(read_light_set(light), out)
     else:
-        loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down)
+        loaded = load_light(
+            light,
+            order,
+            layout=layout,
+            yaw=yaw,
+            flip=flip,
+            exposure=exposure,
+            convention=convention,
+            repair=repair,
+            upside_down=upside_down,
+        )
         write_light_picture(loaded, out)
 
 

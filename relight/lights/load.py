@@ -118,7 +118,15 @@ def load_light(
     elif Path(text).suffix.lower() == ".npz":
         raise UserError(f"{text} is a set of lights: name one of them, such as {text}:0")
     else:
-        panorama = read_panorama(find_panorama(text), layout, yaw, flip, exposure, repair, upside_down)
+        panorama = read_panorama(
+            find_panorama(text),
+            layout=layout,
+            yaw=yaw,
+            flip=flip,
+            exposure=exposure,
+            repair=repair,
+            upside_down=upside_down,
+        )
         coefficients = project(panorama, order)
         light = Light(coefficients, text, panorama, panorama.repairs + notes_below(text, coefficients, upside_down))
     if light.panorama is None:
@@ -173,7 +181,7 @@ def printed_probe(name: str) -> np.ndarray:
 
 
 def probe(name: str) -> np.ndarray:
-    """Returns a measured light (9,3) in relight's convention; each probe has its own scale."""
+    """Returns a measured light (9,3), one of PROBES, in relight's convention; each probe has its own scale."""
     return to_relight(printed_probe(name), "ramamoorthi2001")
 
 
@@ -200,7 +208,7 @@ def key_light(color: str, azimuth: float, elevation: float, fill: float, order: 
 
 
 def read_row(path: str, row: int) -> Light:
-    """Reads one row of a light set; rows count from 0."""
+    """Returns the light in a row, counted from 0, of a light set's file; raises UserError if there is no such row."""
     lights = read_light_set(path)
     if row >= len(lights):
         raise UserError(f"{path} has {len(lights)} lights, numbered from 0: there is no light {row}")
@@ -221,7 +229,7 @@ def read_coefficients(path: Path, convention: str | None) -> Light:
     if path.stat().st_size > MAX_BYTES:
         size = path.stat().st_size >> 20
         raise UserError(f"{path} has {size} MB; the coefficients of a light take at most {MAX_BYTES >> 20} MB")
-    suffix = path.stem.split(".")[-1]
+    suffix = path.stem.split(".")[-1]  # as in lights.kanamori2018.npy
     named_convention = suffix if suffix in CONVENTIONS else None
     try:
         if path.suffix.lower() == ".npy":

@@ -113,10 +113,13 @@ def features(picture: np.ndarray) -> np.ndarray:
 
 
 def lamp_parts(toward: np.ndarray) -> np.ndarray:
-    """Returns the coefficients (...,9,3) of even light, and of bands 1 and 2 of a lamp.
+    """Returns the parts of which the light of a lamp is mixed, in the last axis: even light, bands 1 and 2 of the lamp.
 
     Args:
         toward: (...,3) unit vectors to the lamp.
+
+    Returns:
+        (...,9,3), coefficients by part.
     """
     even, first, second = (bands(2) == band for band in range(3))
     lamp = basis(toward, 2)

@@ -138,10 +138,14 @@ def record_step(record: dict[str, Any], step: str, before: int, after: int, reas
 
 
 def above_threshold(coefficients: np.ndarray, record: dict[str, Any]) -> np.ndarray:
-    """Returns indices of the lights (N,K,3) whose reference brightness reaches MIN_BRIGHTNESS.
+    """Returns the indices of the lights whose reference brightness reaches MIN_BRIGHTNESS.
 
     The threshold is in the files' units and assumes one exposure for all panoramas. If it would remove more than half
     of them, they must be in other units: all are kept, with a warning.
+
+    Args:
+        coefficients: (N,K,3).
+        record: gets the step and the warning.
     """
     brightness = reference_brightness(coefficients)
     bright = brightness >= MIN_BRIGHTNESS
@@ -256,7 +260,7 @@ def broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
 
 
 def _broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
-    """Tests one batch of lights; see `broken_rules`."""
+    """Returns whether each light (N,K,3) of a batch breaks a rule, (N,) bool, by the rule's name."""
     stats = measure(lights)
     directed = stats["first"] > MIN_DIRECTIVITY
     is_back_lit = stats["back_mean"] > rules.back * stats["front_mean"]

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 ALBEDO = 0.5  # of the balls, so that lights above the reference brightness are not clipped
 TEXT, MUTED_TEXT, WHITE, ACCENT, DARK = "#1c1f24", "#7a808a", "#ffffff", "#c2410c", "#15171b"
+BRIGHTEST = 0.85  # linear value in the picture of a light at its brightest normal
 MAX_UNUSUAL = 20  # on a contact sheet
 COLUMNS = 10  # of a contact sheet
 CELL = 1.22  # inches of the side of its cells
@@ -91,17 +92,17 @@ def write_light_picture(light: Light, path: Path | str) -> None:
     """
     from matplotlib.figure import Figure
 
-    most = float(measure(light.coefficients[None])["most"][0])
-    drawn = light.coefficients * 0.85 / (ALBEDO * max(most, 1e-12))
+    max_irradiance = float(measure(light.coefficients[None])["most"][0])
+    drawn = light.coefficients * BRIGHTEST / (ALBEDO * max(max_irradiance, 1e-12))
     figure = Figure(figsize=(11, 5), dpi=130, facecolor=WHITE)
     title = light.source if len(light.source) <= 70 else "…" + light.source[-69:]
     figure.text(0.03, 0.93, title, color=TEXT, fontsize=14, weight="bold", va="center")
     panes = [("Diffuse panorama", encode(diffuse_panorama(drawn, 128) * np.pi * ALBEDO))]
     if light.panorama is not None:
         is_reoriented = light.panorama.yaw % 360 or light.panorama.flip or light.panorama.front == "+z"
-        panes.insert(
-            0, ("Panorama, as turned" if is_reoriented else "Panorama", tone_mapped(oriented_pixels(light.panorama)))
-        )
+        name = "Panorama, as turned" if is_reoriented else "Panorama"
+        panes.insert(0, (name, tone_mapped(oriented_pixels(light.panorama))))
+    # Boxes of axes are left, bottom, width and height in shares of the figure.
     for i, (name, picture) in enumerate(panes):
         axes = figure.add_axes((0.03, 0.51 - 0.45 * i, 0.36, 0.335))
         axes.imshow(picture, aspect="auto", interpolation="bilinear")
@@ -246,6 +247,7 @@ def draw_cell(figure: "Figure", light: LightSet, x: float, y: float, width: floa
         return figure.add_axes(box)
 
     def add_text(bottom: float, words: str, size: float, color: str) -> None:
+        """Writes words in the middle of the cell; `bottom` in inches, `size` in points."""
         place = (x + CELL / 2) / width, (y + bottom) / height
         figure.text(*place, words, fontsize=size, color=color, ha="center", va="center")
 

@@ -71,9 +71,13 @@ def coefficient_names(order: int) -> list[str]:
 
 
 def write_maps(path: Path | str, maps: Maps) -> None:
-    """Writes maps, whole or not at all.
+    """Writes maps as an OpenEXR file, whole or not at all.
 
     Depth is stored as float32; the other maps as half floats, with a relative error of at most 2^-11.
+
+    Args:
+        path: path of the file (.exr).
+        maps: to be written; size, order, number of pixels in the mask and gloss are added to its `info`.
     """
     layers = {f"albedo.{c}": maps.albedo[..., i] for i, c in enumerate("RGB")}
     layers |= {f"normal.{c}": maps.normal[..., i] for i, c in enumerate("XYZ")}
@@ -125,6 +129,7 @@ def read_maps(path: Path | str) -> Maps:
         raise LeftOut(info["left_out"])
 
     def layer(*names: str) -> np.ndarray:
+        """Returns the channels of these names as (H,W,C) float32, one channel as (H,W); UserError if one is missing."""
         missing = [name for name in names if name not in channels]
         if missing:
             raise UserError(f"{path} is not a complete file of maps: it lacks {', '.join(missing)}")
@@ -151,7 +156,7 @@ def read_maps(path: Path | str) -> Maps:
 
 
 def _write(path: Path | str, channels: dict[str, np.ndarray], info: dict[str, Any]) -> None:
-    """Writes channels with `info` in the header."""
+    """Writes channels (H,W) by name, float16 or float32, as an OpenEXR file with `info` as JSON in its header."""
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
@@ -165,7 +170,18 @@ def _write(path: Path | str, channels: dict[str, np.ndarray], info: dict[str, An
 
 
 def _read(path: Path | str, header_only: bool = False) -> tuple[dict[str, Any], dict[str, OpenEXR.Channel]]:
-    """Returns the header's `Maps.info` and the channels by name; with `header_only`, no channels."""
+    """Reads and checks an OpenEXR file of maps.
+
+    Args:
+        path: path of the file.
+        header_only: whether to leave the channels out, whose pixels take most of the time.
+
+    Returns:
+        `Maps.info` from the header, and the channels by name.
+
+    Raises:
+        UserError: if the file does not exist, is damaged or is not a file of maps.
+    """
     path = existing_file(path, "maps")
     try:
         header = OpenEXR.File(str(path), separate_channels=True, header_only=True).header()

@@ -173,7 +173,12 @@ class PackedMaps:
         return self._read(index, index + 1)
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Reads the foreground pixels of all maps, concatenated, and `offset` (F+1,) int64; arrays as of `figure`."""
+        """Reads the foreground pixels of all maps.
+
+        Returns:
+            The arrays of `figure`, concatenated over the F maps, and `offset` (F+1,) int64: the pixels of map i are
+            offset[i] to offset[i+1].
+        """
         return {"offset": self.offset, **self._read(0, len(self))}
 
     def _read(self, begin: int, end: int) -> dict[str, np.ndarray]:

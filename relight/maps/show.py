@@ -20,8 +20,11 @@ BACKGROUND = 0.2  # grey, on which white albedo and zero coefficients are visibl
 def draw_maps(maps: Maps) -> np.ndarray:
     """Draws maps in two rows, cropped to the figure.
 
-    The first row shows albedo, normal, AO and a shaded view, the second up to nine transport coefficients, red where
-    positive and blue where negative.
+    The first row shows albedo, normal, AO and a shaded view, the second up to nine transport coefficients (all of order
+    2), red where positive and blue where negative.
+
+    Args:
+        maps: to be drawn; its mask must not be empty.
 
     Returns:
         (height,width,3) uint8 sRGB.
@@ -35,12 +38,13 @@ def draw_maps(maps: Maps) -> np.ndarray:
         shading = shading + np.einsum("hwkc,k->hwc", maps.bounced[window], light)
     panels = [
         encode(maps.albedo[window]),
-        maps.normal[window] * 0.5 + 0.5,
+        maps.normal[window] * 0.5 + 0.5,  # from [-1,1] to [0,1]
         np.repeat(maps.ao[window][..., None], 3, 2),
         encode(maps.albedo[window] * shading),
     ]
     first_row = np.concatenate([np.where(inside, panel, BACKGROUND) for panel in panels], 1)
     coefficients = [transport[..., k : k + 1] / MAX_COEFFICIENT for k in range(min(transport.shape[2], 9))]
+    # From white at 0 to RED at 1 and to BLUE at -1.
     panels = [np.where(value > 0, 1 - value * (1 - RED), 1 + value * (1 - BLUE)) for value in coefficients]
     coefficient_row = np.concatenate([np.where(inside, panel, BACKGROUND) for panel in panels], 1)
     height = round(coefficient_row.shape[0] * first_row.shape[1] / coefficient_row.shape[1])

@@ -136,7 +136,15 @@ def select_frames(folder: Path | str, out: Path | str, count: int = 74, stride: 
 
 
 def cluster_representatives(shapes: dict[BuffFrame, np.ndarray], count: int) -> list[tuple[BuffFrame, int]]:
-    """Returns the frames nearest to the means of `count` clusters of silhouettes, and the sizes of the clusters."""
+    """Selects the frames nearest to the means of clusters of silhouettes (k-means).
+
+    Args:
+        shapes: silhouettes by frame.
+        count: number of clusters; there are fewer if frames are identical.
+
+    Returns:
+        For each cluster, its frame and the number of frames in it.
+    """
     from sklearn.cluster import KMeans
 
     frames, features = list(shapes), np.stack(list(shapes.values()))
@@ -150,7 +158,13 @@ def cluster_representatives(shapes: dict[BuffFrame, np.ndarray], count: int) -> 
 
 
 def _write_table(rows: list[tuple[BuffFrame, int]], stride: int, out: Path) -> None:
-    """Writes the table; paths inside its folder are relative."""
+    """Writes the table of `select_frames`; paths inside its folder are relative.
+
+    Args:
+        rows: frames, and the number of read frames that each stands for.
+        stride: frames of a sequence per read frame.
+        out: path of the table.
+    """
     home = out.parent.resolve()
     with atomic_write(out) as tmp, open(tmp, "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")

@@ -236,7 +236,7 @@ def _split_non_manifold_edges(mesh: pymeshlab.Mesh) -> pymeshlab.MeshSet:
 
 
 def _non_manifold_edges(faces: np.ndarray) -> int:
-    """Returns how many edges have more than two faces."""
+    """Returns how many edges of faces (F,3) have more than two faces."""
     uses = edge_uses(faces)
     return round((1 / uses[uses > 2]).sum())  # an edge with n faces is there n times
 

@@ -8,10 +8,14 @@ from relight.meshes.mesh import Mesh
 
 
 def decimate(mesh: Mesh, faces: int) -> Mesh:
-    """Decimates a mesh to about `faces` faces; its vertices are a subset of the given ones.
+    """Decimates a mesh; its vertices are a subset of the given ones.
 
     Seams of uv and material are kept like borders, so textures stay in place and no cracks open. A texture atlas with
-    very many small charts can therefore stop the decimation above `faces`.
+    very many small charts can therefore stop the decimation early.
+
+    Args:
+        mesh: in any frame and unit.
+        faces: number of faces that is aimed at.
     """
     import pymeshlab
 

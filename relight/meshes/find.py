@@ -64,13 +64,22 @@ def _is_inside(path: PurePosixPath) -> bool:
 
 
 def _find_beside(folder: Path, wanted: PurePosixPath) -> Path | None:
-    """Returns the path as written, or the file of that name in the folder."""
+    """Returns the file at the path `wanted` below a folder, or else the file of its name in the folder, or None."""
     whole = find_path(folder, wanted.parts) if _is_inside(wanted) else None
     return whole or find_path(folder, wanted.parts[-1:])
 
 
 def _find_below(beside: Path, folder: Path, tried: list[PurePosixPath]) -> Path | None:
-    """Returns the one file of such a name in the subfolders; raises UserError if there are several."""
+    """Returns the one file in a folder's subfolders whose name is that of a path in `tried`, or None.
+
+    Args:
+        beside: the file that names the paths, for error messages.
+        folder: to be searched.
+        tried: spellings of the path that was not found.
+
+    Raises:
+        UserError: if there are several.
+    """
     names = {_folded(wanted.name) for wanted in tried}
     found = [Path(root, file) for root, _, files in os.walk(folder) for file in files if _folded(file) in names]
     if len(found) > 1:

@@ -136,7 +136,7 @@ def _colors(values: np.ndarray, notes: list[str]) -> np.ndarray:
 
 
 def _poses(gltf: Gltf, node: dict[str, Any]) -> list[str]:
-    """Returns notes on what moves the vertices of a node's mesh, and is not read."""
+    """Returns warnings of what moves the vertices of a node's mesh, and is not read: skins, morphs, instances."""
     weights = node.get("weights") or gltf.item("meshes", node["mesh"]).get("weights") or []
     left_out = {
         "skeleton and pose": "skin" in node,
@@ -147,7 +147,14 @@ def _poses(gltf: Gltf, node: dict[str, Any]) -> list[str]:
 
 
 def _primitives(gltf: Gltf) -> Iterator[tuple[dict[str, Any], dict[str, Any], np.ndarray]]:
-    """Yields node, primitive and 4 x 4 matrix of the default scene, or of all nodes if there is none."""
+    """Yields the primitives of the default scene, or of all nodes if there is none, depth first.
+
+    Yields:
+        Its node, the primitive, and the transform (4,4) from the node's frame to the scene's.
+
+    Raises:
+        UserError: if the nodes do not form a tree.
+    """
     nodes = gltf.json.get("nodes", [])
     if gltf.json.get("scenes"):
         roots = gltf.item("scenes", gltf.json.get("scene", 0)).get("nodes", [])

@@ -29,7 +29,7 @@ READERS: dict[str, Callable[..., Any]] = {}  # of extensions, by name
 
 
 def reads_extension(name: str) -> Callable[[Read], Read]:
-    """Marks the function that reads an extension, so that files may require it."""
+    """Returns a decorator of the function that reads the extension `name`, so that files may require it."""
 
     def mark(function: Read) -> Read:
         READERS[name] = function
@@ -113,7 +113,11 @@ class Gltf:
         return entries[index]
 
     def resource(self, uri: str) -> bytes:
-        """Returns the data of a URI, which holds them itself or names a file in the folder."""
+        """Returns the data of a URI, which holds them itself (data:) or names a file in the folder.
+
+        Raises:
+            UserError: if they are damaged, the file is missing, or it would have to be fetched.
+        """
         if uri[:5].lower() == "data:":
             try:
                 return base64.b64decode("".join(uri.partition(",")[2].split()), validate=True)

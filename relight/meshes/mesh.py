@@ -67,7 +67,11 @@ class Mesh:
         )
 
     def save(self, path: Path) -> None:
-        """Writes the mesh as .npz, whole or not at all."""
+        """Writes the mesh as .npz, whole or not at all.
+
+        Properties of a material have its number in their name, and after a point the number of a further outfit. What
+        has its default is left out.
+        """
         arrays: dict[str, Any] = {
             "vertices": self.vertices, "faces": self.faces, "uv": self.uv, "material": self.material
         }  # fmt: skip
@@ -106,7 +110,12 @@ class Mesh:
 
 
 def _material(data: dict[str, np.ndarray], name: str) -> Material:
-    """Returns the material that `Mesh.save` wrote under this name."""
+    """Returns a material of a mesh record.
+
+    Args:
+        data: arrays of the record.
+        name: what `Mesh.save` appended to the names of its arrays: "2" is material 2, "2.1" that in outfit 1.
+    """
     roughness, specular = map(float, data.get(f"gloss{name}", (1, 0)))
     color, texture = data[f"color{name}"], data.get(f"texture{name}")
     u, v = map(str, data.get(f"wrap{name}", (REPEAT, REPEAT)))

@@ -45,7 +45,7 @@ def read_libraries(
 
     Args:
         path: of the .obj file.
-        statements: the rests of its `mtllib` lines, each one name, which may hold blanks, or several.
+        statements: its `mtllib` lines without that keyword; each is one name, which may hold blanks, or several names.
         names: of the materials; b"" is none.
         colored: whether the vertices have colors, so that a library that no face uses may be missing.
 
@@ -115,7 +115,10 @@ def _without_comment(name: bytes) -> list[bytes]:
 
 
 def _named(library: dict[bytes, Surface], name: bytes) -> Surface | None:
-    """Returns the surface of a name: of the same bytes, else without quotes or a comment, else of the same text."""
+    """Returns the surface of a name: of the same bytes, else without quotes or a comment, else of the same text.
+
+    The empty name, of faces before any `usemtl`, is a surface without color. None if the library has no such name.
+    """
     if not name:
         return Surface(None, NO_PLACEMENT, [])
     for written in (name, name.strip(b'"'), *_without_comment(name)):
@@ -150,7 +153,7 @@ def read_mtl(path: Path) -> dict[bytes, Surface]:
     with open_lines(path) as opened:
         lines = join_lines(opened.read()).splitlines()
     for line in lines:
-        key, rest = (*line.split(None, 1), b"", b"")[:2]
+        key, rest = (*line.split(None, 1), b"", b"")[:2]  # empty where the line lacks them
         key, rest = key.lower(), rest.strip()
         if key == b"newmtl":
             twice = f"{path.name} defines the material {spellings(rest)[0]!r} twice: the last one counts"

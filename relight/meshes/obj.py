@@ -52,17 +52,16 @@ def read_obj(path: Path) -> RawMesh:
     of_lines = np.repeat([numbers.setdefault(name, len(numbers)) for name, _ in runs], [length for _, length in runs])
     surfaces, material_notes = read_libraries(path, libraries, [*numbers], colored=color is not None)
     material = of_lines[polygon]
-    return without_tints(
-        RawMesh(
-            vertices=vertices[:, :3],
-            faces=corners[:, 0][position],
-            uv=_placed(path, uv, corners[:, 1][position], material, [*numbers], surfaces),
-            material=material,
-            materials=[surface.material for surface in surfaces],
-            color=color,
-            warnings=color_notes + material_notes,
-        )
+    raw = RawMesh(
+        vertices=vertices[:, :3],
+        faces=corners[:, 0][position],
+        uv=_placed_uv(path, uv, corners[:, 1][position], material, [*numbers], surfaces),
+        material=material,
+        materials=[surface.material for surface in surfaces],
+        color=color,
+        warnings=color_notes + material_notes,
     )
+    return without_tints(raw)  # a face has a texture, colors of vertices or one of its material, never a product
 
 
 def _colors(vertices: np.ndarray, widest: int) -> tuple[np.ndarray | None, list[str]]:
@@ -115,11 +114,14 @@ def _statements(path: Path) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _goes_on(line: bytes) -> bool:
-    """Returns whether the backslash at the end of a line continues it."""
+    """Returns whether the backslash at the end of a line continues it.
+
+    It does not in comments, nor after a byte of 128 or more, with which it is one character in Shift-JIS and others.
+    """
     return line.rstrip()[-2:-1] < b"\x80" and not line.lstrip().startswith(b"#")
 
 
-def _placed(
+def _placed_uv(
     path: Path, uv: np.ndarray, corner: np.ndarray, material: np.ndarray, names: list[bytes], surfaces: list[Surface]
 ) -> np.ndarray | None:
     """Returns the texture coordinates of each face's corners, scaled and moved as its material says (-s and -o).

@@ -207,7 +207,17 @@ def _first_lengths(path: Path, data: bytes, start: int, byte_order: str, element
 
 
 def _list_length(path: Path, data: bytes, start: int, type: str, element: Element) -> tuple[int, int]:
-    """Returns the length of a list, from the number before it at byte `start`, and where its values begin.
+    """Reads the number before a list.
+
+    Args:
+        path: for error messages.
+        data: of the file.
+        start: position of the number, bytes.
+        type: of the number, with its byte order, such as "<i4".
+        element: of which the list is, for error messages.
+
+    Returns:
+        The length of the list, and the position of its first value.
 
     Raises:
         UserError: if the list would be longer than the data.
@@ -257,7 +267,10 @@ def _ragged(path: Path, data: bytes, start: int, byte_order: str, element: Eleme
 
 
 def _ascii_blocks(path: Path, text: bytes, elements: list[Element]) -> dict[str, Block]:
-    """Parses ascii data to columns by element: converts them to binary doubles and parses those."""
+    """Parses the data of an ascii file, `text` after the header, to columns by name of the element.
+
+    The numbers are converted to binary doubles, which are parsed as a binary file's.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)  # numpy warns when it stops at a word that is no number
         try:

@@ -11,9 +11,9 @@ from relight.errors import UserError
 from relight.meshes.mesh import Material, Mesh
 from relight.srgb import LINEAR, decode
 
-MAX_COORDINATE = 1e12
+MAX_COORDINATE = 1e12  # units; larger ones are damage
 MAX_STEP = 1e-4  # of the size, between neighbouring coordinates; above it a figure's small faces are lost
-MAX_MATERIALS = 32767
+MAX_MATERIALS = 32767  # int16
 MAX_FACES = 20_000_000  # 2.5 GB in memory; the largest body scans have 5 to 10 million
 
 
@@ -97,7 +97,7 @@ def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
 
 
 def _colorless(raw: RawMesh) -> list[str]:
-    """Returns a warning if faces have no color at all."""
+    """Returns a warning in a list if some or all faces have no color at all, else an empty list."""
     if raw.color is not None or None not in raw.materials:
         return []
     if not any(raw.materials):

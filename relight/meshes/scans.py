@@ -98,7 +98,12 @@ def short_hash(text: str) -> str:
 
 
 def _subject(relative: Path, name: str) -> str:
-    """Returns the subject of a scan, from its path in the folder of the scans, or from its name if it is outside."""
+    """Returns the subject of a scan: its subfolder, or the person of a RenderPeople name, else its own name.
+
+    Args:
+        relative: path from the folder of the scans, without suffix.
+        name: of the scan.
+    """
     inside = len(relative.parts) > 1 and not relative.is_absolute() and ".." not in relative.parts
     subject = safe_name(relative.parts[0]) if inside else name
     person = re.match(r"rp_([a-z]+)", subject, re.IGNORECASE)
@@ -158,7 +163,7 @@ def _from_table(table: Path) -> dict[str, Scan]:
 
 
 def _is_used(table: Path, row: dict[str, str]) -> bool:
-    """Returns what the cell `use` of a row says; an empty one says yes."""
+    """Returns whether the cell `use` of a row says yes, as an empty one does; raises UserError if it says neither."""
     said = row.get("use", "").lower()
     if said not in YES + NO:
         raise UserError(f"{table}: use is {said!r} for {row.get('path', '')}; give 1 or 0, yes or no")

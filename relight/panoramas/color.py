@@ -9,6 +9,7 @@ from relight.srgb import LUMINANCE
 XYZ_TO_RGB = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x and y of the primaries and of white
 XYZ = (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3)  # the same of CIE XYZ, whose primaries are imaginary
+# XYZ to responses of the cones (Lam 1985, "Metamerism and Colour Constancy").
 BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
 
@@ -23,7 +24,7 @@ def blackbody(temperature: float) -> np.ndarray:
     Chromaticity by the cubic splines of Kim et al. 2002 (J. Korean Phys. Soc. 41, 865). Below 1,900 K blue would be
     negative and is zero.
     """
-    t = 1000 / temperature
+    t = 1000 / temperature  # 1 / kilokelvin
     if temperature <= 4000:
         x = np.polyval((-0.2661239, -0.2343589, 0.8776956, 0.179910), t)
     else:
@@ -42,7 +43,7 @@ def daylight(temperature: float) -> np.ndarray:
 
     These are the CIE's D illuminants (CIE 15:2004, equations 3.3 and 3.4).
     """
-    t = 1000 / temperature
+    t = 1000 / temperature  # 1 / kilokelvin
     if temperature <= 7000:
         x = np.polyval((-4.6070, 2.9678, 0.09911, 0.244063), t)
     else:
@@ -57,13 +58,21 @@ def from_chromaticity(x: float, y: float) -> np.ndarray:
 
 
 def convert_primaries(pixels: np.ndarray, chromaticities: ArrayLike | None) -> list[str]:
-    """Converts pixels (H,W,3) with these chromaticities to Rec. 709 in place; returns the repair as one sentence."""
+    """Converts pixels to Rec. 709, in place.
+
+    Args:
+        pixels: (H,W,3) float32, linear.
+        chromaticities: x and y of the primaries and of white (8,) of the pixels; None for those of Rec. 709.
+
+    Returns:
+        What was changed as one sentence, or an empty list.
+    """
     if chromaticities is None or np.allclose(chromaticities, REC709, atol=2e-3):
         return []
     matrix = chromaticity_matrix(chromaticities)
     if matrix is None:
         return ["its chromaticities are not those of a color space: they were taken for Rec. 709"]
-    for row in range(0, len(pixels), 256):
+    for row in range(0, len(pixels), 256):  # 256 rows at a time, to limit memory
         pixels[row : row + 256] = pixels[row : row + 256] @ matrix.T.astype(np.float32)
     return ["colors were converted to Rec. 709 from the file's chromaticities"]
 

@@ -79,7 +79,7 @@ class Header:
 
 
 def read_exr(path: Path) -> ExrPicture:
-    """Reads the first part that has RGB or luminance channels.
+    """Reads the first part that has RGB, XYZ or luminance channels.
 
     Raises:
         UserError: if the file is damaged, too large, or has no such part.

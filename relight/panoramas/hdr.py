@@ -107,7 +107,7 @@ def read_header(data: bytes) -> tuple[np.ndarray, bool, np.ndarray | None, list[
 
 
 def parse_numbers(text: bytes, count: int) -> np.ndarray:
-    """Parses the `count` numbers of a header value."""
+    """Parses the `count` numbers of a header value to an array (count,); raises Malformed for anything else."""
     try:
         values = np.array([float(part) for part in text.split()])
     except ValueError:
@@ -118,7 +118,7 @@ def parse_numbers(text: bytes, count: int) -> np.ndarray:
 
 
 def parse_positive(text: bytes, count: int) -> np.ndarray:
-    """Parses the `count` positive numbers of a header value."""
+    """Parses the `count` positive numbers of a header value to (count,); raises Malformed for anything else."""
     values = parse_numbers(text, count)
     if not np.all((values > 1e-30) & (values < 1e30)):
         raise Malformed(f"a header value is {text.decode('latin-1')!r}, not {count} positive number(s)")
@@ -167,16 +167,19 @@ def read_pixels(data: bytes, position: int, height: int, width: int) -> np.ndarr
 
 
 def read_scanline(data: bytes, source: np.ndarray, position: int, line: np.ndarray) -> int:
-    """Decodes one scanline.
+    """Decodes one scanline, which is flat, or in the old or new run-length coding.
 
     Args:
         data: the file.
         source: the same bytes as an array.
-        position: of the scanline in the file.
+        position: of the scanline in the file, bytes.
         line: (W,4) uint8, is filled with the RGBE codes.
 
     Returns:
         The position of the next scanline.
+
+    Raises:
+        Malformed: if the scanline is cut short or has another length.
     """
     width = len(line)
     marker = data[position : position + 4]

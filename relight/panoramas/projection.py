@@ -69,7 +69,7 @@ def orient(light: np.ndarray, yaw: float = 0.0, flip: bool = False) -> np.ndarra
 
 
 def gauss_legendre(nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns Gauss-Legendre nodes and weights on [0,1]."""
+    """Returns Gauss-Legendre nodes (nodes,) and weights (nodes,) on [0,1]."""
     x, w = np.polynomial.legendre.leggauss(nodes)
     return (x + 1) / 2, w / 2
 
@@ -81,7 +81,7 @@ def profile_integrals(function: Callable[[np.ndarray], np.ndarray], samples: int
     nodes per cell are exact to rounding for low orders, even with a single cell from pole to pole.
 
     Args:
-        function: from (N,) in [0,1] to (N,K).
+        function: from positions (N,) in [0,1] along the row or column to values (N,K).
         samples: number of samples.
         corners: whether the first and last sample lie at 0 and 1.
 
@@ -250,7 +250,15 @@ def face_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def cut_faces(pixels: np.ndarray, layout: str) -> dict[str, np.ndarray]:
-    """Cuts a cross (3:4 or 4:3) or strip (1:6 or 6:1) into six faces (n,n,C), oriented as in CUBE_FACES."""
+    """Cuts a cross (3:4 or 4:3) or strip (1:6 or 6:1) into its six faces.
+
+    Args:
+        pixels: (H,W,C).
+        layout: "cross", "strip" or "strip-gl".
+
+    Returns:
+        By the keys of CUBE_FACES, in any order, views (n,n,C) of `pixels`, oriented as there.
+    """
     height, width = pixels.shape[:2]
     if layout == "cross":
         n = height // (4 if height > width else 3)

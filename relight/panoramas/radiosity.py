@@ -25,7 +25,7 @@ class AreaLight:
     """An emitting rectangle in a wall: sky or ground seen in a window, or a panel in the ceiling.
 
     Attributes:
-        wall: 2 * axis + side.
+        wall: its number, as in `Room`.
         low, high: (3,) metres, corners; equal along the wall's axis.
         radiance: (3,) linear RGB.
         daylight: whether it is a window, through which the sun can shine.
@@ -84,12 +84,12 @@ class Sun:
 class Room:
     """A box-shaped room from the origin to `size`, y up.
 
-    Walls are numbered 2 * axis + side: the floor is 2, the ceiling 3.
+    Walls are numbered 2 * axis + side, with axes x, y, z and side 0 at the origin: FLOOR, CEILING and four more.
 
     Attributes:
-        size: (3,) metres.
+        size: (3,) metres, along x, y and z.
         camera: (3,) metres, position of the panorama's camera.
-        albedo: (6,3) of the walls.
+        albedo: (6,3) of the walls, linear RGB.
         area_lights: windows and panels.
         lamps: spherical lamps.
         boxes: furniture.
@@ -288,7 +288,7 @@ def direct_irradiance(room: Room, position: np.ndarray, normal: np.ndarray) -> n
     return geometry @ radiances
 
 
-def sunlit(room: Room, sun: Sun, point: np.ndarray) -> np.ndarray:
+def is_sunlit(room: Room, sun: Sun, point: np.ndarray) -> np.ndarray:
     """Returns whether the sun reaches points through a window or skylight.
 
     Args:
@@ -334,7 +334,7 @@ def sun_irradiance(room: Room, sun: Sun, grid: Grid) -> np.ndarray:
     for a, b in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         sign = np.array([[b, a, b], [a, b, b], [a, b, a]], float)[face % 6 // 2]  # both in-plane axes get all signs
         shifted = grid.position + 0.25 * sign * size * along + 1e-3 * grid.normal
-        lit[facing] += sunlit(room, sun, shifted[facing]) / 4
+        lit[facing] += is_sunlit(room, sun, shifted[facing]) / 4
     return (lit * cosine)[:, None] * sun.irradiance
 
 
@@ -395,7 +395,7 @@ def render_room(room: Room) -> np.ndarray:
         cosine = walls.normal[wall * CELLS**2] @ room.sun.direction
         facing = np.flatnonzero(cosine > 0)
         inward = walls.normal[wall[facing] * CELLS**2]
-        lit = sunlit(room, room.sun, point[facing] + 1e-3 * inward)
+        lit = is_sunlit(room, room.sun, point[facing] + 1e-3 * inward)
         image[facing] += (lit * cosine[facing])[:, None] * room.sun.irradiance
     image *= room.albedo[wall] / np.pi
     for light in room.area_lights:

@@ -71,7 +71,15 @@ def read_panorama(
 
 
 def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
-    """Returns the pixels (H,W,3) float32, OpenEXR's attribute `envmap`, and the reader's repairs."""
+    """Reads a picture whose format its first bytes tell.
+
+    Returns:
+        Pixels (H,W,3) float32, linear Rec. 709, row 0 at the top; OpenEXR's attribute `envmap` ("latlong" or "cube"),
+        or None; and what the reader changed, one sentence each.
+
+    Raises:
+        UserError: if the file cannot be read or is not a panorama.
+    """
     try:
         with open(path, "rb") as file:
             start = file.read(256).removeprefix(codecs.BOM_UTF8)

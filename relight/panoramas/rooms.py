@@ -19,12 +19,12 @@ KINDS = {"plain": 0.36, "sided": 0.4, "soft": 0.24}  # probabilities of the kind
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """Draws a number whose logarithm is uniform."""
+    """Draws a number from `low` to `high` whose logarithm is uniform."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def sample_room(rng: np.random.Generator) -> Room:
-    """Draws a room 2.8 to 14 m wide and long, with at least one emitter."""
+    """Draws a room 2.8 to 14 m wide and long, with windows, lamps and furniture, and at least one emitter."""
     x, z = log_uniform(rng, 2.8, 14), log_uniform(rng, 2.8, 14)
     y = rng.uniform(2.3, 3.4) if rng.random() < 0.75 else rng.uniform(3.4, 7.0)
     eye_height = min(rng.uniform(1.1, 1.7), 0.7 * y)
@@ -208,7 +208,7 @@ def add_two_lamps(room: Room, rng: np.random.Generator, temperature: float, powe
 
 
 def add_panels(room: Room, rng: np.random.Generator, power: np.ndarray) -> None:
-    """Adds a grid of ceiling panels with a total power (3,); some are off."""
+    """Adds a grid of ceiling panels with a total power (3,), linear RGB, if all were on; some are off."""
     x, y, z = room.size
     nx, nz = (int(np.clip(side / rng.uniform(1.8, 3.5), 1, 5)) for side in (x, z))
     sx, sz = min(rng.choice([0.3, 0.6, 0.6]), 0.8 * x / nx), min(rng.choice([0.6, 1.2, 1.2]), 0.8 * z / nz)
@@ -260,7 +260,7 @@ def add_lamp(
         rng: of the room.
         centre: (3,) metres.
         radius: metres.
-        temperature: kelvin; the lamp's own is within 7 % of it, or random for one lamp in six.
+        temperature: kelvin; that of the lamp is within 7 % of it, or random for one lamp in six.
         power: of the lamp.
     """
     own_temperature = sample_temperature(rng) if rng.random() < 1 / 6 else temperature * rng.uniform(0.93, 1.07)

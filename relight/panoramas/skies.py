@@ -10,13 +10,15 @@ import numpy as np
 from relight.panoramas.color import blackbody, daylight, luminance
 from relight.panoramas.radiosity import HEIGHT, WIDTH, pixel_solid_angles, view_directions
 
-# Standard skies of ISO 15469: gradation a, b and scattering c, d, e; then the transmitted share of the sun's beam.
+STREAM = 0x5C1  # keeps these random numbers apart from those of other generators with the same seed
+# Parameters of standard skies of ISO 15469: gradation a, b and scattering c, d, e.
 SKIES = {
-    "overcast": ((4.0, -0.70, 0.0, -1.0, 0.0), 0.0),
-    "broken": ((0.0, -1.0, 5.0, -2.5, 0.30), 0.35),
-    "hazy": ((-1.0, -0.55, 10.0, -3.0, 0.45), 0.55),
-    "clear": ((-1.0, -0.32, 10.0, -3.0, 0.45), 0.85),
+    "overcast": (4.0, -0.70, 0.0, -1.0, 0.0),
+    "broken": (0.0, -1.0, 5.0, -2.5, 0.30),
+    "hazy": (-1.0, -0.55, 10.0, -3.0, 0.45),
+    "clear": (-1.0, -0.32, 10.0, -3.0, 0.45),
 }
+BEAM = {"overcast": 0.0, "broken": 0.35, "hazy": 0.55, "clear": 0.85}  # share of the sun's beam that a sky transmits
 PROBABILITIES = (0.25, 0.25, 0.2, 0.3)  # of SKIES
 
 
@@ -26,10 +28,10 @@ def generate_sky(seed: int) -> np.ndarray:
     Returns:
         (64,128,3) float32 lat-long, linear, -z at the centre, samples at pixel centres.
     """
-    rng = np.random.default_rng([seed, 0x5C1])
+    rng = np.random.default_rng([seed, STREAM])
     kind = list(SKIES)[rng.choice(len(SKIES), p=PROBABILITIES)]
     direction = view_directions()
-    weight = pixel_solid_angles()
+    solid_angle = pixel_solid_angles()
     elevation, azimuth = np.radians(rng.uniform(3, 70)), rng.uniform(0, 2 * np.pi)
     sun = np.array([np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)])
     image = sky_radiance(rng, kind, direction, sun)
@@ -37,11 +39,11 @@ def generate_sky(seed: int) -> np.ndarray:
     skyline_height = draw_skyline(rng, direction)
 
     above = direction[:, 1] > 0
-    sky_irradiance = (image * (np.maximum(direction[:, 1], 0) * weight * above)[:, None]).sum(0)
+    sky_irradiance = (image * (np.maximum(direction[:, 1], 0) * solid_angle * above)[:, None]).sum(0)
     ground_irradiance = sky_irradiance
     sun_pixel = (direction @ sun).argmax()
     if direction[sun_pixel, 1] > skyline_height[sun_pixel]:
-        image[sun_pixel] += sun_irradiance / weight[sun_pixel]
+        image[sun_pixel] += sun_irradiance / solid_angle[sun_pixel]
         ground_irradiance = sky_irradiance + sun_irradiance * sun[1]
     ground_albedo = np.exp(rng.uniform(np.log(0.06), np.log(0.35))) * np.array(
         [rng.uniform(0.85, 1.15), 1.0, rng.uniform(0.55, 1.0)]
@@ -53,7 +55,7 @@ def generate_sky(seed: int) -> np.ndarray:
     object_irradiance = 0.5 * sky_irradiance + 0.3 * image[~above][0] * np.pi + sun_cosine * sun_irradiance
     image[is_object] = rng.uniform(0.08, 0.4) / np.pi * object_irradiance
 
-    exposure = np.exp(rng.normal(np.log(0.28), 0.4)) / luminance((image * weight[:, None]).sum(0) / (4 * np.pi))
+    exposure = np.exp(rng.normal(np.log(0.28), 0.4)) / luminance((image * solid_angle[:, None]).sum(0) / (4 * np.pi))
     return (image * exposure).reshape(HEIGHT, WIDTH, 3).astype(np.float32)
 
 
@@ -66,7 +68,7 @@ def sky_radiance(rng: np.random.Generator, kind: str, direction: np.ndarray, sun
         direction: (N,3) unit vectors, those of `view_directions`.
         sun: (3,) unit vector toward the sun.
     """
-    a, b, c, d, e = SKIES[kind][0]
+    a, b, c, d, e = SKIES[kind]
     sine = np.maximum(direction[:, 1], 0.02)  # of the elevation
     sun_angle = np.arccos(np.clip(direction @ sun, -1, 1))
     gradation = 1 + a * np.exp(b / sine)
@@ -76,7 +78,7 @@ def sky_radiance(rng: np.random.Generator, kind: str, direction: np.ndarray, sun
     if kind == "broken":
         cover = draw_clouds(rng, direction)
         radiance = radiance * (1 - 0.6 * cover) + 0.55 * cover * (0.6 + 0.8 * np.exp(-2 * sun_angle)) / np.pi
-    height = sine[:, None] ** 0.5
+    height = sine[:, None] ** 0.5  # blue overhead, pale near the horizon and around the sun
     blue = daylight(12000) * (0.55 + 0.45 * height) + daylight(6000) * (0.45 - 0.45 * height)
     white = 1.0 if kind == "overcast" else np.clip(1.1 * np.exp(-2.5 * sun_angle), 0, 1)[:, None]
     return radiance[:, None] * (blue * (1 - white) + daylight(6300) * white)
@@ -92,9 +94,8 @@ def draw_sun_irradiance(rng: np.random.Generator, kind: str, elevation: float) -
         kind: a key of SKIES.
         elevation: of the sun, radians.
     """
-    beam = SKIES[kind][1]
     air_mass = 1 / (np.sin(elevation) + 0.15 * (np.degrees(elevation) + 3.885) ** -1.253)
-    strength = 7 * beam * np.exp(-0.21 * air_mass) * rng.uniform(0.6, 1.2)
+    strength = 7 * BEAM[kind] * np.exp(-0.21 * air_mass) * rng.uniform(0.6, 1.2)
     return blackbody(2200 + 3400 * (1 - np.exp(-np.degrees(elevation) / 16))) * strength
 
 
@@ -105,14 +106,14 @@ def draw_clouds(rng: np.random.Generator, direction: np.ndarray) -> np.ndarray:
     for octave in range(5):
         for _ in range(4):
             heading, phase = rng.uniform(0, 2 * np.pi, 2)
-            wave = position @ np.array([np.cos(heading), np.sin(heading)]) * 1.1 * 1.8**octave
+            wave = position @ np.array([np.cos(heading), np.sin(heading)]) * 1.1 * 1.8**octave  # radians
             height += np.sin(wave + phase) / 1.7**octave
     offset = rng.uniform(-0.8, 0.8)
     return 1 / (1 + np.exp(-2.5 * (height + offset)))
 
 
 def draw_skyline(rng: np.random.Generator, direction: np.ndarray) -> np.ndarray:
-    """Draws the skyline: the sine (N,) of its elevation at the azimuth of each direction (N,3)."""
+    """Draws a skyline of up to 13 blocks: the sine (N,) of its elevation at the azimuth of each direction (N,3)."""
     azimuth = np.arctan2(direction[:, 0], direction[:, 2])
     height = np.full(len(azimuth), 0.01)
     for _ in range(rng.integers(0, 14)):

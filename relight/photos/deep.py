@@ -70,6 +70,10 @@ def read_16_bits(path: Path, image: Image.Image, orientation: int, what: str) ->
 def read_linear(path: Path, what: str) -> tuple[np.ndarray, np.ndarray | None, list[str]]:
     """Reads an OpenEXR photo.
 
+    Args:
+        path: of the file.
+        what: its name in errors.
+
     Returns:
         Pixels (H,W,3) float32, linear Rec. 709; alpha (H,W) uint8, or None if it does not vary; notes.
 

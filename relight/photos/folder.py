@@ -186,7 +186,13 @@ def _relight_one(options: Options, photo: Path, out: Path, mask: Path | None, fi
 
 
 def _fingerprint(options: Options, photo: Path, mask: Path | None, network: str) -> str:
-    """Returns a hash of all that the results depend on: of the network its hash, of files their sizes and times."""
+    """Returns a hash of all that the results depend on: version, options, network, and the files' sizes and times.
+
+    Args:
+        options: of the command.
+        photo, mask: files; None for no mask.
+        network: hash of the network.
+    """
     model = automatic_model(options.mask_model)
     files = [photo, mask, split_place(options.light)[0], options.background, options.light_mask, model]
     stamps = []

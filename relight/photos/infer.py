@@ -205,7 +205,7 @@ def mean_exposure_factor(people: Sequence[Person], light: np.ndarray) -> float:
 
 
 def opposite_lamp(people: Sequence[Person]) -> str:
-    """Returns a warm lamp, as users name it, from the side from which the photo's own light does not come.
+    """Returns the name of a warm lamp from the side from which the photo's own light does not come (`load_light`).
 
     So everybody sees at once what has changed.
     """

@@ -230,7 +230,7 @@ def smooth_over_time(
     This is a stream: at most LIGHT_RADIUS + CROP_RADIUS frames to each side are in memory.
 
     Args:
-        frames: pixels (H,W,3) uint8 and coverage (H,W) uint8.
+        frames: pixels (H,W,3) uint8 and coverage (H,W) uint8, frame by frame.
         find_crop: from coverage to its crop.
         infer: from pixels, coverage and crop to a person.
 

@@ -23,7 +23,15 @@ REDUCED, TRANSPARENCY = 1, 4  # bits of a TIFF page's NewSubfileType: a preview,
 
 
 def open_picture(path: Path, what: str) -> Image.Image:
-    """Reads the header of a file and checks the size; no pixel is decoded yet."""
+    """Reads the header of a file and checks the size; no pixel is decoded yet.
+
+    Args:
+        path: of the file.
+        what: what it is to be, for errors.
+
+    Raises:
+        UserError: if it is no picture, or too large.
+    """
     if path.stat().st_size > MAX_BYTES:
         raise UserError(f"{what} {path} is larger than {MAX_BYTES // 10**6} MB: give a smaller file")
     if path.suffix.lower() in HEIC:
@@ -98,7 +106,10 @@ def bits_of(image: Image.Image, file: Path | None) -> int:
 
 
 def coding_of(image: Image.Image, file: Path | None) -> tuple[int, int] | None:
-    """Returns primaries and transfer of a PNG, AVIF or HEIC by their codes in ITU-T H.273; None if it gives none."""
+    """Returns the color space that a PNG, AVIF or HEIC names, as codes of ITU-T H.273: primaries and transfer.
+
+    None if it names none. `file` is that of the image, None if it has none.
+    """
     if file is None or image.format not in ("PNG", "AVIF", "HEIF"):
         return None
     with open(file, "rb") as data:

@@ -96,7 +96,7 @@ class Options:
         return relighter.read_light(light, self.light_mask, self.mask_model, self.white_balance, **options)
 
     def read_background(self, light: Light | None) -> Background:
-        """Reads the background."""
+        """Reads the background, which may be the panorama of the light."""
         panorama = light.panorama if light else None
         return replace(read_background(self.background, panorama, self.blur), shadow=self.shadow)
 

@@ -153,7 +153,16 @@ def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarr
 
 
 def _by_curves(pixels: np.ndarray, curves: Sequence[Curve], matrix: np.ndarray) -> np.ndarray:
-    """Converts pixels by curves, from codes in [0,1] to linear, and a matrix (3,3) to Rec. 709."""
+    """Converts pixels (H,W,3) uint8 or uint16 by a curve for each channel and a matrix.
+
+    Args:
+        pixels: (H,W,3), any type of unsigned integers.
+        curves: from codes in [0,1] to linear values, of red, green and blue.
+        matrix: (3,3) from linear values to those of Rec. 709.
+
+    Returns:
+        (H,W,3) sRGB of the same type.
+    """
     largest = np.iinfo(pixels.dtype).max
     codes = np.arange(largest + 1) / largest
     tables = [curve(codes).astype(np.float32) for curve in curves]

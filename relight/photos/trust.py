@@ -45,6 +45,9 @@ def assess(person: Person, training: np.ndarray | None = None, stops: float = 0.
         person: as inferred.
         training: (N,K,3) lights of the network's training.
         stops: by which the training made them brighter at most.
+
+    Returns:
+        Numbers, and warnings as sentences.
     """
     warnings = []
     if person.error > ERROR:
@@ -73,9 +76,14 @@ def assess(person: Person, training: np.ndarray | None = None, stops: float = 0.
 
 
 def _distance(light: np.ndarray, training: np.ndarray) -> tuple[float, float]:
-    """Returns the distance of `light` to the nearest of `training`, and the 95 % quantile of that among `training`.
+    """Compares a light with those of a training, by the distance of normalised coefficients of irradiance.
 
-    The distance is that of the coefficients of irradiance, normalised.
+    Args:
+        light: (K,3).
+        training: (N,K',3); the bands that both have count.
+
+    Returns:
+        The distance to the nearest light of the training, and the 95 % quantile of that distance among these.
     """
     count = min(len(light), training.shape[1])
     weight = per_coefficient(cosine_factors(order_of(count)))[:, None]

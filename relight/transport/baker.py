@@ -57,10 +57,13 @@ class Baker:
     """Bakes maps of any number of views of one mesh; the views share all preparations.
 
     Attributes:
-        mesh: as given.
+        mesh: in its own frame and outfit.
         outfit_meshes: the mesh in each of its outfits, its own first.
         glossy: whether any material is glossy.
-        rays, order, seed, bounces: as given.
+        rays: per pixel.
+        order: of the spherical harmonics.
+        seed: random seed of the rays' azimuths.
+        bounces: number of interreflections.
         caster: casts rays against the mesh.
         normals: (V,3) float32 of the vertices.
         gather_caster: casts the rays that gather light; with bounces, against a mesh whose long edges are split.
@@ -100,7 +103,9 @@ class Baker:
     def camera(self, size: int, view: View) -> Camera:
         """Returns the camera of a view.
 
-        The frontal view shows the mesh in its own frame; other views place it to fill the picture (`place_mesh`).
+        The frontal view shows the mesh in its own frame; other views place it to fill the picture (`place_mesh`). An
+        orthographic camera stands at MIN_CAMERA_DISTANCE from the origin, or a hundredth of the mesh's diagonal before
+        its foremost point, if that is farther.
 
         Args:
             size: side of the square image, pixels.
@@ -180,6 +185,11 @@ class Baker:
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Averages the samples of the P pixels whose centres hit the mesh.
 
+        Args:
+            camera: of the view.
+            centres: where the rays through the pixels' centres hit the mesh.
+            supersample: samples per pixel in each direction.
+
         Returns:
             Means (P,...) of `_surface_values` in the mesh's axes; coverage (size^2,), the share of samples that hit.
         """
@@ -215,7 +225,7 @@ class Baker:
             face: (N,) of the points.
             weights: (N,3) barycentric.
             azimuth: (N,) of the rays, radians.
-            subset: which of the rays are cast, as for `integrate`.
+            subset: (j, m) casts every m-th of the rays from the j-th on; (0, 1) casts all.
 
         Returns:
             `transport` (N,K), `normal` (N,3), `albedo` (N,O,3) of O outfits; `gloss` (N,O,2) for glossy meshes;
@@ -260,7 +270,16 @@ class Baker:
         supersample: int,
         view: View,
     ) -> list[Maps]:
-        """Returns the maps of each outfit: images of the pixels' means, with the settings as `info`."""
+        """Returns the maps of each outfit: images of the pixels' means, with the settings as `info`.
+
+        Args:
+            means: (P,...) by name in the camera's axes, as of `_surface_values`.
+            coverage: (size^2,) share of each pixel's samples that hit the mesh.
+            centres: where the rays through the centres of the P pixels hit the mesh.
+            camera: of the view.
+            supersample: for `info`.
+            view: for `info`.
+        """
         size = camera.size
         points = self.caster.points(centres.face, centres.weights)
         is_back = faces_away(camera, points, self.caster.normals[centres.face])
@@ -318,7 +337,7 @@ class PixelSums:
         self.sums: dict[str, np.ndarray] = {}
 
     def add(self, pixels: np.ndarray, values: dict[str, np.ndarray]) -> None:
-        """Adds one sample (N,...) of each named value to different pixels (N,)."""
+        """Adds one sample (N,...) of each named value to pixels with numbers (N,), of which no two are equal."""
         for name, value in values.items():
             total = self.sums.setdefault(name, np.zeros((len(self.counts), *value.shape[1:])))
             total[pixels] += value
@@ -344,7 +363,14 @@ class Hits(NamedTuple):
 
 
 def primary_hits(caster: RayCaster, camera: RayCamera, column: np.ndarray, row: np.ndarray) -> Hits:
-    """Casts camera rays through continuous pixel coordinates (N,), as defined by `Camera.rays`."""
+    """Casts camera rays through points of the image and returns where they hit the mesh.
+
+    Args:
+        caster: casts rays at the mesh.
+        camera: in the mesh's frame.
+        column: (N,) in pixels from the left edge of the image; .5 is the centre of the first pixel.
+        row: (N,) in pixels from the top edge.
+    """
     index, faces, weights = [], [], []
     for begin in range(0, len(column), BATCH):
         rays = camera.rays(column[begin : begin + BATCH], row[begin : begin + BATCH])

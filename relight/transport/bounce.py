@@ -13,7 +13,9 @@ from relight.transport.raycaster import RayCaster
 from relight.transport.surface import sample_albedo
 
 MAX_EDGE = 0.03  # over the diagonal; longer edges are split, since radiosity is constant on a face
+MIN_RAYS = 16  # per face
 RAY_DIVISOR = 4  # rays per pixel over rays per face: a pixel's rays average over hundreds of faces
+MIN_RAYS = 16  # per face
 
 
 def solve_radiosity(
@@ -40,12 +42,20 @@ def solve_radiosity(
     color = sample_albedo(mesh, parent, _barycentric(caster.corners[parent], centroid))[:, None, :]
     has_area = split_caster.areas > 0
     normals = split_caster.normals[has_area]
-    rays = max(16, rays // RAY_DIVISOR)
+    rays = max(MIN_RAYS, rays // RAY_DIVISOR)
     radiosity: np.ndarray | None = None
     for _ in range(bounces):
-        # One seed casts the same rays at every bounce, so all iterations solve one linear system.
+        # One seed, other than that of the pixels, casts the same rays at every bounce, so all iterations solve one
+        # linear system.
         direct, gathered = integrate(
-            split_caster, centroid[has_area], normals, normals, rays, order, seed + 1, radiosity
+            split_caster,
+            points=centroid[has_area],
+            normals=normals,
+            geometric=normals,
+            rays=rays,
+            order=order,
+            seed=seed + 1,  # not the azimuths of the pixels
+            radiosity=radiosity,
         )
         total = direct[..., None] if gathered is None else direct[..., None] + gathered
         radiosity = np.zeros((len(has_area), total.shape[1], 3), np.float32)
@@ -62,7 +72,7 @@ def _split_long_edges(caster: RayCaster) -> tuple[RayCaster, np.ndarray]:
         return caster, np.arange(len(caster.faces))
     from trimesh.remesh import subdivide_to_size  # .4 s to import, and figures rarely need it
 
-    vertices_of_faces = caster.corners.reshape(-1, 3)
+    vertices_of_faces = caster.corners.reshape(-1, 3)  # each face has its own three
     vertices, faces, parent = subdivide_to_size(
         vertices_of_faces, np.arange(len(vertices_of_faces)).reshape(-1, 3), limit, max_iter=30, return_index=True
     )

@@ -13,10 +13,13 @@ class RayCamera(Protocol):
     """Interface of cameras whose rays can be cast: `Camera`, or a calibrated one."""
 
     def rays(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """Returns rays (N,6), origin and direction, through points (N,) of the image."""
+        """Returns rays (N,6), origin and direction in the mesh's frame, through points of the image.
+
+        `column` and `row` (N,) are in pixels from the top left corner of the image.
+        """
 
     def toward(self, points: np.ndarray) -> np.ndarray:
-        """Returns directions (N,3), not normalised, from points (N,3) to the camera."""
+        """Returns directions (N,3), not normalised, from points (N,3) to the camera, in the mesh's frame."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,7 @@ class Camera:
     pose: Pose | None = None
 
     def __post_init__(self) -> None:
+        """Raises UserError if size or distance are not positive."""
         if self.size < 1:
             raise UserError(f"image size {self.size}: it must be at least 1 pixel")
         if not self.distance > 0:

@@ -64,7 +64,8 @@ def integrate(
     if not all(np.isfinite(array).all() for array in (points, normals, geometric)):
         raise ValueError("points and normals must be finite: Embree calls such rays unoccluded")
     point_count, coefficients = len(points), coefficient_count(order)
-    directions = vogel_directions(rays)[subset[0] :: subset[1]]
+    first_ray, ray_step = subset
+    directions = vogel_directions(rays)[first_ray::ray_step]
     rays = len(directions)
     local_rays = np.concatenate([np.ones((rays, 1)), directions], 1).astype(np.float32)
     # Multiples of 2^-32: float64 adds 2^20 of them without rounding, so the order does not matter.
@@ -80,7 +81,7 @@ def integrate(
     step = max(1, batch // rays)
     buffer = np.empty((min(step, point_count), rays, 6), np.float32)
     steps = range(0, point_count, step)
-    for begin in progress(steps, "casting rays") if subset[1] == 1 else steps:  # of subsets, the caller shows progress
+    for begin in progress(steps, "casting rays") if ray_step == 1 else steps:  # of subsets, the caller shows progress
         part = slice(begin, min(begin + step, point_count))
         batch_rays = buffer[: part.stop - begin]
         # One product gives origin and direction: (1, w) @ [[origin, 0], [0, frame]].
@@ -103,7 +104,7 @@ def integrate(
 
 
 def _first_faces(caster: RayCaster, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the first face (N,) that each ray hits, and whether it hits the front, (N,) bool."""
+    """Returns the first face (N,) that each ray (N,6) hits, MISS for none, and whether it hits the front, (N,) bool."""
     face, _ = caster.intersect(rays)
     hit = np.flatnonzero(face != MISS)
     front = np.zeros(len(rays), bool)

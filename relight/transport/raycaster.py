@@ -19,14 +19,14 @@ class RayCaster:
     10 km). Open3D holds the GIL during a cast, so figures are baked in parallel by processes, not threads.
 
     Attributes:
-        faces: (F,3) as given.
+        faces: (F,3) indices of vertices.
         corners: (F,3,3) float64 positions of the faces' vertices.
         normals: (F,3) float64 unit geometric normals, counter-clockwise outward; zero for faces without area.
         areas: (F,) float64 of the faces.
         low, high, centre: (3,) float64 of the bounding box.
         diagonal: length of the bounding box's diagonal.
         offset: distance from the surface at which rays start.
-        threads: as given.
+        threads: 0 takes every core.
     """
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, threads: int = 0):
@@ -76,7 +76,7 @@ class RayCaster:
         return (points - self.centre).astype(np.float32)
 
     def occluded(self, rays: np.ndarray) -> np.ndarray:
-        """Returns whether rays (N,6), as for `intersect`, hit any face, (N,) bool."""
+        """Returns whether rays (N,6) float32, origin relative to the centre and direction, hit any face, (N,) bool."""
         return self._scene.test_occlusions(o3c.Tensor.from_numpy(rays), nthreads=self.threads).numpy()
 
     def intersect(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,12 @@ from relight.srgb import LINEAR
 
 
 def wrapped(texel: np.ndarray, size: int, mode: str) -> np.ndarray:
-    """Returns the numbers in [0,size) of texels (N,), int64, that lie beyond the edges too: in a wrap mode.
+    """Returns the numbers of texels in [0,size) that stand for texels beyond the edges, in one direction.
+
+    Args:
+        texel: (N,) int64, any numbers.
+        size: number of texels.
+        mode: how the texture goes on beyond its edges: REPEAT, CLAMP or MIRROR.
 
     >>> [wrapped(np.arange(-2, 4), 2, mode).tolist() for mode in (REPEAT, CLAMP, MIRROR)]
     [[0, 1, 0, 1, 0, 1], [0, 0, 0, 1, 1, 1], [1, 0, 0, 1, 1, 0]]
@@ -28,7 +33,7 @@ def sample_texture(texture: np.ndarray, uv: np.ndarray, wrap: tuple[str, str] = 
     Args:
         texture: (H,W,3) uint8 sRGB.
         uv: (N,2); (0,0) is the bottom left corner of the texture.
-        wrap: as of `Material`.
+        wrap: how the texture goes on beyond its edges in u and in v: REPEAT, CLAMP or MIRROR.
 
     Returns:
         (N,3) float32, linear.

@@ -40,7 +40,7 @@ class PathTracer:
     Attributes:
         mi: the module Mitsuba.
         size: side of the square image, pixels.
-        camera: as given, or the frontal one.
+        camera: the camera of the maps to compare with.
         front: the largest z of the mesh in the camera's frame.
         shapes: Mitsuba's shapes by name.
     """
@@ -51,7 +51,7 @@ class PathTracer:
         Args:
             mesh: aligned, if it is seen from the front.
             size: side of the square image, pixels; a pixel is the mean over its area.
-            camera: as of `Baker.camera`; by default the frontal one.
+            camera: whose picture is rendered, as `Baker.camera` returns it; by default the frontal one.
             gloss: whether glossy materials reflect; otherwise, all are diffuse.
 
         Raises:
@@ -153,11 +153,21 @@ class PathTracer:
             part = np.maximum(sign * sky, 0)
             if part.any():
                 radiance, color = np.split(self._render(part, samples, integrator, seed), 2, axis=-1)
-                total += sign * np.pi * radiance / np.maximum(color, 1e-6)
+                total += sign * np.pi * radiance / np.maximum(color, 1e-6)  # color is 0 outside the mesh
         return total
 
     def _render(self, sky: np.ndarray, samples: int, integrator: dict[str, Any], seed: int) -> np.ndarray:
-        """Renders the scene under a sky (H,W,3), not negative, with Mitsuba's settings of an integrator."""
+        """Renders the scene once.
+
+        Args:
+            sky: (H,W,3) radiance, not negative, at `sky_directions`.
+            samples: per pixel.
+            integrator: Mitsuba's settings of it.
+            seed: random seed of the samples.
+
+        Returns:
+            (S,S,C) float32, the C channels of the integrator: radiance (3), then its further outputs.
+        """
         scene = self.mi.load_dict(
             {
                 "type": "scene",
@@ -181,7 +191,7 @@ class PathTracer:
         return np.array(self.mi.render(scene, seed=seed))
 
     def _sensor(self) -> dict[str, Any]:
-        """Returns Mitsuba's settings for the camera."""
+        """Returns Mitsuba's settings for the camera, in its own frame."""
         eye = self.camera.distance if self.camera.perspective else max(MIN_EYE_DISTANCE, self.front + 1)
         to_world = self.mi.ScalarTransform4f().look_at(origin=[0, 0, eye], target=[0, 0, 0], up=[0, 1, 0])
         if not self.camera.perspective:
@@ -189,13 +199,14 @@ class PathTracer:
         return {
             "type": "perspective",
             "fov": 2 * math.degrees(math.atan(1 / eye)),
-            "near_clip": 1e-3,
+            "near_clip": 1e-3,  # in units of the camera's frame
             "to_world": to_world,
         }
 
 
 def path_integrator(bounces: int) -> dict[str, Any]:
     """Returns Mitsuba's settings for paths of up to `bounces` bounces; the sky itself is invisible."""
+    # A path of depth 2 goes from the eye over one surface to the sky; Russian roulette would only add noise.
     return {"type": "path", "max_depth": 2 + bounces, "rr_depth": 100, "hide_emitters": True}
 
 

@@ -31,7 +31,7 @@ class VertexTransport:
         normals: (V,3) float32 unit normals.
         albedo: (V,3) float32, linear.
         transport: (V,K) float32, direct, without 1/pi, index l*l + l + m.
-        bounced: (V,K,3) float32 or None, as in `Maps`.
+        bounced: (V,K,3) float32 transport of the light that other surfaces reflect, or None without bounces.
     """
 
     vertices: np.ndarray
@@ -62,7 +62,7 @@ class VertexTransport:
             raise UserError(f"{path}: transport per vertex is written as .ply or .npz")
 
     def _ply(self) -> bytes:
-        """Returns a binary PLY with the properties x, nx, albedo_r (linear), L0M0, L1Mn1, bounced_r_L0M0 etc."""
+        """Returns a binary PLY whose vertices have x, nx, albedo_r (linear), L0M0, L1Mn1, bounced_r_L0M0 and so on."""
         names = coefficient_names(order_of(self.transport.shape[1]))
         columns = [*"xyz", "nx", "ny", "nz", "albedo_r", "albedo_g", "albedo_b", *names]
         parts = [self.vertices, self.normals, self.albedo, self.transport]
@@ -80,7 +80,7 @@ class VertexTransport:
 def bake_vertices(
     mesh: Mesh, rays: int, order: int = 2, seed: int = 0, bounces: int = 0, threads: int = 1
 ) -> VertexTransport:
-    """Bakes the transport at every vertex, on the side of its normal, by the same integral as `bake`.
+    """Bakes the transport at every vertex, on the side of its normal, by the same integral as that of maps.
 
     Args:
         mesh: in any frame and unit. The albedo of a vertex is that of the first face that uses it.

@@ -82,7 +82,7 @@ def rotate_vectors(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def place_mesh(view: View, vertices: np.ndarray) -> Pose:
-    """Places a mesh in front of the camera of a view.
+    """Returns the pose in which a mesh stands in front of the camera of a view.
 
     The figure's bounding box in the image is centred, and its longer side is as long as in the frontal view. To achieve
     this, the eye moves; the focal length stays. The middle of the figure's depth lies in the plane z = 0.
@@ -90,6 +90,9 @@ def place_mesh(view: View, vertices: np.ndarray) -> Pose:
     Args:
         view: view of the mesh.
         vertices: (V,3) float64 of the mesh.
+
+    Returns:
+        The pose of the mesh in the camera's frame.
 
     Raises:
         UserError: if the figure has no extent in the image, or if the eye would touch it.
@@ -135,7 +138,14 @@ def extreme_points(lateral: np.ndarray, depth: np.ndarray, half_width: float, di
 
 
 def eye_distance(lateral: np.ndarray, depth: np.ndarray, half_width: float, distance: float) -> float:
-    """Returns the eye's z from which points fill +-half_width of the image; arguments as of `extreme_points`."""
+    """Returns the z of an eye from which points fill +-half_width of the image.
+
+    Args:
+        lateral: (V,) x, or y, of the points.
+        depth: (V,) z of the points.
+        half_width: half the width that the points fill in the image.
+        distance: from the eye to its image plane.
+    """
     right, left = extreme_points(lateral, depth, half_width, distance)
     return edge_crossing(depth, lateral, distance / half_width, right, left)
 
@@ -144,7 +154,13 @@ def eye_offset(lateral: np.ndarray, depth: np.ndarray, distance: float, eye_z: f
     """Returns the eye's x, or y, at z = `eye_z` from which the points are centred in the image.
 
     The half width that the points fill is the root of a convex, piecewise linear function. Newton's iterations from 0
-    therefore converge without overshooting, in a finite number of steps. Arguments as of `extreme_points`.
+    therefore converge without overshooting, in a finite number of steps.
+
+    Args:
+        lateral: (V,) x, or y, of the points.
+        depth: (V,) z of the points.
+        distance: from the eye to its image plane.
+        eye_z: z of the eye.
     """
     half_width, is_growing = 0.0, True
     while is_growing:
@@ -162,13 +178,14 @@ def edge_crossing(along: np.ndarray, across: np.ndarray, slope: float, right: in
         along: (V,) that coordinate of the points.
         across: (V,) the coordinate perpendicular to it.
         slope: by which a line of sight changes `along` per unit of `across`.
-        right, left: indices of the two points.
+        right: index of the outermost point on the right.
+        left: index of the outermost point on the left.
     """
     return float(along[right] + along[left] + slope * (across[right] - across[left])) / 2
 
 
 def view_record(view: View, pose: Pose) -> dict[str, Any]:
-    """Returns the record of a view for the header of maps, as plain values."""
+    """Returns the attributes of a view and of the mesh's pose as plain values by name, for the header of maps."""
     return {
         **asdict(view),
         "rotation": pose.rotation.round(9).tolist(),

@@ -132,6 +132,7 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
         crop, window = person.crop, person.crop.window
         covered = person.coverage[window] > 0
         where = np.flatnonzero(covered)
+        # What the photo shows beyond the square's resolution sharpens albedo and transport.
         detail = person.detail(LINEAR[pixels[window][covered]], crop.rows, where)
         # What is fitted is the root of the albedo.
         albedo[window][covered] = person.fitted_albedo.place(crop, detail, crop.rows, where) ** 2
@@ -140,7 +141,7 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
         mask=coverage > 0,
         coverage=coverage / np.float32(255),
         albedo=np.clip(albedo, 0, 1),
-        normal=np.zeros((*shape, 3), np.float32),
+        normal=np.zeros((*shape, 3), np.float32),  # networks infer no geometry
         depth=np.zeros(shape, np.float32),
         ao=np.clip(transport[..., 0] / UNOCCLUDED_T00, 0, 1),
         transport=transport,

@@ -43,7 +43,7 @@ def test_estimate_interval_coverage(figures, lights, trainings):
         rows = rng.normal(0, 0.1, (3, trainings, 1, 1)) * (trainings > 1)
         rows = rows + rng.normal(0, 0.05, (3, trainings, figures, lights))
         rows += 1 + rng.normal(0, 0.2, (figures, 1)) + rng.normal(0, 0.2, lights) * (lights > 1)
-        found = estimate(rows[0], pooled_spread(list(rows)), noise=trial, resamples=400, seed=trial)
+        found = estimate(rows[0], pooled_spread(list(rows)), noise_seed=trial, resamples=400, seed=trial)
         covered += found.low <= 1 <= found.high
     assert 0.925 <= covered / 400 <= 0.985
 

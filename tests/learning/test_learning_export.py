@@ -9,7 +9,16 @@ from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter
 from relight.errors import UserError
 from relight.inference import read_onnx
 from relight.learning.checkpoint import load_network
-from relight.learning.export import NEIGHBOURHOOD, SLACK, check, clamp_rim, export, least, photo_network, sample
+from relight.learning.export import (
+    NEIGHBOURHOOD,
+    SLACK,
+    check,
+    clamp_rim,
+    export,
+    photo_network,
+    sample_inputs,
+    smallest_side,
+)
 from relight.learning.networks import build
 from relight.learning.predict import predict
 
@@ -24,7 +33,7 @@ def exported(request, exported_network):
 @pytest.mark.slow
 def test_export_runs_at_other_batches_and_sizes(exported):
     _, _, path = exported
-    image, mask = sample(4, 256, 192)
+    image, mask = sample_inputs(4, 256, 192)
     albedo, transport, light = read_onnx(path).run(image.numpy(), mask.numpy())
     assert albedo.shape == (4, 3, 256, 192) and transport.shape == (4, 9, 256, 192) and light.shape == (4, 9, 3)
     assert (transport[:, :, :8] == 0).all()
@@ -33,7 +42,7 @@ def test_export_runs_at_other_batches_and_sizes(exported):
 def test_onnx_and_checkpoint_infer_the_mean_over_the_mirror_image(exported):
     """Twin: `predict` averages by itself; what it says inside, away from the rim, is what the graph says."""
     network, checkpoint, path = exported
-    image, mask = (values[0].numpy() for values in sample(1, 128, 128))
+    image, mask = (values[0].numpy() for values in sample_inputs(1, 128, 128))
     image, mask = np.moveaxis(image, 0, -1), mask[0]
     expected = predict(network, image, mask, mirrored=True)
     inside = binary_erosion(mask > 0)
@@ -76,7 +85,7 @@ def test_check_compares(exported):
 
 def test_export_refuses_other_suffixes(model, tmp_path):
     network = build(model(), 64)
-    assert least(network) == 128
+    assert smallest_side(network) == 128
     with pytest.raises(UserError, match=r"must end in .onnx"):
         export(network, tmp_path / "a.pth", {})
 

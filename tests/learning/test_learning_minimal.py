@@ -52,7 +52,7 @@ def test_network_infers_what_the_package_does(minimal, model, size):
 
 
 def test_loss_is_the_fifteen_of_the_package(minimal, world, folder, loss):
-    mask, albedo, transport, lights = minimal.read(folder)
+    mask, albedo, transport, lights = minimal.read_data(folder)
     batch = RelitSet(world["packed"], world["lights"], 2, "photo").batch(np.array([0, 2]), np.array([1, 3]))
     truth = albedo[[0, 2]], transport[[0, 2]], lights[[1, 3]]
     torch.manual_seed(2)

@@ -19,8 +19,8 @@ from relight.panoramas.radiosity import (
     form_factors,
     indirect_irradiance,
     intersect_walls,
+    is_sunlit,
     render_room,
-    sunlit,
 )
 from relight.panoramas.rooms import CLEARANCE, sample_room, white_balance
 
@@ -238,6 +238,6 @@ def test_the_sun_falls_where_the_window_lets_it():
     scene = Room(np.array([4.0, 3.0, 4.0]), np.full(3, 1.5), np.full((6, 3), 0.5), [window])
     toward = np.array([1.0, 0.5, 0.0]) / np.sqrt(1.25)
     points = np.array([[1.0, 0.0, 1.5], [3.5, 0.0, 1.5], [1.0, 0.0, 3.0]])  # in the beam, below it, beside it
-    assert sunlit(scene, Sun(toward, np.ones(3)), points).tolist() == [True, False, False]
+    assert is_sunlit(scene, Sun(toward, np.ones(3)), points).tolist() == [True, False, False]
     distance, wall = intersect_walls(scene.size, points[:1], toward[None])
     assert wall[0] == 1 and distance[0] == pytest.approx(3 * np.sqrt(1.25))

@@ -151,8 +151,8 @@ def pooled_spread(rows: list[np.ndarray]) -> Spread:
 def estimate(
     values: np.ndarray,
     spread: Spread | None = None,
-    pairs: tuple[list, list] = ([], []),
-    noise: int = 0,
+    figures_and_lights: tuple[list, list] = ([], []),
+    noise_seed: int = 0,
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> Estimate:
@@ -162,8 +162,8 @@ def estimate(
         values: (S,F,L), by training, figure and light.
         spread: pooled over the table's trainings; a larger one of the row itself, with its own degrees of freedom, is
             preferred. Without it, the interval does not include the variation between trainings.
-        pairs: the names of the F figures, and the indices of the L lights.
-        noise: seed of the noise of the trainings; it must differ between the rows of a table.
+        figures_and_lights: the names of the F figures, and the indices of the L lights.
+        noise_seed: seed of the noise that stands for the spread of trainings; another one for each row of a table.
         resamples: their number.
         seed: random seed of the resamples; rows with the same seed are resampled alike.
 
@@ -176,7 +176,8 @@ def estimate(
     if spread and spread.freedom:
         larger = max(spread, pooled_spread([values]), key=lambda candidate: candidate.deviation)
         error, freedom = larger.deviation / np.sqrt(trainings), larger.freedom
-    estimated = Estimate(mean, -np.inf, np.inf, pair_means, list(pairs[0]), list(pairs[1]), error, freedom)
+    figure_names, light_indices = map(list, figures_and_lights)
+    estimated = Estimate(mean, -np.inf, np.inf, pair_means, figure_names, light_indices, error, freedom)
     if figures == 1:
         return estimated
     resampled = np.full(resamples, mean)
@@ -185,7 +186,7 @@ def estimate(
             weights = resample_weights(levels, resamples, seed + 1000 * axis)
             resampled += expansion_factor(levels) * (weights @ (pair_means.mean(1 - axis) - mean))
     if freedom:
-        resampled += error * np.random.default_rng([noise, trainings]).standard_t(freedom, resamples)
+        resampled += error * np.random.default_rng([noise_seed, trainings]).standard_t(freedom, resamples)
     estimated.low, estimated.high = interval(resampled)
     return estimated
 

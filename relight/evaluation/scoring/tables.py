@@ -148,8 +148,9 @@ def estimates(rows: Rows, column: str, pool: Rows, fixed: Iterable[str] = ()) ->
     estimated = {}
     for number, (row, trainings) in enumerate(rows.items()):
         if (given := values(trainings)) is not None:
-            row_spread, pairs = None if row in fixed else spread, (trainings[0].figures, trainings[0].lights)
-            estimated[row] = estimate(given, row_spread, pairs, noise=number)
+            row_spread = None if row in fixed else spread
+            figures_and_lights = trainings[0].figures, trainings[0].lights
+            estimated[row] = estimate(given, row_spread, figures_and_lights, noise_seed=number)
     return estimated
 
 

@@ -105,7 +105,7 @@ def rig() -> Rig:
         if pairs:
             at, value = np.array(pairs).T
             weights[at.astype(int), index[name]] = value
-    weights[weights.sum(1) == 0, 0] = 1
+    weights[weights.sum(1) == 0, 0] = 1  # helper vertices without weights move with the root
     weights /= weights.sum(1, keepdims=True)
     heads = []
     for name in order:
@@ -128,7 +128,14 @@ def bone_weights(*prefixes: str) -> np.ndarray:
 
 @cache
 def target(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Reads a blend shape, a name below mpfb2/targets or a face unit: vertices (n,) and offsets (n,3), metres."""
+    """Reads a blend shape, once.
+
+    Args:
+        name: of a file below mpfb2/targets, or faceunits/<name>.
+
+    Returns:
+        The vertices (n,) of the base mesh that it moves, and their offsets (n,3), metres.
+    """
     if name.startswith("faceunits/"):
         text = (folder() / "faceunits01/targets" / f"{name}.target").read_text()
         text = "\n".join(line for line in text.splitlines() if not line.startswith("#"))
@@ -141,7 +148,9 @@ def target(name: str) -> tuple[np.ndarray, np.ndarray]:
 def blended(weights: dict[str, float]) -> np.ndarray:
     """Returns the vertices (19158,3) of the base mesh plus weighted targets, metres.
 
-    Targets that do not exist are skipped: MakeHuman has none for average proportions, heights and breast sizes.
+    Args:
+        weights: of the targets by name. Names that MakeHuman lacks are skipped: it has no targets for average
+            proportions, heights and breast sizes.
     """
     vertices = base().vertices.copy()
     for name, weight in weights.items():

@@ -90,7 +90,10 @@ class Body:
 
 
 def sample_person(rng: np.random.Generator) -> Person:
-    """Draws a person: adults of both sexes, builds from slight to heavy, skin loosely correlated with ancestry."""
+    """Draws a person: adults of both sexes, builds from slight to heavy, skin loosely correlated with ancestry.
+
+    The spreads are set by eye, but for those of the face, which are in the catalogue.
+    """
     female = float(np.clip(rng.choice([0.05, 0.95]) + rng.normal(0, 0.06), 0, 1))
     age = float(np.clip(20 + rng.gamma(2.0, 12.0), 20, 85))
     ancestry = rng.dirichlet([0.6, 0.6, 0.6])
@@ -157,7 +160,7 @@ def macro_weights(person: Person) -> dict[str, float]:
 
 
 def expressions() -> dict[str, dict[str, float]]:
-    """Returns the weights of face units at full strength, by the name of the expression."""
+    """Returns all expressions by name: the weights of their face units at full strength, by the name of the unit."""
     return entries("faces", "expressions", dict[str, float])
 
 

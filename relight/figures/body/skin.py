@@ -32,7 +32,7 @@ class Iris:
 
 
 def sample_iris(rng: np.random.Generator, person: Person) -> Color:
-    """Draws the linear albedo of a person's irises."""
+    """Draws the linear albedo of a person's irises, by the lightness of the skin."""
     irises = list(entries("colors", "irises", Iris).values())
     odds = [iris.light_skin if person.skin > 0.75 else iris.dark_skin for iris in irises]
     return irises[int(rng.choice(len(irises), p=odds))].color
@@ -70,7 +70,12 @@ def texels(side: int) -> np.ndarray:
 
 @cache
 def region(name: str, side: int) -> np.ndarray:
-    """Returns one of MakeHuman's UV masks (lips, eyelids, ears, fingernails, ...) at `side` pixels, in [0,1]."""
+    """Returns one of MakeHuman's masks in the UV map of the body, (side,side) in [0,1].
+
+    Args:
+        name: of its file mpfb_<name>.jpg: lips, eyelids, ears, fingernails, ...
+        side: pixels to which it is scaled.
+    """
     picture = Image.open(makehuman.folder() / f"mpfb2/textures/mpfb_{name}.jpg").convert("L")
     return np.asarray(picture.resize((side, side), Image.Resampling.BILINEAR), float) / 255
 

@@ -18,7 +18,11 @@ class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mis
     """PyYAML's loader, which refuses keys that a mapping has twice."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict:
-        """Returns a mapping; a key beside a merged mapping (<<) replaces the merged one."""
+        """Returns a mapping; a key beside a merged mapping (<<) replaces the merged one.
+
+        Raises:
+            UserError: if a key is given twice.
+        """
         keys: set[str] = set()
         for key, _ in node.value:
             if key.value in keys and not getattr(node, "merged", False):
@@ -30,7 +34,11 @@ class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mis
 
 @cache
 def contents(path: Path) -> dict[str, Any]:
-    """Reads a catalogue, once."""
+    """Returns the contents of a catalogue: sections by name. A file is read once per process.
+
+    Raises:
+        UserError: if the file is not valid YAML.
+    """
     try:
         with open(path, encoding="utf-8") as file:
             return yaml.load(file, Loader)
@@ -59,10 +67,16 @@ def entries(name: str, section: str, kind: type[T], folder: Path = FOLDER) -> di
 
 
 def converted(value: Any, kind: Any, where: str, name: str | None = None) -> Any:
-    """Returns a value of YAML as a type: a dataclass, tuple, dictionary, choice (Literal), optional or plain type.
+    """Returns a value of YAML as a value of a type of Python.
+
+    Args:
+        value: as YAML gives it: a list for a tuple, a mapping for a dataclass.
+        kind: a dataclass, tuple, dictionary, choice (Literal), optional or plain type.
+        where: file, section and key of the value, which begin error messages.
+        name: the value's key, for the field `name` of a dataclass.
 
     Raises:
-        UserError: if the value does not fit; `where` it stands begins the message.
+        UserError: if the value does not fit.
     """
     origin, arguments = get_origin(kind), get_args(kind)
     if is_dataclass(kind):
@@ -91,7 +105,17 @@ def converted(value: Any, kind: Any, where: str, name: str | None = None) -> Any
 
 
 def as_dataclass(value: Any, kind: Any, where: str, name: str | None) -> Any:
-    """Returns a mapping as an object of a dataclass, whose field `name`, if it has one, is `name`."""
+    """Returns a mapping of YAML as an object of a dataclass.
+
+    Args:
+        value: the mapping, from names of fields to values.
+        kind: the dataclass.
+        where: where the mapping stands, which begins error messages.
+        name: for the field `name`, if the dataclass has one; the mapping must not have it.
+
+    Raises:
+        UserError: if the mapping does not fit.
+    """
     if not isinstance(value, dict):
         raise UserError(f"{where} must be a mapping, not {value!r}")
     hints = get_type_hints(kind)

@@ -47,14 +47,18 @@ def vec3_array(values: np.ndarray) -> wp.array:
 
 
 class Collider:
-    """A closed or open mesh that moves from `start` to `end` during a frame.
+    """A closed or open mesh that moves from `start` to `end` during a frame; for a mesh at rest, both are the same.
+
+    Args:
+        start, end: (V,3) vertices at the start and the end of the frame, metres.
+        faces: (F,3).
 
     Nearest faces and ray hits are searched on `start`, where cloth still is: limbs move further in a frame than they
     are thick.
 
     Attributes:
         indices: (3 F,) vertices of the faces.
-        start, end: (V,3) vertices at the start and the end of the frame, metres.
+        start, end: Warp's arrays of them.
         normals: (V,3) unit vertex normals at the end.
         mesh: Warp's mesh of `start`.
     """
@@ -72,7 +76,11 @@ class Collider:
         return cls(vertices, vertices, faces)
 
     def nearest(self, points: np.ndarray, max_distance: float) -> tuple[np.ndarray, np.ndarray]:
-        """Finds the nearest face for points (n,3).
+        """Finds the nearest face of `start` for each point.
+
+        Args:
+            points: (n,3) metres.
+            max_distance: metres beyond which no face is searched.
 
         Returns:
             The face (n,), -1 beyond `max_distance`, and the barycentric weights (n,3) of the nearest point on it.

@@ -12,7 +12,7 @@ MIN_REST_DISTANCE = 0.03  # metres on the pattern: closer faces of one garment a
 
 
 def crossing(sheets: list[Surface], rest_shapes: list[np.ndarray]) -> list[float]:
-    """Returns the share of each garment's faces that passed through cloth.
+    """Measures which share of each garment's faces passed through cloth.
 
     Args:
         sheets: for each garment its vertices (n,3), metres, and faces (m,3).

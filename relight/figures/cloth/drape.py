@@ -103,6 +103,9 @@ def drape(
         skin: (weights (n,B), rest positions (n,3), frame) to posed positions (n,3); moves the pins.
         frames: the last frame of the motion; 0 if the body does not move.
         ground: height below which no vertex may be, metres.
+
+    Returns:
+        The garment at the last frame, settled.
     """
     history: list[np.ndarray] = []
     x = skin(levels[0].weights, levels[0].start, 0)

@@ -12,7 +12,16 @@ def integrate(
     dt: float,
     damping: float,
 ):
-    """Advances positions x by velocities v and gravity over a time dt; `previous` keeps the positions before."""
+    """Advances positions x (n,3) by velocities v (n,3) and gravity over a time step.
+
+    Args:
+        x: metres; updated.
+        v: metres per second.
+        previous: (n,3) gets the positions before the step.
+        gravity: acceleration along y, metres per second squared; negative is down.
+        dt: the time step, seconds.
+        damping: factor of the velocities.
+    """
     i = wp.tid()
     previous[i] = x[i]
     x[i] = x[i] + v[i] * (dt * damping) + wp.vec3(0.0, gravity * dt * dt, 0.0)
@@ -27,7 +36,16 @@ def solve_distance_constraints(
     count: int,
     iterations: int,
 ):
-    """Solves all constraints in order, `iterations` times. It runs in one thread, since they share vertices."""
+    """Solves all distance constraints in order, in one thread, since they share vertices (position-based dynamics).
+
+    Args:
+        x: (n,3) metres; updated.
+        pairs: (C,2) the vertices of each constraint.
+        rest_length: (C,) metres.
+        stiffness: (C,) share in [0,1] of the error that is removed at a time.
+        count: C.
+        iterations: how often all are solved.
+    """
     for _ in range(iterations):
         for t in range(count):
             i = pairs[t][0]
@@ -48,7 +66,15 @@ def find_nearest_faces(
     face: wp.array(dtype=int),
     barycentric: wp.array(dtype=wp.vec2),
 ):
-    """Finds the face of the mesh nearest to each vertex, -1 beyond `max_distance`, and the nearest point on it."""
+    """Finds the face of a mesh that is nearest to each point.
+
+    Args:
+        mesh: number of a `wp.Mesh`.
+        x: (n,3) points, metres.
+        max_distance: metres.
+        face: (n,) gets the nearest face, -1 beyond `max_distance`.
+        barycentric: (n,2) gets the weights of the face's first two corners at the nearest point.
+    """
     i = wp.tid()
     query = wp.mesh_query_point_no_sign(mesh, x[i], max_distance)
     face[i] = -1
@@ -73,9 +99,24 @@ def resolve_contacts(
     friction: float,
     ground: float,
 ):
-    """Keeps each vertex `thickness` outside the collider, which moves from time0 to time1 in [0,1] of its frame.
+    """Keeps each vertex outside a moving collider, which drags it along by friction.
 
-    Friction drags the vertex along with the collider. Below the ground it returns to where it was.
+    A vertex below the ground returns to where it was, on the ground.
+
+    Args:
+        x: (n,3) metres; updated.
+        previous: (n,3) before this time step.
+        face: (n,) the nearest face of the collider, -1 for none.
+        barycentric: (n,2) weights of its first two corners.
+        indices: (3 F,) vertices of the collider's faces.
+        start: (V,3) the collider's vertices at the start of the frame.
+        end: (V,3) at its end.
+        normal: (V,3) outward normals of the collider's vertices.
+        time0: start of the time step, in [0,1] of the frame.
+        time1: its end.
+        thickness: least distance from the collider, metres.
+        friction: share in [0,1] of the sliding that is removed.
+        ground: height of the ground, metres.
     """
     i = wp.tid()
     if x[i][1] < ground:
@@ -105,7 +146,15 @@ def update_velocity(
     dt: float,
     max_speed: float,
 ):
-    """Computes velocities from the positions before and after a time dt, no faster than `max_speed`."""
+    """Computes velocities from the positions before and after a time step.
+
+    Args:
+        x: (n,3) positions after the step, metres.
+        previous: (n,3) positions before it.
+        v: (n,3) gets the velocities, metres per second.
+        dt: the time step, seconds.
+        max_speed: faster vertices are slowed down to it.
+    """
     i = wp.tid()
     w = (x[i] - previous[i]) / dt
     v[i] = w * wp.min(1.0, max_speed / wp.max(wp.length(w), 1.0e-9))
@@ -118,7 +167,14 @@ def pull_to_targets(
     weight: wp.array(dtype=float),
     target: wp.array(dtype=wp.vec3),
 ):
-    """Moves the vertices `index` toward their targets; a weight of 1 takes them there."""
+    """Moves some vertices toward targets, one thread for each of these m.
+
+    Args:
+        x: (n,3) metres; updated.
+        index: (m,) the vertices.
+        weight: (m,) in [0,1]; 1 takes a vertex to its target.
+        target: (m,3) metres.
+    """
     k = wp.tid()
     i = index[k]
     x[i] = x[i] + (target[k] - x[i]) * weight[k]
@@ -133,7 +189,16 @@ def find_self_contacts(
     partners: wp.array(dtype=int),
     max_partners: int,
 ):
-    """Finds for each vertex the vertices within `radius` that are far from it on the rest shape; -1 fills the rest."""
+    """Finds for each vertex others that are near although they are far from it on the rest shape.
+
+    Args:
+        grid: number of a `wp.HashGrid` of x.
+        x: (n,3) metres.
+        rest_shape: (n,3) metres.
+        radius: within which vertices are near; beyond twice of it they are far.
+        partners: (n * max_partners,) gets the vertices found for each; -1 fills the rest.
+        max_partners: most vertices that are found for one.
+    """
     i = wp.tid()
     query = wp.hash_grid_query(grid, x[i], radius)
     j = wp.int32(0)
@@ -155,7 +220,15 @@ def resolve_self_contacts(
     max_partners: int,
     gap: float,
 ):
-    """Writes to `resolved` the positions x with the partners of `find_self_contacts` at least `gap` apart."""
+    """Moves each vertex half-way apart from the vertices that it touches, by the mean of what each of them asks.
+
+    Args:
+        x: (n,3) metres.
+        resolved: (n,3) gets the new positions.
+        partners: (n * max_partners,) the vertices that each may touch, from `find_self_contacts`; -1 is none.
+        max_partners: entries of `partners` for each vertex.
+        gap: distance below which two vertices touch, metres.
+    """
     i = wp.tid()
     total = wp.vec3(0.0, 0.0, 0.0)
     count = wp.float32(0.0)
@@ -178,7 +251,15 @@ def cast_rays(
     face: wp.array(dtype=int),
     depth: wp.array(dtype=float),
 ):
-    """Finds the first face that each ray hits within 10 m, -1 for none, and its distance."""
+    """Finds the first face that each ray hits, one thread for each of the N rays.
+
+    Args:
+        mesh: number of a `wp.Mesh`.
+        origin: (N,3) metres.
+        direction: (N,3) unit vectors.
+        face: (N,) gets the face, -1 for none within 10 m.
+        depth: (N,) gets its distance, metres; unchanged for none.
+    """
     i = wp.tid()
     hit = wp.mesh_query_ray(mesh, origin[i], direction[i], 10.0)
     face[i] = -1
@@ -189,7 +270,10 @@ def cast_rays(
 
 @wp.func
 def crossing_depth(a0: wp.vec3, a1: wp.vec3, a2: wp.vec3, b0: wp.vec3, b1: wp.vec3, b2: wp.vec3) -> float:
-    """Returns how far triangle a reaches to both sides of the plane of triangle b; negative if it does not cross it."""
+    """Returns how far triangle a reaches to both sides of the plane of triangle b, metres.
+
+    It is negative if a does not cross the plane. a0 to a2 and b0 to b2 are the corners.
+    """
     n = wp.normalize(wp.cross(b1 - b0, b2 - b0))
     s0 = wp.dot(a0 - b0, n)
     s1 = wp.dot(a1 - b0, n)
@@ -208,9 +292,17 @@ def find_intersections(
     min_rest_distance: float,
     intersects: wp.array(dtype=int),
 ):
-    """Marks faces that reach deeper than `min_depth` through a face of another garment, or of their own.
+    """Marks faces that reach through a face of another garment, or of their own, one thread for each of the F faces.
 
-    Faces of one garment closer than `min_rest_distance` on the rest shape count as neighbours and are not tested.
+    Args:
+        mesh: number of a `wp.Mesh` of all garments.
+        x: (n,3) its vertices, metres.
+        indices: (3 F,) vertices of the faces.
+        rest_centre: (F,3) centres of the faces on the rest shape, metres.
+        garment: (F,) number of the garment of each face.
+        min_depth: metres that both faces must reach through the other.
+        min_rest_distance: faces of one garment whose centres are closer on the rest shape are not tested.
+        intersects: (F,) 0, gets 1 for such faces.
     """
     f = wp.tid()
     a0 = x[indices[3 * f]]

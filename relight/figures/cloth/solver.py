@@ -113,6 +113,14 @@ class ClothSolver:
 
     Attributes:
         edges: (E,2) the edges.
+        edge_length: (E,) of the edges on the pattern, metres.
+        mean_edge: their mean, metres.
+        pairs, rest_length, stiffness: of the distance constraints: those that resist bending, then the edges.
+        x, v: positions, metres, and velocities of the n vertices.
+        previous, resolved: positions before a substep, and buffer for those after self-contacts.
+        contact_face, contact_barycentric: the collider's nearest face and point for each vertex.
+        partners: MAX_PARTNERS vertices in self-contact with each vertex, -1 for none.
+        grid: hash grid in which these are searched.
     """
 
     def __init__(self, rest_shape: np.ndarray, faces: np.ndarray, cloth: Cloth):
@@ -152,7 +160,7 @@ class ClothSolver:
         return np.linalg.norm(x[self.edges[:, 0]] - x[self.edges[:, 1]], axis=1) / self.edge_length
 
     def solve_constraints(self, iterations: int) -> None:
-        """Solves all distance constraints in sequence."""
+        """Solves all distance constraints (bending, then stretch) in sequence, `iterations` times."""
         inputs = [self.x, self.pairs, self.rest_length, self.stiffness, len(self.pairs), iterations]
         wp.launch(solve_distance_constraints, dim=1, inputs=inputs)
 

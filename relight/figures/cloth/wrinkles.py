@@ -32,9 +32,17 @@ SMOOTHED_EDGE = 0.0062  # edge length for which cloth is averaged 6 times before
 
 
 def stretch(pattern: np.ndarray, x: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Returns the right Cauchy-Green tensors (n,3,3) of the deformation from the pattern (n,3) to x (n,3).
+    """Computes the right Cauchy-Green tensors of a deformation; their eigenvalues are squares of stretches.
 
     They lie in the tangent planes of the pattern, and are averages over the faces of each vertex, weighted by area.
+
+    Args:
+        pattern: (n,3) vertices before it, metres.
+        x: (n,3) the same after it.
+        faces: (F,3).
+
+    Returns:
+        (n,3,3).
     """
     a, b, c = faces.T
     flat_sides = np.stack([pattern[b] - pattern[a], pattern[c] - pattern[a]], axis=1)  # (F,2,3)
@@ -61,9 +69,16 @@ def areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def principal(tensor: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the least stretch (n,), and its direction (n,3), of tensors (n,3,3) in planes with unit normals (n,3).
+    """Finds the least stretch, the root of the smaller eigenvalue, of Cauchy-Green tensors in planes.
 
-    It is the root of the smaller eigenvalue of a tensor's 2 x 2 matrix [[p, r], [r, q]] in two axes of its plane.
+    In two axes of its plane, a tensor is a matrix [[p, r], [r, q]].
+
+    Args:
+        tensor: (n,3,3), symmetric.
+        normal: (n,3) unit normals of the planes.
+
+    Returns:
+        The least stretch (n,), less than 1 in compressed cloth, and its unit direction (n,3).
     """
     helper = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0, 0]], [[0.0, 1, 0]])  # not parallel to the normal
     across = np.cross(normal, helper)
@@ -78,7 +93,7 @@ def principal(tensor: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def smooth_noise(points: np.ndarray, size: float, seed: int) -> np.ndarray:
-    """Returns smooth noise (n,) at points (n,3): a sum of plane waves in random directions.
+    """Returns smooth noise (n,) at points (n,3), metres: a sum of plane waves in random directions.
 
     It has mean 0, a standard deviation of about 1, and features of `size` metres.
     """
@@ -230,14 +245,23 @@ def ridges(region: Region, crimp: Crimp, share: float, max_height: float, seed: 
 
 
 def averaged(values: np.ndarray, average: sparse.csr_matrix, times: int) -> np.ndarray:
-    """Returns vertex values (n,...) averaged `times` with those of their neighbours."""
+    """Returns vertex values (n,...) averaged `times` with those of their neighbours, half and half.
+
+    `average` (n,n) takes values to the means of the neighbours' values.
+    """
     for _ in range(times):
         values = 0.5 * values + 0.5 * (average @ values)
     return values
 
 
 def smoothness(points: np.ndarray, faces: np.ndarray, average: sparse.csr_matrix) -> np.ndarray:
-    """Returns (n,) weights of folds: 1 where a surface (n,3) is smooth, 0 at sharp turns, such as pleats."""
+    """Returns (n,) weights of folds: 1 where a surface is smooth, 0 at sharp turns, such as pleats.
+
+    Args:
+        points: (n,3) of the surface.
+        faces: (F,3).
+        average: (n,n) takes vertex values to the means of their neighbours' values.
+    """
     normal = normals(points, faces)
     mean = averaged(normal, average, SMOOTHINGS)
     mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)

@@ -91,12 +91,15 @@ def head_centre(body: Body) -> np.ndarray:
 
 
 def scalp_roots(points: np.ndarray) -> np.ndarray:
-    """Returns the density (n,) of hair on the scalp, in [0,1]; it is thinner within a centimetre of the hairline."""
+    """Returns the density (n,) of hair at points (n,3) of the base head, in [0,1]; it is thinner near the hairline."""
     return np.clip(above_hairline(points) / 0.08, 0, 1)
 
 
 def below_hat(points: np.ndarray) -> np.ndarray:
-    """Returns the density (n,) of hair that a hat leaves free, in [0,1]."""
+    """Returns the density (n,) of hair at points (n,3) of the base head, in [0,1], where a hat leaves it free.
+
+    A hat covers what is more than 2 cm above the eyes.
+    """
     eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
     return scalp_roots(points) * (points[:, 1] < eye[1] + 0.02)
 
@@ -152,10 +155,17 @@ def ramp(value: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def comb_directions(comb: Comb, roots: Roots) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the direction (n,3), of any length, of each guide in the head's rest frame, and its length (n,), metres.
+    """Combs and cuts guides.
 
     Directions are sums of left or right (away from the parting), down and ahead, weighted by where the root is. All
     weights are set by eye.
+
+    Args:
+        comb: the style.
+        roots: roots of the n guides.
+
+    Returns:
+        The direction (n,3) of each guide in the head's rest frame, of any length, and the guide's length (n,), metres.
     """
     x, y, z = roots.sides.T
     azimuth = np.arctan2(x, z)

@@ -65,6 +65,11 @@ def scalp_radius(head: Collider, centre: np.ndarray, direction: np.ndarray) -> n
 
     Each step searches the skin's nearest point to the current one, and goes half the way to that point's distance along
     the direction.
+
+    Args:
+        head: the skin in the rest pose.
+        centre: (3,) of the skull, metres.
+        direction: (h,w,3) unit.
     """
     flat = direction.reshape(-1, 3)
     radius = np.full(len(flat), FIRST_RADIUS)

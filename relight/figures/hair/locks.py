@@ -125,7 +125,7 @@ def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool
         comb: the style.
         below: vertices and faces of posed skin and clothes.
         seed: random seed of each strand.
-        fine: all strands, else a third of them, wider.
+        fine: all strands, else a third of them, wider, of fewer pieces.
         hat: only hair that a hat leaves free.
 
     Returns:

@@ -50,7 +50,13 @@ def styles() -> dict[str, HairStyle]:
 
 
 def style_odds(woman: bool, person: Person, names: Collection[str] = ()) -> np.ndarray:
-    """Returns the probability of each of `styles` (S,), 0 for those that `names` excludes; all 0 if none is left."""
+    """Returns the probability of each hair style of a person, in the order of `styles`, (S,).
+
+    Args:
+        woman: whether the person's body is a woman's.
+        person: whose age and ancestry count.
+        names: styles that are allowed; empty for all. If the person can have none of them, all probabilities are 0.
+    """
     odds = []
     for style in styles().values():
         weight = style.women if woman else style.men
@@ -75,8 +81,8 @@ def sample_color(rng: np.random.Generator, person: Person) -> Color:
 
 
 def varied(comb: Comb, seed: int) -> Comb:
-    """Draws one person's length, side of the parting, and whether there is a fringe."""
-    length, side, fringe = (lattice_value(seed, k, 77) for k in range(3))
+    """Returns a style's comb with one person's length, side of the parting, and fringe, drawn by the seed."""
+    length, side, fringe = (lattice_value(seed, k, 77) for k in range(3))  # in [0,1)
     return replace(
         comb,
         length=comb.length * (0.85 + 0.3 * length),

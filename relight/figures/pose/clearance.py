@@ -48,7 +48,7 @@ def clear_hands(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
             required = np.interp(points[:, 1], [hips[1], chest[1]], needed)
             missing = np.where(nearest_face >= 0, required - distance, -RANGE)
             hand = getattr(pose, side)
-            # Percentiles, not extremes, since a single vertex may be wrong.
+            # Room that is missing, or to spare where negative. Percentiles, since a single vertex may be wrong.
             deficit = float(np.clip(np.percentile(missing, 95), -MAX_STEP if hand.rests else 0, MAX_STEP))
             if abs(deficit) < TOLERANCE or (nearest_face < 0).all():
                 continue

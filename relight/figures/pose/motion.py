@@ -28,7 +28,16 @@ class Motion:
     bones: dict[str, int]
 
     def skin(self, weights: np.ndarray, rest: np.ndarray, frame: int = -1) -> np.ndarray:
-        """Returns vertices (V,3) at a frame by linear blend skinning with weights (V,B), from their rest pose (V,3)."""
+        """Returns vertices at a frame by linear blend skinning.
+
+        Args:
+            weights: (V,B) skinning weights, whose rows sum to 1.
+            rest: (V,3) vertices on the rest pose, metres.
+            frame: index of the frame; by default the last one, the pose.
+
+        Returns:
+            (V,3), metres.
+        """
         return skinned(weights, rest, self.transforms[frame])
 
     @cached_property
@@ -47,7 +56,10 @@ class Motion:
 
 
 def skinned(weights: np.ndarray, rest: np.ndarray, transforms: np.ndarray) -> np.ndarray:
-    """Returns vertices (V,3) by linear blend skinning with weights (V,B) and bone transforms (B,3,4)."""
+    """Returns vertices (V,3) at `rest` moved by linear blend skinning.
+
+    `weights` (V,B) are the shares of the bones, and `transforms` (B,3,4) take points from the rest pose to the pose.
+    """
     blend = (weights @ transforms.reshape(-1, 12)).reshape(-1, 3, 4)
     return np.einsum("nij,nj->ni", blend[:, :, :3], rest) + blend[:, :, 3]
 

@@ -43,7 +43,7 @@ def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 
 
     Args:
         half: half of its sides, metres.
-        rounding: radius of its edges.
+        rounding: radius of its edges, metres.
         bulge: metres by which the middles of its sides at both ends of z bulge.
 
     Returns:
@@ -110,7 +110,13 @@ def strap(line: np.ndarray, across: np.ndarray, width: float, thickness: float) 
 
 
 def transformed(surface: Surface, axes: np.ndarray, at: np.ndarray) -> Surface:
-    """Returns a surface with its axes along the columns of an orthonormal matrix (3,3), and its origin at `at` (3,)."""
+    """Moves a surface; a matrix that mirrors turns its faces, so that they stay outward.
+
+    Args:
+        surface: vertices (V,3) and faces (F,3).
+        axes: (3,3) orthonormal; its columns are the surface's new axes.
+        at: (3,) its new origin, metres.
+    """
     vertices, faces = surface
     return vertices @ axes.T + at, faces if np.linalg.det(axes) > 0 else faces[:, ::-1]
 

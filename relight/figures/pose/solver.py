@@ -77,7 +77,10 @@ def twist_and_swing(rotation: Rotation, axis: np.ndarray) -> tuple[float, Rotati
 
 
 def angle_about(axis: np.ndarray, first: np.ndarray, second: np.ndarray) -> float:
-    """Returns the angle, radians, from one direction to another about a unit axis."""
+    """Returns the angle, radians in [-pi, pi], by which a direction (3,) turns about a unit axis (3,) to another one.
+
+    Their parts along the axis do not count.
+    """
     return float(np.arctan2(axis @ np.cross(first, second), first @ second - (axis @ first) * (axis @ second)))
 
 
@@ -85,6 +88,8 @@ class PoseSolver:
     """Solves a pose into rotations of one body's bones.
 
     Attributes:
+        joints: (3,) of the body in its rest pose, metres, by bone.
+        rig: MakeHuman's skeleton.
         local: rotations relative to the parent bone, in world-aligned axes, by bone.
         shift: (3,) of the root, metres.
     """
@@ -109,7 +114,10 @@ class PoseSolver:
         return rotation, position
 
     def solve(self, pose: Pose) -> dict[str, Rotation]:
-        """Returns the local rotations of all bones that a pose moves, by name."""
+        """Sets and returns the rotations of all bones that a pose moves, relative to their parents, by name.
+
+        Trunk and head come first: the goals of hands and feet are reached from where they put the shoulders and hips.
+        """
         leg = self.joints["upperleg01.L"][1] - self.joints["foot.L"][1]
         self.shift = np.array(pose.shift) * leg
         self.local["root"] = Rotation.from_euler("yxz", [pose.hips[1], pose.hips[0], pose.hips[2]], degrees=True)

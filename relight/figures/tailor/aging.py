@@ -47,12 +47,12 @@ class Patch:
 
     @property
     def number(self) -> int:
-        """Returns a number that differs between panels."""
+        """Returns a number that differs between panels, from the letters of the panel's name."""
         return sum(map(ord, self.panel))
 
     @property
     def thin(self) -> float:
-        """Returns the contrast in [0,1] of a line that may be thinner than a texel."""
+        """Returns the contrast in [0,1] of thin lines: less than 1 where they are thinner than a texel."""
         return min(1.0, 0.0016 / self.texel)
 
     @property
@@ -93,17 +93,17 @@ class Patch:
         return line(distance / max(1.0, self.texel / 0.0011))
 
     def paint(self, color: np.ndarray, share: np.ndarray) -> None:
-        """Paints a color (3,) or (h,w,3) with a share (h,w)."""
+        """Mixes a share (h,w) of a linear color (3,) or (h,w,3) into the albedo."""
         self.color = self.color + (color - self.color) * share[..., None]
 
 
 def seams(patch: Patch) -> None:
-    """Darkens the lines of seams."""
+    """Darkens the lines of seams by up to a third; scarves have none."""
     patch.log -= 0.40 * patch.thin * patch.line(patch.marks["seam"]) * (patch.fabric.kind != "scarf")
 
 
 def hems(patch: Patch) -> None:
-    """Ribs or stitches the borders; on denim also the seams, with yellow thread."""
+    """Draws ribs or stitches along the borders; on denim also double stitches beside the seams, with yellow thread."""
     garment, edge = patch.garment, patch.marks["edge"]
     hem = 0.040 if garment.thickness > 0.004 else 0.020  # metres from the border to its stitches
     stitch = patch.line(edge - hem)
@@ -124,15 +124,16 @@ def puckers(patch: Patch) -> None:
 
 
 def fading(patch: Patch) -> None:
-    """Bleaches cloth where it rubs."""
+    """Bleaches cloth where it rubs, and on the crests of puckers: denim to FADED_DENIM, other fabrics by half."""
     worn = patch.marks["rub"] * (0.75 + 0.25 * patch.uneven) + 0.35 * patch.pucker * np.clip(patch.rope, 0, 2)
     pale = 0.5 * patch.color + 0.5 * FADED_DENIM if patch.fabric.kind == "denim" else 1.5 * patch.color + 0.01
     patch.paint(pale, np.clip(0.55 * patch.fading * np.clip(worn, 0, 1), 0, 1))
 
 
 def creases(patch: Patch) -> None:
-    """Bleaches old creases, which lost their dye."""
-    lines = np.clip(1 - 1.8 * np.abs(patch.grain(0.055, 0.011, layer=62)), -0.3, 1)
+    """Bleaches old creases, which lost their dye, where the cloth bends: by up to a sixth, and darkens between them."""
+    noise = patch.grain(0.055, 0.011, layer=62)  # long across the limb, short along it
+    lines = np.clip(1 - 1.8 * np.abs(noise), -0.3, 1)  # 1 on creases, which are where the noise is zero
     patch.log += (0.02 + 0.13 * patch.fading) * patch.marks["bend"] * lines
 
 
@@ -150,7 +151,7 @@ def soil(patch: Patch) -> None:
 
 
 def zip_teeth(patch: Patch) -> None:
-    """Paints the teeth of a zip along an open front."""
+    """Paints the teeth of a zip, 4 mm apart, along an open front with a stand-up collar."""
     garment = patch.garment
     if not garment.front_gap or garment.collar != "stand" or patch.panel != "front":
         return

@@ -191,7 +191,7 @@ def lay_hood(vertices: np.ndarray, faces: np.ndarray, base: np.ndarray, neck: Ne
         neck: of the posed figure.
 
     Returns:
-        Rows (m,3) of the strip.
+        Rows (m,3) of collar and lapels from the neckline outward, metres.
     """
     cloth = Collider.at_rest(vertices, faces)
     away, up = base - neck.base, neck.up
@@ -251,7 +251,7 @@ def rows_over(
     creased: bool,
     smoothing: int,
 ) -> list[np.ndarray]:
-    """Returns the rows (m,3) of a strip along paths over the cloth.
+    """Returns the rows (m,3) of a strip along paths over the cloth, metres.
 
     Args:
         points, outward: (PATH_STEPS + 1,m,3) of the paths, metres, and unit normals there.

@@ -1,4 +1,4 @@
-"""Cuts garments, without their drops, from the suit around the body."""
+"""Cuts garments from the suit around the body; their drops, which hang free of the body, are added later."""
 
 from collections.abc import Callable
 from functools import partial
@@ -23,6 +23,11 @@ def neck_field(body: Body, garment: Garment, fields: Fields) -> np.ndarray:
 
     The opening is an ellipsoid, open at the top, with a V below it in front. Distances are exact across the opening,
     and scaled along its other axes.
+
+    Args:
+        body: in its rest pose.
+        garment: with the shape of its neck opening.
+        fields: of n vertices, see `suit_fields`.
     """
     centre = body.joints["neck01"] + NECK_CENTRE
     wide, high, deep = garment.neck
@@ -40,7 +45,14 @@ def neck_field(body: Body, garment: Garment, fields: Fields) -> np.ndarray:
 
 
 def armhole_field(body: Body, garment: Garment, fields: Fields, side: str) -> np.ndarray:
-    """Returns the metres (n,) outside the armhole of a sleeveless garment: a ball that leaves a strap at the neck."""
+    """Returns the metres (n,) outside the armhole of a sleeveless garment: a ball that leaves a strap at the neck.
+
+    Args:
+        body: in its rest pose.
+        garment: with the radius of its armholes.
+        fields: of n vertices, see `suit_fields`.
+        side: "L" or "R".
+    """
     centre, sign = body.joints[f"upperarm01.{side}"], 1 if side == "L" else -1
     inward = np.minimum(sign * (fields["x"] - centre[0]), 0)  # all that is outside the shoulder is within the armhole
     radius = np.sqrt(inward**2 + (0.75 * (fields["y"] - centre[1])) ** 2 + (0.9 * (fields["z"] - centre[2])) ** 2)
@@ -48,9 +60,17 @@ def armhole_field(body: Body, garment: Garment, fields: Fields, side: str) -> np
 
 
 def sleeve_field(fields: Fields, body: Body, garment: Garment, side: str) -> np.ndarray:
-    """Returns a field (n,) that is positive above the end of a sleeve, or inside an armhole, and all over other sides.
+    """Computes the field by which a sleeve is cut off; vertices that hardly move with the arm belong to the trunk.
 
-    Vertices that hardly move with the arm belong to the trunk.
+    Args:
+        fields: attributes (n,) of the vertices by name, see `suit_fields`.
+        body: in its rest pose.
+        garment: end of its sleeves, or radius of its armholes.
+        side: L | R.
+
+    Returns:
+        (n,) positive where the garment is: above the end of the sleeve, outside the armhole, and on the other side of
+        the body.
     """
     end = SLEEVELESS if garment.armhole else garment.sleeve_end
     trunk_bonus = 8 * np.clip(TRUNK - fields[f"arm_share{side}"], 0, 1)  # outweighs any position along the arm
@@ -61,7 +81,13 @@ def sleeve_field(fields: Fields, body: Body, garment: Garment, side: str) -> np.
 
 
 def front_field(fields: Fields, body: Body, garment: Garment) -> np.ndarray:
-    """Returns the metres (n,) from the gap of an open front, which widens toward the neck."""
+    """Returns the metres (n,) from the gap of an open front, which widens toward the neck; FAR on the back.
+
+    Args:
+        fields: of n vertices, see `suit_fields`.
+        body: in its rest pose.
+        garment: with the width of its gap.
+    """
     neck, chest = body.joints["neck01"], body.heights["hip"] + 0.2
     widening = 1 + 0.9 * np.clip((fields["y"] - chest) / (neck[1] - chest), 0, 1)
     return np.where(fields["z"] > neck[2] + 0.02, np.abs(fields["x"]) - garment.front_gap * widening, FAR)
@@ -103,7 +129,7 @@ def hem_height(body: Body, garment: Garment) -> float:
 
 
 def cut_from_suit(body: Body, garment: Garment, suit: Fields) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
-    """Cuts a garment, without its drop, from the suit.
+    """Cuts a garment from the suit that follows the body, without its drop: the cloth that hangs free of the body.
 
     Args:
         body: in its rest pose.

@@ -16,13 +16,17 @@ HIP_CLEARANCE = 0.014  # metres between a drop and the hull of the hips
 
 
 def lowest_border(faces: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Finds the lowest part of the border of a garment as it was cut, with heights y (n,).
+    """Finds the lowest part of the border of a garment as it was cut.
+
+    Args:
+        faces: (F,3).
+        y: (n,) heights of the vertices on the rest pose, metres.
 
     Returns:
         Its vertices (m,) in order, and whether it is a closed loop.
     """
     ring = min(border_loops(faces), key=lambda ring: y[ring].min())
-    low = y[ring] < y[ring].min() + 0.003
+    low = y[ring] < y[ring].min() + 0.003  # metres
     if low.all():
         return ring, True
     # a garment open in front has one border all round, of which only the longest run at the bottom counts
@@ -151,13 +155,15 @@ def add_drop(garment: Garment, level: Level, fields: Fields, hull: Hull) -> tupl
     """Continues the lowest border downward: skirts, coat tails, shirt tails. A drop moves with the pelvis.
 
     Args:
-        garment: its drop, flare and folds.
+        garment: how long the drop is, how it flares and folds.
         level: the coarsest level, as cut from the suit.
-        fields: (n,) of its vertices, by name.
-        hull: convex hull of the trunk.
+        fields: values (n,) of its vertices by name, see `suit_fields`.
+        hull: convex hull of the trunk, around which the drop starts.
 
     Returns:
-        The level and the fields with the drop; its field "drop" rises from 0 to 1 at the end.
+        The level and the fields with the rows of the drop after the other vertices. The field "drop" is 0 above, and
+        rises to 1 at the drop's lower end. Its rest shape is as wide as it is cut; its start is in
+        folds around the hull; no pin holds it.
     """
     ring, closed = lowest_border(level.faces, fields["y"])
     cut_rows, start_rows = drop_rows(garment, level.rest_shape[ring].copy(), fields["y"][ring], closed, hull)

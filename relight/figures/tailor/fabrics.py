@@ -49,7 +49,7 @@ def as_color(values: np.ndarray) -> Color:
 
 
 def colors(section: str) -> list[Color]:
-    """Returns the colors of a section of the catalogue."""
+    """Returns the colors, linear albedo, of a section of the catalogue, such as "neutrals"."""
     return list(entries("colors", section, Color).values())
 
 

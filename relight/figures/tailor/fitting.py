@@ -40,7 +40,8 @@ def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
     looseness = float(np.exp(np.clip(rng.normal(-0.05, 0.32), -0.7, 0.6)))  # factor of the ease above MIN_EASE
     if garment.kind == "top":
         looseness = min(looseness, MAX_WAIST_EASE / garment.torso_ease[1])
-    extra_drop, sleeve, leg = rng.normal(0, [0.025, 0.05, 0.03])  # metres; positions along arm and leg
+    # Metres; and positions along arm and leg as in `Garment`: 1 is the elbow or knee, 2 the wrist or ankle.
+    extra_drop, sleeve, leg = rng.normal(0, [0.025, 0.05, 0.03])
 
     def eased(ease: tuple[float, ...]) -> tuple[float, ...]:
         """Scales what is above MIN_EASE by the looseness."""
@@ -51,14 +52,14 @@ def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
         garment = replace(garment, neck=neck, v_depth=v_depth)
     if garment.sleeve_end > 1.5 and garment.collar not in ("lapel", "stand") and rng.random() < 0.14:  # pushed up
         garment = replace(garment, sleeve_end=float(rng.uniform(1.3, 1.65)), cuff_pin=max(garment.cuff_pin, 0.5))
-    elif 0.3 < garment.sleeve_end < 0.9:
+    elif 0.3 < garment.sleeve_end < 0.9:  # short sleeves, between shoulder and elbow
         garment = replace(garment, sleeve_end=float(np.clip(garment.sleeve_end + 2 * sleeve, 0.32, 0.85)))
     leg_end = garment.leg_end
-    if garment.kind == "trousers" and leg_end > 1.5:
+    if garment.kind == "trousers" and leg_end > 1.5:  # long ones get shorter only
         leg_end = leg_end - abs(leg) - (0.25 if rng.random() < 0.12 else 0)  # some end above the ankle
-    elif garment.kind == "trousers":
+    elif garment.kind == "trousers":  # shorts
         leg_end = leg_end + 3 * leg
-    if garment.drop > 0.2:
+    if garment.drop > 0.2:  # skirts, dresses and coats: in proportion
         extra_drop = garment.drop * (min(float(np.exp(rng.normal(-0.03, 0.12))), MAX_LENGTH) - 1)
     return replace(
         garment,
@@ -89,7 +90,7 @@ def over(outer: Garment, inner: Garment) -> Garment:
 
 
 def under(inner: Garment) -> Garment:
-    """Returns a top cut close enough to be worn under a jacket."""
+    """Returns a top cut close enough to be worn under a jacket: with its ease and the length of its sleeves limited."""
     return replace(
         inner,
         torso_ease=tuple(min(ease, MAX_INNER_EASE) for ease in inner.torso_ease),

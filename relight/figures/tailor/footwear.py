@@ -90,7 +90,12 @@ class Upper:
 
 
 def palette(shoe: Shoe, upper: Color, sole: Color) -> dict[str, np.ndarray]:
-    """Returns the linear albedo (3,) of each part, from those of upper and sole; canvas shoes have rubber caps."""
+    """Returns the linear albedo (3,) of each part by name (upper, sole, lace, cap).
+
+    Args:
+        shoe: high sneakers have caps of rubber, and pale soles go with laces of their color.
+        upper, sole: linear albedo of these.
+    """
     cloth, rubber = np.array(upper, np.float32), np.array(sole, np.float32)
     canvas = "sneakers" in shoe.name
     lace = rubber if canvas and rubber[0] > 0.3 else 0.35 * cloth + np.float32(0.01)
@@ -104,7 +109,13 @@ def build_shoes(motion: Motion, shoe: Shoe) -> list[Part]:
 
 
 def upper(body: Body, shoe: Shoe, side: str) -> Upper:
-    """Cuts the upper of a side ("L" | "R") from the foot of the suit."""
+    """Cuts the upper of a shoe from the foot of the suit.
+
+    Args:
+        body: in its rest pose.
+        shoe: height of its upper, and how pointed it is.
+        side: L | R.
+    """
     suit, ankle = body.tights, body.joints[f"foot.{side}"]
     faces = makehuman.base().faces["helper-tights"] - makehuman.TIGHTS.start
     on_side = (suit[:, 0] > 0) == (side == "L")

@@ -37,11 +37,14 @@ class Marks:
 
 
 def marks(pattern: Pattern) -> Marks:
-    """Computes the marks of a garment; they do not depend on the pose."""
+    """Computes the marks of a garment on its pattern; they do not depend on the pose.
+
+    Knees and elbows rub and bend; hips bend; borders rub. Positions along limbs are those of `suit_fields`.
+    """
     level, fields = pattern.levels[-1], pattern.fields
     faces, points = level.faces, level.rest_shape
     start, end = points[rim(faces)].swapaxes(0, 1)
-    border = np.concatenate([start + t * (end - start) for t in (0.0, 0.25, 0.5, 0.75)])
+    border = np.concatenate([start + t * (end - start) for t in (0.0, 0.25, 0.5, 0.75)])  # four points of each edge
     edge = np.minimum(cKDTree(border).query(points, distance_upper_bound=MAX_DISTANCE)[0], MAX_DISTANCE)[faces]
     seam = seam_distance(pattern)
     rub, bend = np.zeros(len(points)), np.zeros(len(points))

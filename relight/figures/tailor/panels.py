@@ -101,7 +101,7 @@ def limb_frame(pattern: Pattern, side: str) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def arm_axes(body: Body, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns unit vectors (3,) along an arm of the rest pose, up, and forward."""
+    """Returns three unit vectors (3,) of the arm of a side ("L" | "R") on the rest pose: along it, up, and forward."""
     start, end = body.joints[f"upperarm01.{side}"], body.joints[f"wrist.{side}"]
     along = (end - start) / np.linalg.norm(end - start)
     up = np.array([0.0, 1.0, 0.0]) - along * along[1]
@@ -180,7 +180,7 @@ def lay_out(names: list[str], panel: np.ndarray, cloth: np.ndarray, side: int) -
         return boxes
 
     small, large = 1.0, 20.0 * side  # pixels per metre: one scale that fits, and one that does not
-    for _ in range(30):
+    for _ in range(30):  # bisection of the logarithm
         scale = np.sqrt(small * large)
         small, large = (scale, large) if place(scale) else (small, scale)
     boxes = place(small)

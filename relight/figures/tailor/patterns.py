@@ -96,7 +96,10 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
 
 
 def with_drop_for(body: Body, garment: Garment) -> Garment:
-    """Returns the garment with its drop for the length of the body's legs, and from its seam on if it has one."""
+    """Returns the garment with the length of its drop for one body.
+
+    It is proportional to the legs, and begins at the garment's seam, above the hips, if it has one.
+    """
     leg = body.joints["upperleg01.L"][1] - body.joints["foot.L"][1]
     drop = garment.drop * min(1.1, leg / LEG)
     above = 0.0 if garment.seam is None else hem_height(body, garment) - body.heights["crotch"] - HEM
@@ -167,7 +170,16 @@ def fit(
 
 
 def pin_weights(body: Body, garment: Garment, fields: Fields) -> np.ndarray:
-    """Returns how firmly each vertex (n,) is pinned to the body, in [0,1]."""
+    """Returns how firmly each vertex (n,) of a garment is pinned to the body, in [0,1].
+
+    Pinned are waistband and cuffs; of tops the neckline, cuffs and hem, what is tucked in, and what a belt holds. Each
+    pin fades within a few centimetres.
+
+    Args:
+        body: in its rest pose.
+        garment: whose settings say how firm each pin is.
+        fields: values (n,) of the vertices by name, see `suit_fields`; y in metres.
+    """
     arm, leg = np.maximum(fields["armL"], fields["armR"]), np.where(fields["x"] > 0, fields["legL"], fields["legR"])
     if garment.kind != "top":
         waist = np.clip(1 - (body.heights["waist"] + garment.waist - fields["y"]) / 0.035, 0, 1)

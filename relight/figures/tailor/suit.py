@@ -151,7 +151,7 @@ def trunk_hull(points: np.ndarray, fields: Fields, heights: dict[str, float]) ->
 
 
 def expand_evenly(hull: Hull, points: np.ndarray, faces: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Moves points out to a hull (`Hull.expand`) and spreads those from the cleft between the buttocks over the seat.
+    """Moves points out to a hull and spreads those from the cleft between the buttocks over the seat.
 
     Without this, the cloth that lined the cleft would be bunched on a narrow strip, and crumple there.
 

@@ -60,7 +60,15 @@ class Swatch:
         return grain(self.u, self.v, width, height, self.texel, self.fabric.seed + layer, self.offset)
 
     def patterned(self, share: np.ndarray, second: np.ndarray | None = None) -> np.ndarray:
-        """Returns the ground (...,3) with a share (...) of the pattern, in the color `second` (3,)."""
+        """Mixes a pattern into the ground.
+
+        Args:
+            share: (...) of the pattern; it is clipped to [0,1].
+            second: (3,) its linear albedo; that of the fabric's pattern if it is None.
+
+        Returns:
+            (...,3) linear albedo.
+        """
         return mixed(self.first, self.second if second is None else second, np.clip(share, 0, 1))
 
 
@@ -166,7 +174,8 @@ class Weave:
 
     Attributes:
         paint: its albedo (...,3) on a swatch, with even yarn and dye.
-        warp, weft, flecks, blotches: standard deviations of ln albedo by which yarn and dye are uneven.
+        warp, weft, flecks, blotches: standard deviations of ln albedo by which threads along and across the cloth,
+            single stitches, and dye are uneven.
     """
 
     paint: Callable[[Swatch], np.ndarray]

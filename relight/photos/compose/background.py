@@ -80,7 +80,8 @@ class Background:
             gain = np.float32(self.tint) * np.ones(3, np.float32) * 2**stops
             return apply_gain(LINEAR[resize_to_cover(self.picture, shape)], gain)
         assert self.panorama is not None  # the one kind that is left
-        return roll_off(camera_view(self.panorama, shape, turn, self.blur) * np.float32(np.pi * self.gain * 2**stops))
+        view = camera_view(self.panorama, shape, turn=turn, blur=self.blur)
+        return roll_off(view * np.float32(np.pi * self.gain * 2**stops))
 
 
 def read_background(text: str, panorama: Panorama | None = None, blur: float = 0.0) -> Background:
@@ -126,7 +127,7 @@ def estimate_white(picture: np.ndarray) -> np.ndarray:
     Returns:
         (3,) linear.
     """
-    every = max(int(np.sqrt(picture[..., 0].size / 40_000)), 1)
+    every = max(int(np.sqrt(picture[..., 0].size / 40_000)), 1)  # some 40,000 pixels are enough
     linear = LINEAR[picture[::every, ::every]].astype(np.float64)
     return (linear**6).mean((0, 1)) ** (1 / 6)
 

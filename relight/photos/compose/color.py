@@ -16,6 +16,7 @@ FADE = 0.06  # how fast a rolled-off color pales, so that a strong lamp still sh
 CLIPPING = float(LINEAR[235])  # from here to white a channel passes from measured to clipped
 NOISE = 1e-3  # linear value (code 3) of the noise of sensors and coders
 BLACK_GAIN = 2.0  # what a gain adds to 1 at most where there is nothing but noise
+PRIOR = 3e-3  # weight of the color of larger squares, against the mean weight of the pixels in a smaller one
 MAX_EXCESS = 0.6  # share by which a clipped channel is raised at most; below 1, so more light is never darker
 DISPLAY_STOPS = -1  # at which a shading is displayed: 1, the shading of just white paper, becomes code 188
 
@@ -94,13 +95,13 @@ def chroma(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     peak = image.max(-1)
     weight = mask * peak**4 * (1 - _clipped(peak))
     unit = image / np.maximum(image.sum(-1, keepdims=True), 1e-6)
-    found = np.full_like(image, 1 / 3)
+    colors = np.full_like(image, 1 / 3)
     for width in (2 * len(image), len(image) // 4, len(image) // 16, len(image) // 64):
-        size = max(width | 1, 3)
+        size = max(width | 1, 3)  # odd
         total = uniform_filter(weight, size, mode="constant")[..., None]
         means = uniform_filter(unit * weight[..., None], (size, size, 1), mode="constant")
-        found = (np.maximum(means, 0) + 3e-3 * found) / (np.maximum(total, 0) + 3e-3)
-    return found.astype(np.float32)
+        colors = (np.maximum(means, 0) + PRIOR * colors) / (np.maximum(total, 0) + PRIOR)
+    return colors.astype(np.float32)
 
 
 def clipping_excess(linear: np.ndarray, colors: np.ndarray) -> np.ndarray:
@@ -117,9 +118,10 @@ def clipping_excess(linear: np.ndarray, colors: np.ndarray) -> np.ndarray:
         (...,3) float32 share in [0, MAX_EXCESS); 0 where nothing is clipped.
     """
     clipped = _clipped(linear)
-    kept = (1 - clipped) * colors
-    least = 2e-2 * (linear / np.maximum(colors, 1e-3)).max(-1, keepdims=True)
-    amount = ((kept * linear).sum(-1, keepdims=True) + least) / ((kept * colors).sum(-1, keepdims=True) + 2e-2)
+    measured = (1 - clipped) * colors
+    ridge = 2e-2  # weight of the estimate where all channels are clipped, in the least squares of `amount`
+    least = ridge * (linear / np.maximum(colors, 1e-3)).max(-1, keepdims=True)
+    amount = ((measured * linear).sum(-1, keepdims=True) + least) / ((measured * colors).sum(-1, keepdims=True) + ridge)
     above = np.maximum(colors * amount / np.maximum(linear, 1e-3) - 1, 0)
     return (clipped * MAX_EXCESS * (1 - np.exp(-above / MAX_EXCESS))).astype(np.float32)
 
@@ -140,7 +142,7 @@ _PADDED = np.append(_EDGES, np.float32(np.inf))
 
 
 def to_codes(linear: np.ndarray, type: np.dtype | type) -> np.ndarray:
-    """Encodes linear values as sRGB of a type, uint8 or uint16; floats stay linear. The inverse of `to_linear`."""
+    """Encodes linear values of any shape as sRGB of a type, uint8 or uint16; floats stay linear."""
     if np.dtype(type).kind == "f":
         return np.asarray(linear, type)
     if type == np.uint8:

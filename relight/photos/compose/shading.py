@@ -96,9 +96,9 @@ def exposure_factor(old: np.ndarray, new: np.ndarray, transport: np.ndarray, mas
 
     Args:
         old: (K,3) the photo's light.
-        new: (K,3).
-        transport: (S,S,K).
-        mask: (S,S) bool.
+        new: (K,3) the light to be scaled.
+        transport: (S,S,K) of the person.
+        mask: (S,S) bool, the person's pixels.
     """
     mean = transport[mask].mean(0).astype(np.float64)
     before, after = max_luminance(mean, old), max_luminance(mean, new)

@@ -89,7 +89,7 @@ def _areas(values: np.ndarray, kinds: np.ndarray, what: str) -> list[str]:
 
 
 def _top(values: np.ndarray, high: float) -> float:
-    """Returns the value that means full coverage."""
+    """Returns the value that means full coverage in a mask whose largest value is `high`."""
     if values.dtype.kind == "f":
         return max(float(high), 1.0)
     return 255 if values.dtype == np.uint8 else max(float(high), 1.0)
@@ -129,7 +129,7 @@ def _of_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
 
 
 def _person_of(colors: list[int]) -> int | None:
-    """Returns which of two colors marks the person."""
+    """Returns which of two colors 0xRRGGBB marks the person: the one that is not black, else white; None if neither."""
     if 0 in colors:
         return max(colors)
     return 0xFFFFFF if 0xFFFFFF in colors else None

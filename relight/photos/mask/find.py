@@ -104,7 +104,7 @@ def split_people(coverage: np.ndarray, share: float = 0.05) -> list[np.ndarray]:
 
     Args:
         coverage: (H,W) uint8.
-        share: see above.
+        share: least area of a person, over that of the largest part.
 
     Returns:
         Coverage maps (H,W) uint8, from left to right.
@@ -173,7 +173,12 @@ def count_heads(solid: np.ndarray) -> int:
 
 
 def _is_the_photo(mask: np.ndarray, pixels: np.ndarray) -> bool:
-    """Returns whether a mask is mostly grey and correlates with the photo's brightness."""
+    """Returns whether a mask is a grey version of the photo, saved by mistake: grey in places, and like its brightness.
+
+    Args:
+        mask: (H,W) uint8.
+        pixels: (H,W,3) of the photo.
+    """
     part = np.s_[:: max(len(mask) // 256, 1), :: max(mask.shape[1] // 256, 1)]
     mask, grey = mask[part].astype(np.float64), pixels[part].astype(np.float64) @ [0.299, 0.587, 0.114]
     if ((mask > 15) & (mask < 240)).mean() < 0.2 or mask.std() < 1 or grey.std() < 1:

@@ -80,7 +80,12 @@ def convert(data: bytes) -> bytes:
 
 
 class _Writer:
-    """Collects the nodes and constants of an ONNX graph."""
+    """Collects the nodes and constants of an ONNX graph.
+
+    Attributes:
+        constants: those of the .tflite file, by the number of the tensor.
+        nodes, initializers: what was added, as Protocol Buffers.
+    """
 
     def __init__(self, constants: dict[int, np.ndarray]):
         self.constants = constants
@@ -88,7 +93,17 @@ class _Writer:
         self.initializers: list[bytes] = []
 
     def operation(self, name: str, inputs: list[int], output: int, options: dict[str, int]) -> None:
-        """Adds an operation of the .tflite file, with its activation."""
+        """Adds an operation of the .tflite file, with its activation.
+
+        Args:
+            name: of the operation.
+            inputs: numbers of its tensors.
+            output: number of the tensor that it gives.
+            options: of the operation, by name.
+
+        Raises:
+            ValueError: if it, or this use of it, is not known here.
+        """
         activation = options.get("activation", 0)
         result = f"{output}.linear" if activation else str(output)
         if name in SIMPLE:
@@ -143,7 +158,7 @@ class _Writer:
         return name
 
     def node(self, kind: str, inputs: Sequence[str], *outputs: str, **attributes: Any) -> None:
-        """Adds a node."""
+        """Adds a node: an operation `kind` on tensors, named by `inputs` and `outputs`, with its attributes."""
         parts = [_text(1, name) for name in inputs] + [_text(2, name) for name in outputs] + [_text(4, kind)]
         for name, value in attributes.items():
             field, number = ATTRIBUTES[type(value)]
@@ -175,13 +190,13 @@ def _window(options: dict[str, int]) -> dict[str, Any]:
 
 
 def _described(name: str, shape: list[int] | None) -> bytes:
-    """Returns a ValueInfoProto of a float tensor."""
+    """Returns a ValueInfoProto of a float tensor; a shape of None is left open."""
     dims = b"" if shape is None else _field(2, b"".join(_field(1, _number(1, n)) for n in shape))
     return _text(1, name) + _field(2, _field(1, _number(1, FLOAT) + dims))
 
 
 def _varint(value: int) -> bytes:
-    """Encodes an integer as Protocol Buffers do."""
+    """Encodes an integer as Protocol Buffers do: 7 bits a byte, the lowest first; bit 7 marks all but the last."""
     value &= (1 << 64) - 1
     groups = [value >> shift & 127 for shift in range(0, max(value.bit_length(), 1), 7)]
     return bytes([*(group | 128 for group in groups[:-1]), groups[-1]])

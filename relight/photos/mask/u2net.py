@@ -37,13 +37,13 @@ def segment(pixels: np.ndarray, model: Path) -> np.ndarray:
     try:
         session = open_session(model)
         inputs = {session.get_inputs()[0].name: np.moveaxis(image, -1, 0)[None].astype(np.float32)}
-        found = np.asarray(session.run(None, inputs)[0], np.float32).reshape(SIDE, SIDE)
+        mask = np.asarray(session.run(None, inputs)[0], np.float32).reshape(SIDE, SIDE)
     except Exception as error:  # of onnxruntime or NumPy, for a model of another kind
         reason = str(error).splitlines()[0]
         raise UserError(f"{model} does not work as a segmentation model of rembg's kind ({reason})") from None
-    found = (found - found.min()) / max(float(np.ptp(found)), 1e-6)
-    size = pixels.shape[1::-1]
-    return np.asarray(Image.fromarray(np.round(found * 255).astype(np.uint8)).resize(size, Image.Resampling.BICUBIC))
+    mask = (mask - mask.min()) / max(float(np.ptp(mask)), 1e-6)
+    codes = Image.fromarray(np.round(mask * 255).astype(np.uint8))
+    return np.asarray(codes.resize(pixels.shape[1::-1], Image.Resampling.BICUBIC))
 
 
 def fetched_model() -> Path | None:
