@@ -105,8 +105,8 @@ def figures(
         "constraints": Constraints(sitting, tuple(pose or ()), tuple(garment or ()), tuple(hair or ())),
     }
     tasks = [(seed, settings, out / f"g{seed:04d}.{export}") for seed in numbers]
-    workers = multiprocessing.get_context("spawn").Pool(jobs, start_worker) if has_semaphores() else nullcontext()
-    with ended_by_exit(), workers as pool:
+    spawn = multiprocessing.get_context("spawn")
+    with ended_by_exit(), spawn.Pool(jobs, start_worker) if has_semaphores() else nullcontext() as pool:
         made = pool.imap(make_one, tasks) if pool else map(make_one, tasks)
         errors = [error for error in progress(made, "figures", total=len(tasks)) if error]
     write_table(out)
