@@ -440,12 +440,9 @@ class Plan:
         shared = [f"{self.out}/{path}" for path in ("packed.safetensors", "figures.json", "lights/lights.npz")]
         lacking = {}
         for name, experiment in self.experiments.items():
-            trained = [
-                self.network(training)
-                for row in experiment.rows
-                for training in self.trainings_of(row)
-                if name != "inference_time"
-            ]
+            rows = () if name == "inference_time" else experiment.rows  # times need no trained networks
+            trained = [self.network(training) for row in rows for training in self.trainings_of(row)]
+            # An experiment with figures or lights of its own is scored on these and on the usual ones.
             scores = [path for usual in (False, True) for paths in self.scores(name, usual).values() for path in paths]
             files = [f"{self.out}/{path}" for path in scores] if experiment.table else self.stage_outputs(name)
             if absent := missing([*trained, *files]):

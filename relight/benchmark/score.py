@@ -82,10 +82,11 @@ def score_answers(
         depend on it (ABSOLUTE) are left out.
     """
     true, pictures = benchmark.truth(entry)
+    # By variant; that of the picture itself is "".
     inferred = {picture.variant: to_intrinsics(arrays, square_mask(picture)) for picture, arrays in answered.items()}
     scores = errors(inferred[""], true) | leaks(inferred[""])
     opaque = entry.shot().mask >= OPAQUE
-    for mode in PICTURES:
+    for mode in PICTURES:  # columns such as ratio_psnr: how the picture was relit, and the measure
         if mode in answered[entry]:
             by_light = [relit_errors(*pair, opaque) for pair in zip(answered[entry][mode], pictures)]
             scores |= {f"{mode}{key}": float(np.mean([of_light[key] for of_light in by_light])) for key in by_light[0]}

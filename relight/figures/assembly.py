@@ -95,7 +95,7 @@ class Assembly:
     def add_eyes(self) -> None:
         """Adds both eyeballs, with a painted iris."""
         base, rig = makehuman.base(), makehuman.rig()
-        texture = skin.paint_eye(np.array(self.outfit.iris), self.side(8), self.seed)
+        texture = skin.paint_eye(np.array(self.outfit.iris), self.side(share=8), self.seed)
         material = Material(texture=texture, name="eyes")
         for group, part in (("helper-l-eye", makehuman.EYES["L"]), ("helper-r-eye", makehuman.EYES["R"])):
             rest, faces = self.body.vertices[part], base.faces[group] - part.start
@@ -170,7 +170,7 @@ class Assembly:
         if tie is not None:
             vertices, faces = self.under_outer_tops(tie, shown, shirt)
             uv = (vertices[:, :2] - vertices[:, :2].min(0)) / np.ptp(vertices[:, 1])
-            self.builder.add(vertices, faces, uv[faces], accessory_paint("tie", self.side(4)))
+            self.builder.add(vertices, faces, uv[faces], accessory_paint("tie", self.side(share=4)))
 
     def add_belt(self, shown: list[np.ndarray]) -> None:
         """Adds the belt with its buckle, if the outfit has one; `shown` are the vertices of `cut`, as added."""
@@ -187,7 +187,7 @@ class Assembly:
         ahead = self.motion.bone("root")[:, 2]
         parts = trims.belt(positions, trunk, under, ahead, BELT_WIDTH)
         buckle = Material(np.array(METAL, np.float32), name="buckle")
-        for part, paint in zip(parts, (accessory_paint("belt", self.side(8)), buckle)):
+        for part, paint in zip(parts, (accessory_paint("belt", self.side(share=8)), buckle)):
             vertices, faces = self.under_outer_tops(part, shown, outermost)
             uv = np.stack([vertices[:, 0] - vertices[:, 2], vertices[:, 1]], axis=1) % 1.0
             self.builder.add(vertices, faces, uv[faces], paint)
@@ -218,7 +218,7 @@ class Assembly:
 
     def add_hair(self, below: Surface) -> None:
         """Adds hair, beard, brows, lashes and hat over the surface `below`: vertices and faces of skin and clothes."""
-        outfit, side = self.outfit, self.side(4)
+        outfit, side = self.outfit, self.side(share=4)
         parts = build_hair(self.motion, outfit.hair, outfit.beard, below, self.seed, fine=self.detail.body > 0)
         paints: dict[str, Paint] = {
             kind: accessory_paint("hat", side) if kind == "hat" else hair_material(outfit, kind, side, self.seed)

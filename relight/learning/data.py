@@ -329,8 +329,8 @@ def neighbours(pixel: np.ndarray, offset: np.ndarray, size: int) -> tuple[np.nda
         mask = np.zeros(size * size, bool)
         mask[pixel[first:last]] = True
         index = compact_index(torch.from_numpy(mask).view(1, 1, size, size))
-        interior[first:last] = index.interior[0, : last - first, 0]
-        below[first:last] = index.below[: last - first]
+        interior[first:last] = index.interior[0, : last - first, 0]  # without the padding
+        below[first:last] = index.below[: last - first]  # flat, as `batch` needs it
         outside[figure] = np.argmin(mask)
     return below, interior, outside
 

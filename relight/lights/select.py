@@ -103,6 +103,7 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     usual.split[test] = "test"
     record["warnings"] += split_warnings(usual, settings)
     if len(unusual):
+        # Scaled to their reference brightness, back-lit ones would be brighter than a rule allows any channel to be.
         unusual = darkened(unusual, RULES[settings.rules].channel)
         unusual = cluster(unusual, min(MAX_UNUSUAL, len(unusual)), settings.seed)
         unusual.split[:] = split_unusual(unusual, usual)

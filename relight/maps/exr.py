@@ -190,7 +190,7 @@ def _read(path: Path | str, header_only: bool = False) -> tuple[dict[str, Any], 
     try:
         info = json.loads(header["relight"])
         low, high = header["dataWindow"]
-        side = 1 if "left_out" in info else info["size"]
+        side = 1 if "left_out" in info else info["size"]  # `write_left_out` writes one pixel
         is_valid = "left_out" in info or (type(info["order"]) is int and 0 <= info["order"] <= MAX_ORDER)
         width, height = high - low + 1
         if not (is_valid and height == side and 1 <= min(width, height) and max(width, height) <= MAX_SIZE):

@@ -140,6 +140,7 @@ def placed_maps(
         window = slice(first, last), columns
         own = person.coverage[window] > 0
         where = np.flatnonzero(own)
+        # The photo's detail beyond the network's resolution guides both maps.
         detail = person.detail(to_linear(pixels[window][own]), (first, last), where)
         by_color, by_luma = (
             fit.place(person.crop, guide, (first, last), where) for fit, guide in zip(fits, (detail, luma(detail)))

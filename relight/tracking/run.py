@@ -86,7 +86,7 @@ class TrainingRun:
         self._image = image, step
 
     def log(self, values: Mapping[str, float], step: int) -> None:
-        """Sends the values of a step, named as in the training's curve, and its image."""
+        """Sends the values of a step, named as in the training's curve, and the image that `add_image` kept for it."""
         if time.monotonic() > self._retry_at:
             with self.warned():
                 self._send({step: values})
@@ -232,7 +232,7 @@ def log_scores(
     training = TrainingRun(track, network.stem, fingerprint, settings, {})
     if not training.track.uri:
         return
-    training.finish(network)
+    training.finish(network)  # makes the run of a network that was trained without the store; else does nothing
     with training.warned():
         from mlflow import MlflowClient
         from mlflow.entities import Metric

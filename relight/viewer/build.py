@@ -137,6 +137,7 @@ def page_text(
     for name, light in lights.items():
         if np.shape(light) != (9, 3) or not np.isfinite(light).all():
             raise UserError(f"light '{name}' is not (9, 3) finite coefficients but {np.shape(light)}")
+    # The page estimates the light of a place from a picture of it, as `relight.lights.place` does, by its statistics.
     place = json.loads(STATISTICS.read_text(encoding="utf-8"))
     page = {
         "title": title,

@@ -59,6 +59,7 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
     first = next(iter(lights.values()))
     front, level = reference_brightness(first), first[0].sum()  # level: mean radiance, up to a factor
     comes_from_behind = front <= MIN_FRONT * level
+    # From behind, the mean itself is BRIGHTNESS: scaled by its faint front, the light would dazzle.
     common_level = BRIGHTNESS if comes_from_behind else BRIGHTNESS / front * level  # of all lights on the page
     return {name: light * (common_level / light[0].sum()) for name, light in lights.items()}
 

@@ -75,7 +75,7 @@ def read_occlusion(path: Path) -> pd.DataFrame:
     Raises:
         UserError: if it is another table.
     """
-    return read_table(path, "occlusion", COLUMNS, "the stage sheets")
+    return read_table(path, "occlusion", COLUMNS, writer="the stage sheets")
 
 
 def group_occlusion(table: pd.DataFrame, by: str) -> pd.DataFrame:

@@ -123,7 +123,8 @@ def trace_figure(
         rays: per pixel, for the transport.
 
     Returns:
-        The arrays `light`, `area`, `cut`, `direct` and `full` of a Scene.
+        The arrays `light`, `area`, `cut`, `direct` and `full` of a Scene, by name: irradiance by the baked transport
+        and the nine coefficients, then traced, with one more effect each.
     """
     order = order_of(data.lights.shape[1])
     harmonics = basis(sky_directions(), order)
@@ -139,7 +140,7 @@ def trace_figure(
     return {
         "light": light,
         "area": area_irradiance(mesh, data.size, light, order, rays)[pixel],
-        "cut": trace_twice(harmonics @ light, bounces=0, seed=1),
+        "cut": trace_twice(harmonics @ light, bounces=0, seed=1),  # negative in places, which the tracer allows
         "direct": trace_twice(sky, bounces=0, seed=3),
         "full": trace_twice(sky, settings.bounces, seed=5),
     }

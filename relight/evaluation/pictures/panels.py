@@ -350,7 +350,7 @@ def shadings(
         if not lines:
             true_cells = [subject.picture(light=0), Cell(true_shading / subject.white)]
             lines = [Line(subject.name, subject, true_cells, first=True), Line("error", subject, [Cell(), Cell()])]
-        _, transport, _ = subject.truth.complete(inferred)
+        _, transport, _ = subject.truth.complete(inferred)  # the true one if the network infers none
         shading = shade(transport[0], subject.truth.lights[0])
         lines[0].views.append(Cell(shading / subject.white))
         lines[1].views.append(Cell(error=np.linalg.norm(shading - true_shading, axis=-1)))

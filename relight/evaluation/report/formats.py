@@ -69,7 +69,7 @@ class TextTable:
         for block in dict.fromkeys(self.frame.columns.get_level_values(0)):
             part = self.frame[block]
             kept = part.notna().any(axis=1).to_numpy()
-            part = part[kept].rename_axis(index=block)
+            part = part[kept].rename_axis(index=block)  # the heading of the first column
             grids.append(TextTable(part, [kind for kind, is_kept in zip(self.kinds, kept) if is_kept], self.digits))
         return grids
 

@@ -154,7 +154,7 @@ def blended(weights: dict[str, float]) -> np.ndarray:
     """
     vertices = base().vertices.copy()
     for name, weight in weights.items():
-        path = folder() / "mpfb2/targets" / f"{name}.target.gz"
+        path = folder() / "mpfb2/targets" / f"{name}.target.gz"  # faceunits, none of which is lacking, lie elsewhere
         if weight and (name.startswith("faceunits/") or path.is_file()):
             at, offsets = target(name)
             vertices[at] += weight * offsets

@@ -26,6 +26,7 @@ MAX_BAG_OFFSET = 0.16  # largest distance that a bag is moved outward, metres
 SEAT = (0.20, 0.19, 0.035)  # half the width and depth of a stool's seat, and its thickness, metres
 LEG = 0.016  # half the thickness of its legs
 SEAT_RANGE = 0.03  # largest distance of cloth on the seat from the thighs, metres
+HANGING_RANGE = 0.12  # metres below the seat where cloth counts as hanging; lower down there may be calves
 MAX_HANGING = 0.02  # share of the vertices above or below the seat that may hang below it; skirts have more
 
 
@@ -236,7 +237,7 @@ def stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Generat
     # Of the middle of the seat only: calves hang before it.
     on_seat = in_outline & (np.abs(off[:, 2]) < 0.5 * half_depth) & (np.abs(off[:, 1]) < SEAT_RANGE)
     top = float(np.percentile(vertices[on_seat, 1], 0.5))
-    hanging = in_outline & (vertices[:, 1] < top - SEAT_RANGE) & (vertices[:, 1] > top - 4 * SEAT_RANGE)
+    hanging = in_outline & (vertices[:, 1] < top - SEAT_RANGE) & (vertices[:, 1] > top - HANGING_RANGE)
     if hanging.sum() > MAX_HANGING * in_outline.sum():
         return []
     cushion = box(half=(half_width, thickness / 2, half_depth), rounding=0.012)

@@ -82,6 +82,7 @@ class Pose:
 
 NARROWER = 0.05  # how much closer to the middle each foot is than on the rest pose, in leg lengths
 CLOSER_FEET = (0.04, 0.09)  # the same in addition, for half of the poses with level feet
+MAX_OUTWARD = 0.07  # outward steps of feet that are put closer, leg lengths
 TURN_SPREAD = 25.0  # degrees, standard deviation
 TURNED_SHARE = 0.4  # of the poses
 
@@ -118,7 +119,7 @@ def varied(pose: Pose, rng: np.random.Generator) -> Pose:
         """Returns the angles about x, y and z of the mirror image."""
         return angles[0], -angles[1], -angles[2]
 
-    if rng.random() < 0.5:
+    if rng.random() < 0.5:  # hands and feet are given outward from their side, so they only change sides
         across, up, ahead = pose.shift
         pose = replace(
             pose, left=pose.right, right=pose.left, feet=(pose.feet[1], pose.feet[0]),
@@ -130,7 +131,10 @@ def varied(pose: Pose, rng: np.random.Generator) -> Pose:
         pose, left=left, right=right, spine=near(pose.spine, 1.5), hips=near(pose.hips, 1.0), head=near(pose.head, 4.0)
     )
     closer, turn = float(rng.uniform(*CLOSER_FEET)), float(rng.normal(0, TURN_SPREAD))
-    has_level_feet = not pose.sitting and all(foot.step[0] <= 0.07 and not foot.step[1] for foot in pose.feet)
+    has_level_feet = not pose.sitting and all(
+        foot.step[0] <= MAX_OUTWARD and foot.step[1] == 0
+        for foot in pose.feet  # outward and up
+    )
     if rng.random() < 0.5 and has_level_feet:
         left_foot, right_foot = (
             replace(foot, step=(foot.step[0] - closer, foot.step[1], foot.step[2])) for foot in pose.feet

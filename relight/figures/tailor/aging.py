@@ -107,7 +107,8 @@ def hems(patch: Patch) -> None:
     garment, edge = patch.garment, patch.marks["edge"]
     hem = 0.040 if garment.thickness > 0.004 else 0.020  # metres from the border to its stitches
     stitch = patch.line(edge - hem)
-    if patch.fabric.kind not in ("denim", "leather") and max(garment.hem_pin, garment.cuff_pin - 0.1) > 0.35:
+    is_gathered = max(garment.hem_pin, garment.cuff_pin - 0.1) > 0.35  # a border that clings to the body has ribs
+    if patch.fabric.kind not in ("denim", "leather") and is_gathered:
         ribs = 0.30 * patch.thin * (band(patch.u, 0.0055, 0.5, max(0.002, patch.texel)) - 0.5)
         patch.log += np.clip((RIB - edge) / 0.003, 0, 1) * (ribs - 0.05)
         patch.log -= 0.30 * patch.thin * patch.line(edge - RIB)

@@ -17,9 +17,10 @@ STRAPS = ((0.60, 0.80), (0.36, 0.44))  # start and end of the straps across the 
 LACE_STEP = 0.017  # metres between bands of laces
 HALF_LACE, HALF_LACE_WIDTH = 0.021, 0.0032  # half the length and half the width of a band, metres
 LACE_THICKNESS, STRAP_THICKNESS, UPPER_THICKNESS = 0.0025, 0.003, 0.004  # metres
+HEEL, HEEL_BREAST = 0.36, 0.04  # where a heel ends, and over what length it does, in lengths of the sole
 OUTLINE_POINTS = 72  # of a sole
-# Rows of a sole, from its top to its bottom: metres outward from the outline, and the height: metres above the ground
-# where positive, else over the thickness.
+# Rows of a sole, from its top to its bottom: metres outward from the outline, and the height over the bare foot's ground:
+# metres where positive, else shares of the thickness of the sole, which lies below that ground.
 SOLE_ROWS = ((-0.020, 0.004), (-0.0025, 0.006), (0.0, 0.002), (-0.0005, -0.5), (-0.001, -0.96), (-0.005, -1.0))
 
 
@@ -232,7 +233,7 @@ def sole(
 
     Args:
         bottom: (n,3) the lowest vertices of the upper on the rest pose, metres.
-        ground: height of the ground, metres.
+        ground: height of the bare foot's ground, metres.
         shoe: its thickness under toes and heel.
         motion: how the body moves from its rest pose into the pose.
         foot: (B,) skinning weights of the slab, which is rigid.
@@ -250,7 +251,7 @@ def sole(
     centre = ring.mean(0)
     outward = (ring - centre) / np.linalg.norm(ring - centre, axis=1, keepdims=True)
     along = (ring[:, 1] - ring[:, 1].min()) / np.ptp(ring[:, 1])  # 0 at the heel, 1 at the toes
-    thickness = shoe.sole + (shoe.heel - shoe.sole) * np.clip((0.36 - along) / 0.04, 0, 1)
+    thickness = shoe.sole + (shoe.heel - shoe.sole) * np.clip((HEEL - along) / HEEL_BREAST, 0, 1)
     rows = []
     for grow, height in SOLE_ROWS:
         y = ground + (height if height > 0 else 0) + thickness * min(height, 0)

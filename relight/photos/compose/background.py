@@ -52,8 +52,8 @@ class Background:
 
         Args:
             light: (K,3), in the photo's exposure.
-            factor: the one that brought it there.
-            level: how much brighter the people become than in the photo.
+            factor: the one that brought the light there; a panorama is shown by it, which other kinds ignore.
+            level: how much brighter the people become than in the photo; a picture, exposed like the photo, follows.
         """
         tint: np.ndarray | float = 1.0
         if self.kind == "picture" and self.picture is not None:

@@ -68,7 +68,7 @@ def lookup(panorama: Panorama, directions: np.ndarray) -> np.ndarray:
     if panorama.flip:
         directions = directions * np.array([-1, 1, 1])
     x, y, z = np.moveaxis(directions / np.linalg.norm(directions, axis=-1, keepdims=True), -1, 0)
-    pixels, corners = panorama.pixels, panorama.corners
+    pixels, corners = panorama.pixels, panorama.corners  # whether the outermost samples lie on the image's edges
     match panorama.layout:
         case "latlong":
             if panorama.front == "+z":
