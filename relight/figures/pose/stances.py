@@ -131,10 +131,8 @@ def varied(pose: Pose, rng: np.random.Generator) -> Pose:
         pose, left=left, right=right, spine=near(pose.spine, 1.5), hips=near(pose.hips, 1.0), head=near(pose.head, 4.0)
     )
     closer, turn = float(rng.uniform(*CLOSER_FEET)), float(rng.normal(0, TURN_SPREAD))
-    has_level_feet = not pose.sitting and all(
-        foot.step[0] <= MAX_OUTWARD and foot.step[1] == 0
-        for foot in pose.feet  # outward and up
-    )
+    are_level = (outward <= MAX_OUTWARD and up == 0 for outward, up, _ in (foot.step for foot in pose.feet))
+    has_level_feet = not pose.sitting and all(are_level)
     if rng.random() < 0.5 and has_level_feet:
         left_foot, right_foot = (
             replace(foot, step=(foot.step[0] - closer, foot.step[1], foot.step[2])) for foot in pose.feet

@@ -19,8 +19,8 @@ HALF_LACE, HALF_LACE_WIDTH = 0.021, 0.0032  # half the length and half the width
 LACE_THICKNESS, STRAP_THICKNESS, UPPER_THICKNESS = 0.0025, 0.003, 0.004  # metres
 HEEL, HEEL_BREAST = 0.36, 0.04  # where a heel ends, and over what length it does, in lengths of the sole
 OUTLINE_POINTS = 72  # of a sole
-# Rows of a sole, from its top to its bottom: metres outward from the outline, and the height over the bare foot's ground:
-# metres where positive, else shares of the thickness of the sole, which lies below that ground.
+# Rows of a sole, from its top to its bottom: metres outward from the outline, and the height above the bare foot's
+# ground: metres where positive, else shares of the thickness of the sole, which lies below that ground.
 SOLE_ROWS = ((-0.020, 0.004), (-0.0025, 0.006), (0.0, 0.002), (-0.0005, -0.5), (-0.001, -0.96), (-0.005, -1.0))
 
 
