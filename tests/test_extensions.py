@@ -79,6 +79,9 @@ def test_what_is_not_there_is_named(tmp_path, monkeypatch):
         extensions.extension("os", "network")
     with pytest.raises(UserError, match=r"half defines no `light`"):
         load_light("half:3")
+    (tmp_path / "broken.py").write_text("def light(text, order) return None\n")
+    with pytest.raises(UserError, match=r"the extension broken cannot be imported: .*\(broken\.py, line 1\)"):
+        load_light("broken:3")
 
 
 def test_an_installed_package_offers_an_extension(tmp_path, monkeypatch):

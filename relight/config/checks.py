@@ -152,3 +152,6 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
     for group, source in (("figures", "scans"), ("figures", "olat"), ("panoramas", "folder")):
         if get(f"{group}.source") == source and not get(f"{group}.folder"):
             yield f"{group}.source={source} needs {group}.folder=<the folder to read>"
+    for group, presets in (("figures", "figures=scans or figures=olat"), ("panoramas", "panoramas=folder")):
+        if get(f"{group}.source") == "generated" and get(f"{group}.folder"):
+            yield f"{group}.folder={get(f'{group}.folder')} is not read by {group}.source=generated: give {presets}"

@@ -51,12 +51,16 @@ def extension(name: str, part: str) -> Any:
         What it defines by that name.
 
     Raises:
-        UserError: if there is no such extension, or it does not define `part`.
+        UserError: if there is no such extension, it cannot be imported, or it does not define `part`.
     """
     if name not in OWN and name not in names():
         raise UserError(missing(name))
     module = OWN.get(name) or installed().get(name, f"{__name__}.{name}")
-    defined = getattr(import_module(module), part, None)
+    try:
+        imported = import_module(module)
+    except (SyntaxError, ImportError) as error:
+        raise UserError(f"the extension {name} cannot be imported: {error}") from error
+    defined = getattr(imported, part, None)
     if defined is None:
         raise UserError(f"the extension {module} defines no `{part}`")
     return defined

@@ -292,7 +292,9 @@ def whole_run(folder, *presets: str, **options):
         results(folder, preset, {}, **options)
         asked |= one.experiments
     (folder / "experiments.json").write_text(json.dumps(asked))
-    infos = {name: {"name": name} for name in FIGURES} | {"g<1>": {"name": "g<1>", "left_out": "it is a plane"}}
+    infos = {name: {"name": name, "warnings": ["its front is a guess"]} for name in FIGURES} | {
+        "g<1>": {"name": "g<1>", "left_out": "it is a plane"}
+    }
     (folder / "figures.json").write_text(json.dumps({"figures": infos, "left_out": {"g<1>": "it is a plane"}}))
     write_occlusion(folder / "report" / "occlusion.csv", np.full(10, 0.3))
     for name in ("figures", "occlusion", "lights"):
@@ -355,7 +357,8 @@ def test_build_report_is_whole_and_stands_alone(tmp_path):
     assert html.count('<a href="#table2">Table 2</a>') == 3 and ">Figure 12<" in html and "#sitting" not in html
     assert "8 trainings of 1,005 to 1,017 steps;" in html
     assert "relight run experiment=sitting" in html and "validation/" not in html
-    for said in ("it is a plane", "x.hdr", "bright back", "bright at 36 of 36 headings", "4.0"):
+    assert f"<dd>{len(FIGURES)} figures, " in html  # not counting the one that was left out
+    for said in ("it is a plane", "its front is a guess", "x.hdr", "bright back", "bright at 36 of 36 headings", "4.0"):
         assert said in html
 
 

@@ -137,6 +137,8 @@ def test_what_stages_read_is_there(stage):
         ("bake.rays=0", ["bake.rays", "at least 1"]),
         ("figures.source=scans", ["figures.folder"]),
         ("figures.source=olat", ["figures.folder"]),
+        ("figures.folder=/x", ["figures.folder=/x is not read by figures.source=generated", "figures=scans"]),
+        ("panoramas.folder=/x", ["panoramas.folder=/x is not read", "give panoramas=folder"]),
         ("panoramas.source=files", ["panoramas.source must be one of generated, folder, not files"]),
         ("model.norm=group", ["model.norm", "instance, batch", "group"]),
         ("lights.test=60", ["lights.test", "60", "lights.clusters"]),

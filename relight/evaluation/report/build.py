@@ -166,7 +166,7 @@ def head(name: str, results: Results, failed: int) -> Markup:
     outcome = value_or_none(lambda: sections.summary(results)) if has_printed_tables(results) else None
     answer = value_or_none(lambda: answer_context(results))
     lights = value_or_none(lambda: results.lights["lights"])
-    figures = value_or_none(lambda: len(results.record["figures"]))
+    figures = value_or_none(lambda: len(results.record["figures"]) - len(results.record["left_out"]))
     rows = {row for table in results.tables for row in results.experiments[table]["trainings"]}
     steps = value_or_none(lambda: sorted({results.setting(row, "train.steps") for row in rows}))
     stage_costs, wall = costs(results.folder)
