@@ -25,7 +25,7 @@ def overhead() -> np.ndarray:
 
 
 def shaded(mesh: Mesh, strength: float) -> Mesh:
-    """Multiplies the vertex colors of a mesh by 1 - strength + strength * shading.
+    """Multiplies the corner colors of a mesh by 1 - strength + strength * shading.
 
     The shading, 0 in the dark and 1 for an open surface facing up, is the irradiance of the sky `overhead`, occluded by
     the figure, averaged over neighbouring vertices.
@@ -40,6 +40,6 @@ def shaded(mesh: Mesh, strength: float) -> Mesh:
 
     shading = bake_vertices(mesh, RAYS, order=1).transport.astype(np.float64) @ overhead()
     shading = smoothed(np.clip(shading, 0, 1), mesh.faces, SMOOTHINGS)
-    base = np.ones((len(mesh.vertices), 3)) if mesh.color is None else mesh.color
-    color = base * (1 - strength + strength * shading)[:, None]
+    factor = (1 - strength + strength * shading)[mesh.faces][..., None]
+    color = factor.repeat(3, axis=-1) if mesh.color is None else mesh.color * factor
     return replace(mesh, color=color.astype(np.float32), info={**mesh.info, "shading": strength})

@@ -89,15 +89,15 @@ def submesh(mesh: Mesh, faces: np.ndarray) -> Mesh:
         faces=number[kept],
         uv=mesh.uv[faces],
         material=mesh.material[faces],
-        color=None if mesh.color is None else mesh.color[used],
+        color=None if mesh.color is None else mesh.color[faces],
     )
 
 
 def _repair(mesh: Mesh, close_holes: int, repairs: dict[str, int]) -> Mesh:
     """Merges, drops, splits and orients with PyMeshLab's filters.
 
-    Indices of vertices and faces are carried through the filters as scalars, those of corners as wedge coordinates: by
-    them, the result gets uv, material and colors of the given mesh.
+    Indices of faces are carried through the filters as scalars, those of corners as wedge coordinates: by them, the
+    result gets uv, material and colors of the given mesh.
 
     Args:
         mesh: with finite vertices.
@@ -119,7 +119,6 @@ def _repair(mesh: Mesh, close_holes: int, repairs: dict[str, int]) -> Mesh:
         pymeshlab.Mesh(
             mesh.vertices.astype(np.float64),
             mesh.faces,
-            v_scalar_array=np.arange(len(mesh.vertices), dtype=np.float64),
             f_scalar_array=np.arange(len(mesh.faces), dtype=np.float64),
             w_tex_coords_matrix=corner,
         )
@@ -160,12 +159,14 @@ def _repair(mesh: Mesh, close_holes: int, repairs: dict[str, int]) -> Mesh:
     was_corner = (before[:, :, None] == after[:, None, :]).argmax(axis=1)
     corner = np.take_along_axis(corner, was_corner, axis=1)
     uv, material = mesh.uv[face[:, None], corner], mesh.material[face]
-    vertex = result.vertex_scalar_array().astype(np.int64)
+    color = None if mesh.color is None else mesh.color[face[:, None], corner]
     new_faces = result.face_matrix()[len(after) :]
-    if len(new_faces):  # they close holes, and get uv and material of any face at their corners
-        corner_of_vertex = np.zeros(len(vertex), np.int64)  # 3 * face + corner
+    if len(new_faces):  # they close holes, and get uv, color and material of any face at their corners
+        corner_of_vertex = np.zeros(result.vertex_number(), np.int64)  # 3 * face + corner
         corner_of_vertex[after.reshape(-1)] = np.arange(after.size)
         uv = np.concatenate([uv, uv.reshape(-1, 2)[corner_of_vertex[new_faces]]])
+        if color is not None:
+            color = np.concatenate([color, color.reshape(-1, 3)[corner_of_vertex[new_faces]]])
         material = np.concatenate([material, material[corner_of_vertex[new_faces[:, 0]] // 3]])
     mesh = replace(
         mesh,
@@ -173,7 +174,7 @@ def _repair(mesh: Mesh, close_holes: int, repairs: dict[str, int]) -> Mesh:
         faces=result.face_matrix().astype(np.int32),
         uv=uv,
         material=material,
-        color=None if mesh.color is None else mesh.color[vertex],
+        color=color,
     )
     changed = np.zeros(len(mesh.faces), bool)
     changed[: len(after)] = (before != after).any(axis=1)
@@ -227,7 +228,6 @@ def _split_non_manifold_edges(mesh: pymeshlab.Mesh) -> pymeshlab.MeshSet:
         pymeshlab.Mesh(
             vertices[source],
             faces.astype(np.int32),
-            v_scalar_array=mesh.vertex_scalar_array()[source],
             f_scalar_array=mesh.face_scalar_array(),
             w_tex_coords_matrix=mesh.wedge_tex_coord_matrix(),
         )
@@ -267,7 +267,7 @@ def _oriented(mesh: Mesh, changed: np.ndarray, repairs: dict[str, int]) -> Mesh:
         repairs: gets the number of faces that are flipped in the end.
 
     Returns:
-        The mesh itself, with faces and uv of some parts reversed.
+        The mesh itself, with the corners of some parts reversed.
     """
     part = connected_parts(mesh.faces, len(mesh.vertices))
     area = face_areas(mesh.vertices, mesh.faces)
@@ -279,7 +279,9 @@ def _oriented(mesh: Mesh, changed: np.ndarray, repairs: dict[str, int]) -> Mesh:
     turn = np.where(is_solid, volume < 0, most_changed)[part]
     repairs["faces turned"] = int((changed ^ turn).sum())
     mesh.faces[turn] = mesh.faces[turn][:, ::-1]
-    mesh.uv[turn] = mesh.uv[turn][:, ::-1]
+    for corners in (mesh.uv, mesh.color):
+        if corners is not None:
+            corners[turn] = corners[turn][:, ::-1]
     return mesh
 
 

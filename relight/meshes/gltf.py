@@ -88,13 +88,13 @@ def _read(gltf: Gltf) -> RawMesh:
                 faces=faces,
                 uv=_uv(gltf, primitive, surfaces[index], faces),
                 material=np.full(len(faces), index),
-                color=None if color is None else _colors(gltf.accessor(color)[:, :3], notes),
+                color=None if color is None else _colors(gltf.accessor(color)[:, :3], notes)[faces],
             )
         )
     if not total:
         raise UserError(f"{gltf.path} has no triangles: relight needs a surface")
     start = np.cumsum([0] + [len(part.points) for part in parts])
-    colors = [np.ones((len(part.points), 3)) if part.color is None else part.color for part in parts]
+    colors = [np.ones((len(part.faces), 3, 3)) if part.color is None else part.color for part in parts]
     return RawMesh(
         vertices=np.concatenate([part.points for part in parts]),
         faces=np.concatenate([part.faces + offset for part, offset in zip(parts, start)]),

@@ -45,7 +45,7 @@ class Mesh:
         uv: (F,3,2) float32 texture coordinates per corner; zeros where unused.
         material: (F,) int16, indices into `materials`.
         materials: of the faces.
-        color: (V,3) float32, linear vertex colors that the materials are multiplied by, or None.
+        color: (F,3,3) float32, linear colors per corner that the materials are multiplied by, or None.
         info: plain JSON values that are carried from stage to stage: name, subject, source, repairs and so on.
         outfits: further looks of the same surface: for each, the materials that differ from `materials`, by number.
     """

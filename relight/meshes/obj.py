@@ -58,7 +58,7 @@ def read_obj(path: Path) -> RawMesh:
         uv=_placed_uv(path, uv, corners[:, 1][position], material, [*numbers], surfaces),
         material=material,
         materials=[surface.material for surface in surfaces],
-        color=color,
+        color=None if color is None else color[corners[:, 0][position]],
         warnings=color_notes + material_notes,
     )
     return without_tints(raw)  # a face has a texture, colors of vertices or one of its material, never a product

@@ -1,6 +1,5 @@
 """Reads PLY files, ascii and binary, with vertex colors and the texture coordinates that MeshLab writes."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -52,22 +51,14 @@ def read_ply(path: Path) -> RawMesh:
     )
     if not textures and any("texcoord" in face or vertex.keys() >= {*names} for names in COORDINATES):
         raw.warnings.append("it has texture coordinates but names no texture (`comment TextureFile skin.png`)")
-    raw.color = _color(vertex, raw.warnings)
-    face_color = _color(face, raw.warnings)
-    if face_color is not None and raw.color is not None:
-        raw.warnings.append("its colors of faces are left out: the vertices have colors")
+    vertex_color, face_color = _color(vertex, raw.warnings), _color(face, raw.warnings)
+    if vertex_color is not None:
+        raw.color = vertex_color[faces]
+        if face_color is not None:
+            raw.warnings.append("its colors of faces are left out: the vertices have colors")
     elif face_color is not None:
-        raw = _with_face_colors(raw, face_color[polygon])
+        raw.color = face_color[polygon][:, None].repeat(3, axis=1)
     return without_tints(raw)
-
-
-def _with_face_colors(raw: RawMesh, color: np.ndarray) -> RawMesh:
-    """Gives vertices the colors (F,3) of their faces; one that joins several colors is repeated for each."""
-    _, number = np.unique(color, axis=0, return_inverse=True)  # of the color of each face
-    pair = raw.faces.astype(np.int64) * (int(number.max()) + 1) + number.reshape(-1, 1)  # vertex and color, as one key
-    _, first, faces = np.unique(pair, return_index=True, return_inverse=True)
-    vertices = raw.vertices[raw.faces.reshape(-1)[first]]
-    return replace(raw, vertices=vertices, faces=faces.reshape(-1, 3), color=color[first // 3])
 
 
 def _color(block: Block, warnings: list[str]) -> np.ndarray | None:

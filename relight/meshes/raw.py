@@ -27,7 +27,7 @@ class RawMesh:
         materials: as in `Mesh`; None where the file says nothing of the color.
         uv: (F,3,2) or None.
         material: (F,) or None.
-        color: (V,3) or None.
+        color: (F,3,3) linear, per corner, or None.
         warnings: sentences for the report.
     """
 
@@ -176,17 +176,8 @@ def without_tints(raw: RawMesh) -> RawMesh:
     if not has_texture.any():
         return replace(raw, materials=materials, warnings=raw.warnings + notes)
     notes.append(f"its vertex colors are used on the {int(colored.sum())} faces that have no texture")
-    repeated = np.unique(raw.faces[~colored])  # textured faces get vertices of their own, which are white
-    number = np.arange(len(raw.vertices))
-    number[repeated] = len(raw.vertices) + np.arange(len(repeated))
-    return replace(
-        raw,
-        vertices=np.concatenate([raw.vertices, raw.vertices[repeated]]),
-        faces=np.where(colored[:, None], raw.faces, number[raw.faces]),
-        color=np.concatenate([raw.color, np.ones((len(repeated), 3), raw.color.dtype)]),
-        materials=materials,
-        warnings=raw.warnings + notes,
-    )
+    color = np.where(colored[:, None, None], raw.color, 1)
+    return replace(raw, color=color, materials=materials, warnings=raw.warnings + notes)
 
 
 def linear(srgb: np.ndarray) -> np.ndarray:

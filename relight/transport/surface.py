@@ -51,7 +51,7 @@ def sample_texture(texture: np.ndarray, uv: np.ndarray, wrap: tuple[str, str] = 
 
 
 def sample_albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Returns the albedo of points: texture times material color times interpolated vertex color.
+    """Returns the albedo of points: texture times material color times interpolated corner color.
 
     Args:
         mesh: with materials.
@@ -81,7 +81,7 @@ def sample_albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarr
             albedo = albedo * sample_texture(entry.texture, uv, entry.wrap)
         result[selected] = albedo
     if mesh.color is not None:
-        result *= np.einsum("nc,ncx->nx", weights, mesh.color[mesh.faces[face]]).astype(np.float32)
+        result *= np.einsum("nc,ncx->nx", weights, mesh.color[face]).astype(np.float32)
     if not np.isfinite(result).all():
         raise UserError("the mesh has colors that are not finite: repair or drop them")
     return result.clip(0, 1)

@@ -29,7 +29,7 @@ def person():
         np.zeros((len(whole.faces), 3, 2), np.float32),
         np.zeros(len(whole.faces), np.int16),
         [Material()],
-        color=color.astype(np.float32),
+        color=color[whole.faces].astype(np.float32),
         info={"name": "somebody", "subject": "somebody"},
     )
 

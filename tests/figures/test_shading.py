@@ -41,15 +41,23 @@ def test_overhead_gives_one_to_an_open_upward_surface():
     np.testing.assert_allclose(received, [1, 0.75, 0.5], atol=1e-12)
 
 
+def at_vertices(mesh):
+    """The colors (V,3) of vertices, which have the same at all corners."""
+    color = np.empty((len(mesh.vertices), 3), np.float32)
+    color[mesh.faces] = mesh.color
+    np.testing.assert_array_equal(color[mesh.faces], mesh.color)
+    return color
+
+
 def test_shaded_is_bright_above_dim_below_and_dark_in_a_crevice():
     open_ball = without_plate(ball_and_plate())
     y = open_ball.vertices[:, 1]
-    factor = shading.shaded(open_ball, 1.0).color
+    factor = at_vertices(shading.shaded(open_ball, 1.0))
     assert (factor[:, :1] == factor).all() and 0 <= factor.min() and factor.max() <= 1
     want = (1 + y / 3) / (4 / 3)  # of a convex body, in closed form
     inner = np.abs(y) < 0.9  # smoothing reaches along the poles' small faces
     np.testing.assert_allclose(factor[inner, 0], want[inner], atol=0.02)
-    under = shading.shaded(ball_and_plate(), 1.0).color[: len(y), 0]
+    under = at_vertices(shading.shaded(ball_and_plate(), 1.0))[: len(y), 0]
     assert under[y > 0.95].mean() < 0.2 < factor[y > 0.95, 0].mean()
 
 
@@ -60,7 +68,13 @@ def test_shaded_strength_blends_from_nothing():
     np.testing.assert_allclose(half.color, 0.5 + 0.5 * full.color, atol=1e-6)
     assert half.info == {"name": "ball", "shading": 0.5} and mesh.color is None and "shading" not in mesh.info
     tinted = Mesh(
-        mesh.vertices, mesh.faces, mesh.uv, mesh.material, mesh.materials, np.full_like(mesh.vertices, 0.5), mesh.info
+        mesh.vertices,
+        mesh.faces,
+        mesh.uv,
+        mesh.material,
+        mesh.materials,
+        np.full((*mesh.faces.shape, 3), 0.5),
+        mesh.info,
     )
     np.testing.assert_allclose(shading.shaded(tinted, 1.0).color, 0.5 * full.color, atol=1e-6)
 

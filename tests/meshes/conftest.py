@@ -63,7 +63,7 @@ def make_person(rings=12, **moved) -> Mesh:
         uv=uv.astype(np.float32),
         material=np.concatenate(material).astype(np.int16),
         materials=[Material(np.array([0.5, 0.2, 0.1], np.float32)), Material(np.array([0.1, 0.2, 0.5], np.float32))],
-        color=(vertices / 2).clip(0, 1).astype(np.float32),
+        color=(vertices[faces] / 2).clip(0, 1).astype(np.float32),
         info={"name": "person"},
     )
 

@@ -15,7 +15,7 @@ PLAIN = Clean(close_holes=0, max_faces=0)
 
 def corners(mesh: Mesh) -> np.ndarray:
     """Each face as its three corners (place, uv, color) and its material, sorted: the same for the same surface."""
-    corner = np.concatenate([mesh.vertices[mesh.faces], mesh.uv, mesh.color[mesh.faces]], axis=-1)
+    corner = np.concatenate([mesh.vertices[mesh.faces], mesh.uv, mesh.color], axis=-1)
     first = np.lexsort(corner[:, :, :3].transpose(2, 0, 1)[::-1], axis=-1)[:, 0]  # begin at the least corner
     corner = np.stack([corner[np.arange(len(corner)), (first + k) % 3] for k in range(3)], axis=1)
     rows = np.concatenate([corner.reshape(len(corner), -1), mesh.material[:, None]], axis=-1)
@@ -37,13 +37,13 @@ def with_faces(mesh: Mesh, faces, at=None) -> Mesh:
         faces=np.concatenate([mesh.faces, faces]),
         uv=np.concatenate([mesh.uv, mesh.vertices[faces][..., :2] / 2 + 0.5]).astype(np.float32),
         material=np.concatenate([mesh.material, np.zeros(len(faces), np.int16)]),
+        color=np.concatenate([mesh.color, (mesh.vertices[faces] / 2).clip(0, 1)]).astype(np.float32),
     )
 
 
 def with_vertices(mesh: Mesh, vertices) -> Mesh:
     vertices = np.asarray(vertices, np.float32).reshape(-1, 3)
-    color = np.zeros_like(vertices)
-    return merged(mesh, vertices=np.concatenate([mesh.vertices, vertices]), color=np.concatenate([mesh.color, color]))
+    return merged(mesh, vertices=np.concatenate([mesh.vertices, vertices]))
 
 
 def add_ball(mesh: Mesh, ball) -> Mesh:
@@ -66,13 +66,33 @@ def test_separate_triangles_are_connected(person):
     soup = merged(
         mesh,
         vertices=mesh.vertices[mesh.faces].reshape(-1, 3),
-        color=mesh.color[mesh.faces].reshape(-1, 3),
         faces=np.arange(count, dtype=np.int32).reshape(-1, 3),
     )
     result = clean(soup, PLAIN)
     assert len(result.vertices) == len(mesh.vertices) and result.info["repairs"]["parts"] == 10
     assert result.info["repairs"]["duplicate vertices"] == count - len(mesh.vertices)
     np.testing.assert_array_equal(corners(result), corners(mesh))
+
+
+def test_colors_of_faces_survive_the_merging_of_their_vertices():
+    """A box of six colors, each side with vertices of its own, as .ply and .glb of flat colors are written."""
+    box = trimesh.creation.box()
+    side = np.abs(box.face_normals).argmax(1) + 3 * (box.face_normals.sum(1) > 0)
+    color = np.eye(6, 3, dtype=np.float32)[side] + np.float32(side[:, None] / 8)
+    mesh = Mesh(
+        vertices=box.triangles.reshape(-1, 3).astype(np.float32),
+        faces=np.arange(36, dtype=np.int32).reshape(-1, 3),
+        uv=np.zeros((12, 3, 2), np.float32),
+        material=np.zeros(12, np.int16),
+        materials=[Material()],
+        color=color[:, None].repeat(3, 1),
+    )
+    result = clean(mesh, PLAIN)
+    assert len(result.vertices) == 8
+    normal = np.cross(*(np.diff(result.vertices[result.faces], axis=1).swapaxes(0, 1)))
+    side = np.abs(normal).argmax(1) + 3 * (normal.sum(1) > 0)
+    want = np.eye(6, 3, dtype=np.float32)[side] + np.float32(side[:, None] / 8)
+    np.testing.assert_array_equal(result.color, want[:, None].repeat(3, 1))
 
 
 def test_vertices_that_are_split_at_seams_are_merged_and_are_no_damage(person):
@@ -84,7 +104,6 @@ def test_vertices_that_are_split_at_seams_are_merged_and_are_no_damage(person):
     split = merged(
         mesh,
         vertices=mesh.vertices[mesh.faces].reshape(-1, 3),
-        color=mesh.color[mesh.faces].reshape(-1, 3),
         faces=np.arange(mesh.faces.size, dtype=np.int32).reshape(-1, 3),
         uv=uv,
     )
@@ -146,7 +165,7 @@ def test_inward_faces_are_flipped_with_their_uv(person, share):
     mesh = person()
     turned = np.random.default_rng(0).random(len(mesh.faces)) < share
     mesh.faces[turned] = mesh.faces[turned][:, ::-1]
-    mesh.uv[turned] = mesh.uv[turned][:, ::-1]
+    mesh.uv[turned], mesh.color[turned] = mesh.uv[turned][:, ::-1], mesh.color[turned][:, ::-1]
     np.testing.assert_array_equal(corners(clean(mesh, PLAIN)), corners(person()))
 
 
@@ -154,7 +173,7 @@ def test_linings_face_inward_and_an_open_scan_is_flipped(person, ellipsoid):
     vertices, faces = ellipsoid((0, 1, 0), (0.5, 0.9, 0.4), rings=30)
     cut = faces[vertices[faces][..., 1].min(axis=1) > 0.2]  # open at the feet
     scan = with_faces(with_vertices(merged(person(), faces=np.zeros((0, 3), np.int32), uv=np.zeros((0, 3, 2)),
-                                           material=np.zeros(0, np.int16)), vertices), cut[:, ::-1] + 2660)  # fmt: skip
+                                           material=np.zeros(0, np.int16), color=np.zeros((0, 3, 3))), vertices), cut[:, ::-1] + 2660)  # fmt: skip
     result = clean(scan, PLAIN)
     assert result.info["repairs"]["faces turned"] == len(cut)
     band = cut[(np.abs(vertices[cut][..., 1] - 1) < 0.15).all(axis=1)]
@@ -204,7 +223,7 @@ def test_decimation_keeps_uv_materials_colors_and_seams(person):
     place = result.vertices[result.faces]
     np.testing.assert_allclose(result.uv % 3, place[..., :2] / 2 + 0.5, atol=1e-6)
     assert (np.ptp(result.uv, axis=1) < 1).all()  # no face spans the seam
-    np.testing.assert_array_equal(result.color, (result.vertices / 2).clip(0, 1))
+    np.testing.assert_array_equal(result.color, (place / 2).clip(0, 1))
     assert clean(result, PLAIN).info["repairs"] == {"parts": 10}  # no crack, no flipped face, no speck
     for material in (0, 1):
         got, want = (face_areas(m.vertices, m.faces)[m.material == material].sum() for m in (result, mesh))
@@ -216,12 +235,13 @@ def test_what_is_no_figure_is_refused(person, ellipsoid):
     mesh.vertices[: int(0.7 * len(mesh.vertices))] = np.nan
     with pytest.raises(UserError, match=r"person: .*finite"):
         clean(mesh, PLAIN)
-    flat = merged(person(), faces=np.zeros((4, 3), np.int32), uv=np.zeros((4, 3, 2)), material=np.zeros(4, np.int16))
+    flat = merged(person(), faces=np.zeros((4, 3), np.int32), uv=np.zeros((4, 3, 2)), material=np.zeros(4, np.int16),
+                  color=None)  # fmt: skip
     with pytest.raises(UserError, match="no face has an area"):
         clean(flat, PLAIN)
     random = np.random.default_rng(0)
     dust = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros((0, 3, 2), np.float32),
-                np.zeros(0, np.int16), [Material()], np.zeros((0, 3), np.float32), {"name": "dust"})  # fmt: skip
+                np.zeros(0, np.int16), [Material()], np.zeros((0, 3, 3), np.float32), {"name": "dust"})  # fmt: skip
     for _ in range(3000):
         dust = add_ball(
             dust, (random.random((1, 3)) + [[0, 0, 0], [0, 0.002, 0], [0.002, 0, 0]], np.array([[0, 1, 2]]))

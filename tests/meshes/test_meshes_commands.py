@@ -8,7 +8,7 @@ from relight.meshes.commands import app
 
 
 def write(path, mesh):
-    color = (mesh.color * 255).astype(np.uint8)
+    color = ((mesh.vertices / 2).clip(0, 1) * 255).astype(np.uint8)
     trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=color, process=False).export(path)
 
 

@@ -298,7 +298,7 @@ def test_ply_colors_of_faces_that_share_vertices(tmp_path):
     text = ply(("", "255 0 0"), face=channels("uchar")).replace(b"face 1", b"face 2") + b"3 0 2 1 0 0 255\n"
     mesh = read_mesh(write(tmp_path, {"a.ply": text}))
     np.testing.assert_allclose([albedo(mesh, face) for face in (0, 1)], [[1, 0, 0], [0, 0, 1]])
-    assert len(mesh.vertices) == 6
+    assert len(mesh.vertices) == 3
 
 
 # Corners of polygons in a plane, and their area by the shoelace formula.

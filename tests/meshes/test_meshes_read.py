@@ -54,7 +54,8 @@ def test_ply_of_another_writer(tmp_path, truth, encoding):
     mesh = read_mesh(tmp_path / "a.ply")
     np.testing.assert_allclose(mesh.vertices, truth.vertices, atol=1e-6)
     np.testing.assert_array_equal(mesh.faces, truth.faces)
-    np.testing.assert_allclose(mesh.color, linear(np.asarray(truth.visual.vertex_colors[:, :3])), atol=1e-7)
+    colors = linear(np.asarray(truth.visual.vertex_colors[:, :3]))
+    np.testing.assert_allclose(mesh.color, colors[truth.faces], atol=1e-7)
     assert mesh.info["name"] == "a" and mesh.info["source"] == "a.ply" and mesh.materials[0].texture is None
 
 
@@ -78,7 +79,7 @@ def test_ply_of_mixed_polygons_and_unknown_properties(tmp_path, order):
     mesh = read_mesh(tmp_path / "a.PLY")
     np.testing.assert_array_equal(mesh.vertices, points)
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3], [3, 2, 4]])
-    np.testing.assert_allclose(mesh.color, np.tile(linear(np.array(RED, np.uint8)), (5, 1)))
+    np.testing.assert_allclose(mesh.color, np.tile(linear(np.array(RED, np.uint8)), (len(mesh.faces), 3, 1)))
 
 
 @pytest.mark.parametrize("numbers", ["texcoord", "vertex"])
@@ -178,7 +179,7 @@ def test_obj_with_vertex_colors(tmp_path):
         points = "".join(f"v {p} {0.5 * scale} {0.25 * scale} {1 * scale}\n" for p in ("0 0 0", "1 0 0", "0 1 0"))
         (tmp_path / "a.obj").write_text(points + "f 1 2 3\n")
         mesh = read_mesh(tmp_path / "a.obj")
-        np.testing.assert_allclose(mesh.color, np.tile(linear(np.array([0.5, 0.25, 1])), (3, 1)), atol=1e-6)
+        np.testing.assert_allclose(mesh.color, np.tile(linear(np.array([0.5, 0.25, 1])), (1, 3, 1)), atol=1e-6)
         assert not mesh.info["warnings"]
 
 
@@ -283,7 +284,8 @@ def test_gltf_features_by_hand(tmp_path):
     np.testing.assert_allclose(mesh.vertices, [[2, 0, 0], [2, 2, 0], [0, 0, 0], [0, 2, 10]], atol=1e-6)
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [3, 2, 1]])
     np.testing.assert_allclose(mesh.uv[0], [[0, 0.75], [2, 0.75], [0, -0.25]], atol=1e-6)
-    np.testing.assert_allclose(mesh.color, np.tile([1, 0, 0], (4, 1)))  # glTF's vertex colors are linear
+    # glTF's vertex colors are linear.
+    np.testing.assert_allclose(mesh.color, np.tile([1, 0, 0], (len(mesh.faces), 3, 1)))
     scene["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
     (tmp_path / "b.gltf").write_text(json.dumps(scene))
     np.testing.assert_array_equal(read_mesh(tmp_path / "b.gltf").vertices, mesh.vertices)

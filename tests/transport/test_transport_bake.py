@@ -28,7 +28,7 @@ def mesh_of(vertices, faces, materials=None, uv=None, color=None):
         uv=np.zeros((len(faces), 3, 2), np.float32) if uv is None else np.asarray(uv, np.float32),
         material=np.zeros(len(faces), np.int16),
         materials=materials or [GREY],
-        color=color,
+        color=None if color is None else color[faces],
         info={"name": "test", "seed": 5},
     )
 
@@ -306,7 +306,7 @@ def test_bad_meshes_are_named():
         (broken(faces=good.faces + 10), "162 vertices but its faces use 10 to 171"),
         (broken(vertices=good.vertices + np.float32([5, 0, 0])), "sees nothing.*x 4.5 to 5.5"),
         (broken(material=off_palette), "1 materials"),
-        (broken(color=np.full((len(good.vertices), 3), np.nan, np.float32)), "colors that are not finite"),
+        (broken(color=np.full((len(good.faces), 3, 3), np.nan, np.float32)), "colors that are not finite"),
     ]
     for mesh, words in cases:
         with pytest.raises(UserError, match=words):

@@ -42,9 +42,10 @@ def test_balls():
 
 def test_albedo_is_the_vertex_s_own():
     mesh, _ = two_balls()
-    mesh.color = np.random.default_rng(0).random((len(mesh.vertices), 3)).astype(np.float32)
+    color = np.random.default_rng(0).random((len(mesh.vertices), 3)).astype(np.float32)
+    mesh.color = color[mesh.faces]
     mesh.materials = [Material(), Material()]
-    np.testing.assert_allclose(bake_vertices(mesh, 1).albedo[:-1], mesh.color[:-1], atol=1e-6)
+    np.testing.assert_allclose(bake_vertices(mesh, 1).albedo[:-1], color[:-1], atol=1e-6)
 
 
 def test_files(tmp_path):

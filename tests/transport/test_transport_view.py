@@ -28,7 +28,7 @@ def mesh_of(vertices, faces, color=None):
         np.zeros((count, 3, 2), np.float32),
         np.zeros(count, np.int16),
         [Material(np.ones(3, np.float32))],
-        color,
+        None if color is None else color[faces],
         {"name": "test"},
     )
 
