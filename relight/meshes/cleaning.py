@@ -90,6 +90,7 @@ def submesh(mesh: Mesh, faces: np.ndarray) -> Mesh:
         uv=mesh.uv[faces],
         material=mesh.material[faces],
         color=None if mesh.color is None else mesh.color[faces],
+        normal=None,
     )
 
 

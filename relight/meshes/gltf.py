@@ -24,7 +24,8 @@ class Part(NamedTuple):
         faces: (F,3), from 0 in each part.
         uv: (F,3,2), v from the bottom as in OBJ; zeros without a texture.
         material: (F,) all the same, an index into the materials of the file.
-        color: (V,3) linear, or None.
+        color: (F,3,3) linear, or None.
+        normal: (V,3) of any length in the frame of the scene; zeros if the file has none.
     """
 
     points: np.ndarray
@@ -32,6 +33,7 @@ class Part(NamedTuple):
     uv: np.ndarray
     material: np.ndarray
     color: np.ndarray | None
+    normal: np.ndarray
 
 
 class Surface(NamedTuple):
@@ -81,7 +83,7 @@ def _read(gltf: Gltf) -> RawMesh:
             index_of[number] = len(surfaces)
             surfaces.append(_surface(gltf, number, notes))
         index = index_of[number]
-        color = primitive["attributes"].get("COLOR_0")
+        color, normal = (primitive["attributes"].get(name) for name in ("COLOR_0", "NORMAL"))
         parts.append(
             Part(
                 points=points @ matrix[:3, :3].T + matrix[:3, 3],
@@ -89,6 +91,7 @@ def _read(gltf: Gltf) -> RawMesh:
                 uv=_uv(gltf, primitive, surfaces[index], faces),
                 material=np.full(len(faces), index),
                 color=None if color is None else _colors(gltf.accessor(color)[:, :3], notes)[faces],
+                normal=np.zeros_like(points) if normal is None else _turned(gltf.accessor(normal), matrix[:3, :3]),
             )
         )
     if not total:
@@ -103,7 +106,14 @@ def _read(gltf: Gltf) -> RawMesh:
         materials=[surface.material for surface in surfaces],
         color=np.concatenate(colors) if any(part.color is not None for part in parts) else None,
         warnings=list(dict.fromkeys(notes)),
+        normal=np.concatenate([part.normal for part in parts]),
     )
+
+
+def _turned(normal: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Returns normals (V,3) after a linear map (3,3) of the points; their lengths are of no use."""
+    cofactors = np.stack([np.cross(matrix[(k + 1) % 3], matrix[(k + 2) % 3]) for k in range(3)])  # det times M^-T
+    return normal.astype(np.float64) @ cofactors.T * np.sign(np.linalg.det(matrix))
 
 
 def _uv(gltf: Gltf, primitive: dict[str, Any], surface: Surface, faces: np.ndarray) -> np.ndarray:

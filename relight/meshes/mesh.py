@@ -48,6 +48,8 @@ class Mesh:
         color: (F,3,3) float32, linear colors per corner that the materials are multiplied by, or None.
         info: plain JSON values that are carried from stage to stage: name, subject, source, repairs and so on.
         outfits: further looks of the same surface: for each, the materials that differ from `materials`, by number.
+        normal: (V,3) float32 normals of the file, zeros where it has none; or None. Baking per vertex takes them; what
+            changes the mesh drops them.
     """
 
     vertices: np.ndarray
@@ -58,6 +60,7 @@ class Mesh:
     color: np.ndarray | None = None
     info: dict[str, Any] = field(default_factory=dict)
     outfits: list[dict[int, Material]] = field(default_factory=list)
+    normal: np.ndarray | None = None
 
     def dressed(self, outfit: int) -> "Mesh":
         """Returns the mesh in one of its outfits: 0 is its own, which it comes with."""

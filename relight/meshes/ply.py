@@ -48,6 +48,7 @@ def read_ply(path: Path) -> RawMesh:
         uv=_texture_coordinates(path, vertex, face, counts, position, faces) if textures else None,
         material=_texture_numbers(path, face, materials)[polygon] if len(materials) > 1 else None,
         materials=materials or [None],
+        normal=_normals(vertex),
     )
     if not textures and any("texcoord" in face or vertex.keys() >= {*names} for names in COORDINATES):
         raw.warnings.append("it has texture coordinates but names no texture (`comment TextureFile skin.png`)")
@@ -59,6 +60,14 @@ def read_ply(path: Path) -> RawMesh:
     elif face_color is not None:
         raw.color = face_color[polygon][:, None].repeat(3, axis=1)
     return without_tints(raw)
+
+
+def _normals(vertex: Block) -> np.ndarray | None:
+    """Returns the normals (V,3) of vertices, or None if their columns are not there."""
+    names = ("nx", "ny", "nz")
+    if not vertex.keys() >= {*names} or any(isinstance(vertex[name], ListColumn) for name in names):
+        return None
+    return np.stack([vertex[name] for name in names], axis=-1)
 
 
 def _color(block: Block, warnings: list[str]) -> np.ndarray | None:

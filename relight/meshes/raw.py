@@ -29,6 +29,7 @@ class RawMesh:
         material: (F,) or None.
         color: (F,3,3) linear, per corner, or None.
         warnings: sentences for the report.
+        normal: (V,3), zeros where the file has none, or None.
     """
 
     vertices: np.ndarray
@@ -38,6 +39,7 @@ class RawMesh:
     material: np.ndarray | None = None
     color: np.ndarray | None = None
     warnings: list[str] = field(default_factory=list)
+    normal: np.ndarray | None = None
 
 
 def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
@@ -93,6 +95,7 @@ def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
         materials=[material or Material() for material in raw.materials],
         color=None if raw.color is None else np.nan_to_num(raw.color).clip(0, 1).astype(np.float32),
         info=info,
+        normal=None if raw.normal is None else np.nan_to_num(raw.normal).astype(np.float32),
     )
 
 

@@ -16,6 +16,7 @@ from relight.transport.integrate import integrate, require_at_least
 from relight.transport.raycaster import RayCaster
 from relight.transport.surface import sample_albedo
 
+MIN_COSINE = 0.2  # between a normal of the file and that of the faces around the vertex
 MIN_EXTENT = 1e-6  # units; single precision is enough for meshes of at least this extent
 
 
@@ -28,7 +29,7 @@ class VertexTransport:
     Attributes:
         vertices: (V,3) float32.
         faces: (F,3) int32.
-        normals: (V,3) float32 unit normals.
+        normals: (V,3) float32 unit normals, of the file where they fit its faces.
         albedo: (V,3) float32, linear.
         transport: (V,K) float32, direct, without 1/pi, index l*l + l + m.
         bounced: (V,K,3) float32 transport of the light that other surfaces reflect, or None without bounces.
@@ -103,6 +104,10 @@ def bake_vertices(
     used, first_use = np.unique(mesh.faces.reshape(-1), return_index=True)
     face, corner = np.divmod(first_use, 3)
     normals = vertex_normals(mesh)[used].astype(np.float64)
+    if mesh.normal is not None:  # those of the file, unless they are zero or point away from the faces
+        given = mesh.normal[used].astype(np.float64)
+        fits = np.einsum("vx,vx->v", given, normals) > MIN_COSINE * np.linalg.norm(given, axis=1)
+        normals = np.where(fits[:, None], given, normals)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)  # to double precision
     points = np.asarray(mesh.vertices, np.float64)[used]
     transport, gathered = integrate(caster, points, normals, normals, rays, order, seed, radiosity)

@@ -67,15 +67,8 @@ def test_shaded_strength_blends_from_nothing():
     full, half = (shading.shaded(mesh, s) for s in (1.0, 0.5))
     np.testing.assert_allclose(half.color, 0.5 + 0.5 * full.color, atol=1e-6)
     assert half.info == {"name": "ball", "shading": 0.5} and mesh.color is None and "shading" not in mesh.info
-    tinted = Mesh(
-        mesh.vertices,
-        mesh.faces,
-        mesh.uv,
-        mesh.material,
-        mesh.materials,
-        np.full((*mesh.faces.shape, 3), 0.5),
-        mesh.info,
-    )
+    color = np.full((*mesh.faces.shape, 3), 0.5)
+    tinted = Mesh(mesh.vertices, mesh.faces, mesh.uv, mesh.material, mesh.materials, color, mesh.info)
     np.testing.assert_allclose(shading.shaded(tinted, 1.0).color, 0.5 * full.color, atol=1e-6)
 
 

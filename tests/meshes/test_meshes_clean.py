@@ -172,8 +172,9 @@ def test_inward_faces_are_flipped_with_their_uv(person, share):
 def test_linings_face_inward_and_an_open_scan_is_flipped(person, ellipsoid):
     vertices, faces = ellipsoid((0, 1, 0), (0.5, 0.9, 0.4), rings=30)
     cut = faces[vertices[faces][..., 1].min(axis=1) > 0.2]  # open at the feet
-    scan = with_faces(with_vertices(merged(person(), faces=np.zeros((0, 3), np.int32), uv=np.zeros((0, 3, 2)),
-                                           material=np.zeros(0, np.int16), color=np.zeros((0, 3, 3))), vertices), cut[:, ::-1] + 2660)  # fmt: skip
+    nothing = {"uv": np.zeros((0, 3, 2)), "material": np.zeros(0, np.int16), "color": np.zeros((0, 3, 3))}
+    points = with_vertices(merged(person(), faces=np.zeros((0, 3), np.int32), **nothing), vertices)
+    scan = with_faces(points, cut[:, ::-1] + 2660)
     result = clean(scan, PLAIN)
     assert result.info["repairs"]["faces turned"] == len(cut)
     band = cut[(np.abs(vertices[cut][..., 1] - 1) < 0.15).all(axis=1)]

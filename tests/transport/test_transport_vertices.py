@@ -40,6 +40,39 @@ def test_balls():
     assert not baked.transport[-1].any() and np.isnan(baked.vertices[-1]).all()
 
 
+def separate_triangles():
+    """A ball whose faces have vertices of their own, with the smooth normals of the ball; three point inward."""
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    points = ball.triangles.reshape(-1, 3)
+    normals = points.copy()
+    normals[:3] *= -1
+    faces = np.arange(len(points)).reshape(-1, 3)
+    return trimesh.Trimesh(points, faces, vertex_normals=normals, process=False), points
+
+
+def test_normals_of_the_file_count(tmp_path):
+    """Else each vertex would have the normal of its one face, 4 degrees from that of the ball."""
+    mesh, points = separate_triangles()
+    (tmp_path / "ball.ply").write_bytes(trimesh.exchange.ply.export_ply(mesh, vertex_normal=True))
+    baked = bake_vertices(read_mesh(tmp_path / "ball.ply"), 64)
+    np.testing.assert_allclose(baked.normals[3:], points[3:], atol=1e-6)
+    np.testing.assert_allclose(baked.transport[3:], unoccluded(points[3:]), atol=0.02)  # facets hide some sky
+    assert (np.einsum("vx,vx->v", baked.normals[:3], points[:3]) > 0.99).all()  # those inward do not fit the face
+
+
+def test_normals_of_gltf_turn_with_their_node(tmp_path):
+    """Under a map M of the points, normals go with the transposed inverse of M; a mirrored node turns faces over."""
+    mesh, points = separate_triangles()
+    matrix = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3]) @ np.diag([-1, 2, 0.5, 1])
+    scene = trimesh.Scene()
+    scene.add_geometry(mesh, transform=matrix)
+    (tmp_path / "ball.glb").write_bytes(scene.export(file_type="glb", include_normals=True))
+    want = points @ np.linalg.inv(matrix[:3, :3])
+    want /= np.linalg.norm(want, axis=1, keepdims=True)
+    baked = bake_vertices(read_mesh(tmp_path / "ball.glb"), 1)
+    np.testing.assert_allclose(baked.normals[3:], want[3:], atol=1e-5)
+
+
 def test_albedo_is_the_vertex_s_own():
     mesh, _ = two_balls()
     color = np.random.default_rng(0).random((len(mesh.vertices), 3)).astype(np.float32)
