@@ -51,10 +51,13 @@ def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
         if side := flat_side(mesh):
             warnings.append(
                 f"its {side} side is flat, as a floor or a plinth, so its axes ({up} up, {front} to the front) may be "
-                "wrong: cut the floor off, or give them in align.table"
+                "wrong: cut the floor off, or give them (--up and --front, in a run align.table)"
             )
         if axes.certainty < MIN_CERTAINTY:
-            warnings.append(f"its front is a guess ({front} with {up} up): check it, and correct it in align.table")
+            warnings.append(
+                f"its front is a guess ({front} with {up} up): check it, and give the right one (--front, in a run "
+                "align.table)"
+            )
     rotation = rotation_about_y(np.radians(turn)) @ axes_rotation(up, front)
     vertices = mesh.vertices.astype(np.float64) @ rotation.T
     low, high = vertices.min(axis=0), vertices.max(axis=0)

@@ -107,6 +107,7 @@ def _read(gltf: Gltf) -> RawMesh:
         color=np.concatenate(colors) if any(part.color is not None for part in parts) else None,
         warnings=list(dict.fromkeys(notes)),
         normal=np.concatenate([part.normal for part in parts]),
+        axes={"up": "+y", "front": "+z"} if gltf.json["asset"].get("generator") == "relight" else None,
     )
 
 

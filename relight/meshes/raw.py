@@ -4,6 +4,7 @@ import io
 import warnings
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +31,7 @@ class RawMesh:
         color: (F,3,3) linear, per corner, or None.
         warnings: sentences for the report.
         normal: (V,3), zeros where the file has none, or None.
+        axes: `up` and `front`, such as "+y", of a file that tells them.
     """
 
     vertices: np.ndarray
@@ -40,6 +42,7 @@ class RawMesh:
     color: np.ndarray | None = None
     warnings: list[str] = field(default_factory=list)
     normal: np.ndarray | None = None
+    axes: dict[str, str] | None = None
 
 
 def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
@@ -82,7 +85,9 @@ def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
         raise UserError(f"{path}: all vertices lie at one point")
     centre = (lowest + highest) / 2
     warnings = [*raw.warnings, *_colorless(raw), *_rounding(vertices, size)]
-    info = {"name": path.stem, "source": path.name, "warnings": warnings}
+    info: dict[str, Any] = {"name": path.stem, "source": path.name, "warnings": warnings}
+    if raw.axes:
+        info["axes"] = raw.axes
     if np.abs(centre).max() > 1000 * size:  # float32 would leave under 14 bits for the figure itself
         vertices = vertices - centre
         info["origin"] = centre.tolist()

@@ -72,9 +72,13 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     for longer in (with_folders, with_hash):
         counts = Counter(name.lower() for name in names.values())  # some file systems do not distinguish a and A
         names = {path: name if counts[name.lower()] == 1 else longer[path] for path, name in names.items()}
-    scans = {name: Scan(path, _subject(relative[path], name)) for path, name in names.items()}
-    if len(scans) < len(files):
-        raise UserError(f"figures.folder: two scans in {folder} would have one name, hashes and all; rename one")
+    scans: dict[str, Scan] = {}
+    for path, name in names.items():
+        if name in scans:
+            raise UserError(
+                f"{scans[name].path} and {path} have one name, as one scan in two formats: keep one of them"
+            )
+        scans[name] = Scan(path, _subject(relative[path], name))
     return dict(sorted(scans.items()))
 
 

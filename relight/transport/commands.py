@@ -74,6 +74,17 @@ def bake(
     if not 0 <= padding < 0.5:
         raise UserError(f"--padding {padding}: must be a share of the image's height, from 0 to under 0.5")
 
+    per_vertex = any(target.suffix.lower() in (".ply", ".npz") for target in targets)
+    per_pixel = any(target.suffix.lower() in (".exr", ".png") for target in targets)
+    alignment = {"--up": up != "auto", "--front": front != "auto", "--padding": padding != 0.05}
+    views = {"--yaw": yaw != 0, "--pitch": pitch != 0, "--focal": focal is not None}
+    pictures = {"--size": size != 1024, "--supersample": supersample != 1}
+    for option in [name for name, is_given in (alignment | views | pictures).items() if is_given]:
+        if not per_pixel:
+            raise UserError(f"{option} is for maps, and transport per vertex is all that --out names: omit it")
+        if as_is and option in alignment:
+            raise UserError(f"{option} aligns the mesh, which --as-is leaves as it is: omit one of them")
+
     from relight.meshes import read_mesh
     from relight.meshes.axes import AXES
     from relight.meshes.cleaning import count_opposed_faces
@@ -88,12 +99,11 @@ def bake(
     for note in source.info.get("warnings", []):
         typer.echo(f"{mesh.name}: {note}", err=True)
     start = time.monotonic()
-    per_vertex = any(target.suffix.lower() in (".ply", ".npz") for target in targets)
     if (as_is or per_vertex) and (count := count_opposed_faces(source)):
         advice = "remove them, since baking per vertex does not repair" if per_vertex else "omit --as-is to repair them"
         note = f"{count} faces coincide with faces of opposite orientation, so vertex normals cancel; {advice}"
         typer.echo(f"{mesh.name}: {note}", err=True)
-    if any(target.suffix.lower() in (".exr", ".png") for target in targets):
+    if per_pixel:
         from relight.maps import write_maps, write_maps_picture
         from relight.transport.baker import bake as bake_maps
 

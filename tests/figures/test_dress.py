@@ -388,6 +388,7 @@ def test_export_glb_holds_its_licence_and_each_texture_once(tmp_path):
     assert root["name"] == "g7" and root["extras"] == info
     assert [document["nodes"][child]["name"] for child in root["children"]] == ["left", "right", "part 2"]
     read = read_mesh(tmp_path / "f.glb")
+    assert read.info["axes"] == {"up": "+y", "front": "+z"}  # need not be found
     assert [material.name for material in read.materials] == ["left", "right", ""]
     assert [(material.roughness, material.specular) for material in read.materials] == [(0.25, 0.5), (1, 0), (1, 0)]
 

@@ -153,6 +153,12 @@ def test_any_legal_file_name_gives_a_name_that_passes_through_the_workflow(stems
                 temporary.write_bytes(b"x")
 
 
+def test_one_name_in_two_formats_is_refused(tmp_path):
+    touch(tmp_path, "eve.obj", "eve.ply")
+    with pytest.raises(UserError, match=r"eve\.obj and .*eve\.ply have one name.*keep one"):
+        list_scans(tmp_path)
+
+
 def test_a_file_that_the_workflow_cannot_name_is_left_out_with_a_line(tmp_path, capsys, monkeypatch):
     from relight.config import composed
     from relight.stages.scan import main
