@@ -115,6 +115,23 @@ def test_the_built_in_mask(wheel):
         find_mask(Photo(pixels // 8, None, "dark"))
 
 
+@pytest.mark.parametrize(("size", "count"), [((300, 400), 1), ((300, 401), 2), ((200, 900), 6), ((900, 200), 1)])
+def test_a_wide_photo_is_seen_in_windows(monkeypatch, size, count):
+    """The network misses people who are squeezed: no window is wider than 4:3, and the parts make up the whole."""
+    seen = []
+
+    def columns(pixels, box):
+        seen.append(box)
+        edges = np.linspace(box[0], box[2], selfie.SIDE + 1)
+        return np.tile(((edges[1:] + edges[:-1]) / 2 / size[1]).astype(np.float32), (selfie.SIDE, 1))
+
+    monkeypatch.setattr(selfie, "predict", columns)
+    found = selfie.predict_wide(np.zeros((*size, 3), np.uint8), (0, 0, size[1], size[0]))
+    assert len(seen) == count and all(right - left <= 4 / 3 * (low - top) + 0.5 for left, top, right, low in seen)
+    assert (seen[0][0], seen[-1][2]) == (0, size[1])
+    np.testing.assert_allclose(found, np.tile((np.arange(found.shape[1]) + 0.5) / found.shape[1], (256, 1)), atol=3e-3)
+
+
 def test_edges_are_the_photos():
     """A mask that is blurred and a pixel off comes to the photo's edge; where there is none it stays."""
     pixels, figure = scene()

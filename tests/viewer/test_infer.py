@@ -228,13 +228,14 @@ def test_resampling_is_pillows(name, size):
     assert (integers.reshape(size[::-1]) == rounded).mean() > 0.99
 
 
-def test_the_mask_is_that_of_python_whatever_the_network_says(monkeypatch):
-    """A network that takes what is redder than blue for people; a second, smaller part is dropped."""
-    y, x = np.mgrid[:110, :150]
-    redness = np.maximum(1 - np.hypot((x - 60) / 30, (y - 60) / 45), 0) + np.maximum(
-        0.3 - np.hypot(x - 140, y - 9) / 15, 0
-    )
-    noise = np.random.default_rng(3).normal(0, 6, (110, 150, 3))
+@pytest.mark.parametrize("width", [150, 421])
+def test_the_mask_is_that_of_python_whatever_the_network_says(monkeypatch, width):
+    """A network that takes what is redder than blue for people; a small part is dropped. Two people in a wide photo."""
+    y, x = np.mgrid[:110, :width]
+    redness = np.maximum(0.3 - np.hypot(x - 140, y - 9) / 15, 0)
+    for middle in (60, 350):
+        redness += np.maximum(1 - np.hypot((x - middle) / 30, (y - 60) / 45), 0)
+    noise = np.random.default_rng(3).normal(0, 6, (110, width, 3))
     pixels = (90 + noise + 150 * redness[..., None].clip(0, 0.5) * [1, 0, -1]).clip(0, 255).astype(np.uint8)
 
     class Redness:
@@ -252,11 +253,12 @@ def test_the_mask_is_that_of_python_whatever_the_network_says(monkeypatch):
         await ask("start", { network: 1, mask: 2 });
         return ask("mask", { photo });
         };""",
-        {"pixels": np.dstack([pixels, pixels[..., :1]]).ravel().tolist(), "width": 150, "height": 110},
+        {"pixels": np.dstack([pixels, pixels[..., :1]]).ravel().tolist(), "width": width, "height": 110},
         REDNESS,
     ).reshape(expected.shape)
     assert (expected != selfie.segment(pixels)).sum() > 100
-    assert (expected > 128).sum() > 1000 and (expected[:20, 130:] < 128).all()
+    assert (expected > 128).sum() > 1000 and (expected[:20, 130:200] < 128).all()
+    assert ((expected[:, 200:] > 128).sum() > 1000) == (width > 200)
     assert np.abs(found.astype(int) - expected).max() <= 2
 
 

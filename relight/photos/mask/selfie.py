@@ -6,6 +6,7 @@ mediapipe itself is not needed.
 """
 
 import hashlib
+import math
 import subprocess
 import sys
 import tempfile
@@ -30,6 +31,7 @@ MEMBER = "mediapipe/modules/selfie_segmentation/selfie_segmentation.tflite"
 LICENSE = f"{PACKAGE}-{VERSION}.dist-info/LICENSE"
 SHA256 = "9ee168ec7c8f2a16c56fe8e1cfbc514974cbbb7e434051b455635f1bd1462f5c"
 SIDE = 256  # pixels that the network sees
+WIDEST = 4 / 3  # width over height of what it sees at a time: people who are squeezed further are missed
 PASSES = 3  # of the network: over the whole photo, then over the box of the figure found so far
 MARGIN = 0.06  # around that box, as a share of the figure's height
 SHARE = 0.05  # of the largest part's area: smaller parts are dropped,
@@ -123,13 +125,39 @@ def segment_coarsely(pixels: np.ndarray) -> np.ndarray:
     box = (0, 0, width, height)
     for _ in range(PASSES):
         size = box[2] - box[0], box[3] - box[1]
-        part = Image.fromarray(drop_small_parts(predict(pixels, box)))
+        part = Image.fromarray(drop_small_parts(predict_wide(pixels, box)))
         found[:] = 0
         found[box[1] : box[3], box[0] : box[2]] = np.asarray(part.resize(size, Image.Resampling.BICUBIC)).clip(0, 1)
         if not (found > 0.5).any():
             break
         box = box_around(found)
     return found
+
+
+def predict_wide(pixels: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
+    """Runs the network on a part of a photo of any width, such as a group: in windows that overlap by half at least.
+
+    Args:
+        pixels: (H,W,3) uint8 sRGB.
+        box: the part's left, upper, right and lower edge, pixels.
+
+    Returns:
+        The mask (SIDE,columns) float32 in [0,1], in which windows are blended; a window has SIDE columns.
+    """
+    left, upper, right, lower = box
+    width, window = right - left, min(right - left, int(WIDEST * (lower - upper) + 0.5))
+    if window == width:
+        return predict(pixels, box)
+    total = np.zeros((2, SIDE, int(width * SIDE / window + 0.5)), np.float32)  # of weighted masks, and of weights
+    weight = np.minimum(np.arange(1, SIDE + 1), np.arange(SIDE, 0, -1))  # people are cut at a window's edge
+    last = width - window
+    count = 1 + math.ceil(last / (window / 2))
+    for n in range(count):
+        start = last * n / (count - 1)
+        first, column = left + int(start + 0.5), int(start * SIDE / window + 0.5)
+        mask = predict(pixels, (first, upper, first + window, lower))
+        total[:, :, column : column + SIDE] += np.stack([weight * mask, np.broadcast_to(weight, mask.shape)])
+    return total[0] / total[1]
 
 
 def predict(pixels: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
@@ -149,7 +177,7 @@ def predict(pixels: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
 
 
 def drop_small_parts(found: np.ndarray) -> np.ndarray:
-    """Removes the parts of a mask (SIDE,SIDE) in [0,1] that are small and far from the largest one (SHARE, NEAR)."""
+    """Removes the parts of a mask (SIDE,columns) in [0,1] that are small and far from the largest one (SHARE, NEAR)."""
     labels, count = label(found > 0.5)
     if count < 2:
         return found

@@ -4,6 +4,7 @@ import { means } from "./filters.js";
 import { label, extent, nearest } from "./regions.js";
 import { bicubic, bilinear, box, resample } from "../page/resample.js";
 
+const WIDEST = 4 / 3; // width over height of what the network sees at a time
 const SIDE = 256, PASSES = 3, MARGIN = 0.06; // of the network; its runs; around the figure, of its height
 const SHARE = 0.05, NEAR = 0.01; // parts smaller than this of the largest, and farther from one kept, are dropped
 const DETAIL = 900, WINDOW = 1 / 90, SMOOTH = 1e-4, STEEP = 1.6, BAND = 1 / 250; // of the edge's fit to the photo
@@ -29,14 +30,32 @@ function predict(planes, width, part, run) {
   return run(image);
 }
 
+// The same about a part of any width, SIDE rows high, blended from windows that overlap.
+async function predictWide(planes, width, [left, top, right, bottom], run) {
+  const wide = right - left, window = Math.min(wide, Math.floor(WIDEST * (bottom - top) + 0.5));
+  if (window === wide) return predict(planes, width, [left, top, right, bottom], run);
+  const columns = Math.floor((wide * SIDE) / window + 0.5), total = new Float32Array(SIDE * columns), weights = new Float32Array(columns);
+  const last = wide - window, count = 1 + Math.ceil(last / (window / 2));
+  for (let n = 0; n < count; n++) {
+    const start = (last * n) / (count - 1), first = left + Math.floor(start + 0.5), column = Math.floor((start * SIDE) / window + 0.5);
+    const mask = await predict(planes, width, [first, top, first + window, bottom], run);
+    for (let x = 0; x < SIDE; x++) {
+      const weight = Math.min(x + 1, SIDE - x);
+      weights[column + x] += weight;
+      for (let y = 0; y < SIDE; y++) total[y * columns + column + x] += weight * mask[y * SIDE + x];
+    }
+  }
+  return total.map((value, i) => value / weights[i % columns]);
+}
+
 const solid = (plane) => Uint8Array.from(plane, (value) => (value > 0.5 ? 1 : 0));
 
-// `found`, SIDE x SIDE, without the parts that are small beside the largest and lie apart.
+// `found`, SIDE rows high, without the parts that are small beside the largest and lie apart.
 function dropSmallParts(found) {
-  const { labels, areas } = label(solid(found), SIDE), largest = Math.max(...areas);
+  const width = found.length / SIDE, { labels, areas } = label(solid(found), width), largest = Math.max(...areas);
   if (areas.length < 3) return found;
-  const closest = nearest(labels.map((n) => (n && areas[n] >= SHARE * largest ? 1 : 0)), SIDE);
-  const x = (i) => i % SIDE, y = (i) => Math.floor(i / SIDE);
+  const closest = nearest(labels.map((n) => (n && areas[n] >= SHARE * largest ? 1 : 0)), width);
+  const x = (i) => i % width, y = (i) => Math.floor(i / width);
   return found.map((value, i) => (Math.hypot(x(i) - x(closest[i]), y(i) - y(closest[i])) <= NEAR * SIDE ? value : 0));
 }
 
@@ -93,9 +112,9 @@ async function findPeople({ pixels, width, height }, run) {
   const found = new Float32Array(width * height);
   let part = [0, 0, width, height];
   for (let n = 0; n < PASSES && part; n++) {
-    const size = [part[2] - part[0], part[3] - part[1]], seen = dropSmallParts(await predict(planes, width, part, run));
+    const size = [part[2] - part[0], part[3] - part[1]], seen = dropSmallParts(await predictWide(planes, width, part, run));
     found.fill(0);
-    paste(found, width, resample(seen, SIDE, size, bicubic).map((value) => Math.min(Math.max(value, 0), 1)), part);
+    paste(found, width, resample(seen, seen.length / SIDE, size, bicubic).map((value) => Math.min(Math.max(value, 0), 1)), part);
     part = boxAround(found, width);
   }
   if (part) {
