@@ -61,11 +61,15 @@ class Light:
             UserError: if the mean radiance is not positive.
         """
         brightness = float(reference_brightness(self.coefficients))
+        self.require_shining()
         mean = float(self.coefficients[0].max()) * UNOCCLUDED_T00  # irradiance, over all normals
-        if mean <= 0:
-            raise UserError(f"{self.source} is black: the mean radiance of a light must be positive")
         scale = target / max(brightness, MIN_FRONT * mean)
         return replace(self, coefficients=self.coefficients * scale)
+
+    def require_shining(self) -> None:
+        """Raises UserError if the mean radiance is not positive."""
+        if not self.coefficients[0].max() > 0:
+            raise UserError(f"{self.source} is black: the mean radiance of a light must be positive")
 
     def at_order(self, order: int) -> "Light":
         """Returns the light truncated, or padded with zeros, to `order`."""
@@ -75,7 +79,12 @@ class Light:
         return replace(self, coefficients=coefficients)
 
     def checked(self) -> "Light":
-        """Returns the light, with a note if no non-negative radiance has its coefficients (`moment_eigenvalue`)."""
+        """Returns the light, with a note if no non-negative radiance has its coefficients (`moment_eigenvalue`).
+
+        Raises:
+            UserError: if its mean radiance is not positive.
+        """
+        self.require_shining()
         if moment_eigenvalue(self.coefficients) >= MIN_EIGENVALUE:
             return self
         note = (

@@ -31,6 +31,7 @@ from relight.photos.place import PREFIX, default_light
 from relight.photos.read import Photo, as_codes, is_picture
 from relight.photos.trust import Trust, assess
 from relight.sh import deringed, rotate_y
+from relight.sh.conventions import as_table
 
 WEIGHTS = Path(__file__).parent.parent / "weights" / "photo.onnx"
 MODES = ("ratio", "full")
@@ -179,7 +180,7 @@ class Relighter:
         self,
         image: Picture,
         mask: Picture | None = None,
-        light: np.ndarray | str = AUTO,
+        light: Light | np.ndarray | str = AUTO,
         mode: str = "ratio",
         background: Background | str = "keep",
         turn: float = 0.0,
@@ -193,9 +194,9 @@ class Relighter:
             image: (H,W,3) uint8 or uint16 sRGB, an image of Pillow, or a file.
             mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1]; an image of Pillow, or a file. By default the file
                 beside the photo, its alpha, or an automatic mask.
-            light: (K,3) radiance coefficients (docs/conventions.md), a text for `read_light`, or `auto`: the light of
-                the place in the background if this is a picture file, else a warm lamp from the darker side
-                (`opposite_lamp`).
+            light: a light, its (K,3) radiance coefficients (docs/conventions.md), a text for `read_light`, or `auto`:
+                the light of the place in the background if this is a picture file, else a warm lamp from the darker
+                side (`opposite_lamp`).
             mode: `ratio` keeps all detail of the photo, `full` is albedo * shading.
             background: "keep", "transparent", "panorama", a color or a picture file; or a `Background`.
             turn: of the light about the vertical axis, its front toward +x, degrees.
@@ -217,11 +218,14 @@ class Relighter:
         if isinstance(light, str) and light == AUTO and isinstance(background, str):
             light = default_light(background)
         background = read_background(background) if isinstance(background, str) else background
-        if not isinstance(light, np.ndarray):
+        if isinstance(light, np.ndarray):
+            light = Light(as_table(light, "the light"), "the light").checked()
+        elif not isinstance(light, Light):
             name = opposite_lamp(people) if light == AUTO else str(light)
-            light = self.read_light(name, white_balance=white_balance).coefficients
-        light, background = match_exposure(people, light.astype(np.float32), background, match)
-        turned = rotate_y(light, np.radians(turn)).astype(np.float32)
+            light = self.read_light(name, white_balance=white_balance)
+        coefficients = light.at_order(self.order).coefficients.astype(np.float32)
+        coefficients, background = match_exposure(people, coefficients, background, match)
+        turned = rotate_y(coefficients, np.radians(turn)).astype(np.float32)
         relit = render(photo.pixels, people, turned, mode, background, np.radians(turn), stops)
         return RelitPhoto.of(relit, photo.pixels)
 

@@ -371,12 +371,16 @@ def mask_draw(
     mask_model: MaskModel = None,
 ) -> None:
     """Write the automatic mask of a photo, to correct in a paint program. `relight photo` finds it beside the photo."""
+    from relight.errors import UserError
     from relight.files import writable_file
     from relight.photos.mask.find import automatic_mask
     from relight.photos.read import read_photo
     from relight.photos.write import write_picture
 
-    out = writable_file(out or path.with_name(f"{path.stem}_mask.png"), "--out")
+    default = path.with_name(f"{path.stem}_mask.png")
+    if out is None and default.exists():  # it may have been corrected
+        raise UserError(f"{default} exists: delete it for a new one, or give --out FILE")
+    out = writable_file(out or default, "--out")
     write_picture(out, automatic_mask(read_photo(path), mask_model))
     print(out)
 

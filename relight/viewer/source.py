@@ -53,9 +53,6 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
     """
     texts_by_name = {Path(text).stem if Path(text).is_file() else text: text for text in texts} or LIGHTS
     lights = {name: load_light(text).coefficients for name, text in texts_by_name.items()}
-    for name, light in lights.items():
-        if not light[0].max() > 0:
-            raise UserError(f"light '{name}' is black; one that shines would be right")
     first = next(iter(lights.values()))
     front, level = reference_brightness(first), first[0].sum()  # level: mean radiance, up to a factor
     comes_from_behind = front <= MIN_FRONT * level

@@ -161,6 +161,8 @@ def test_normalised_scales_the_front_to_the_target_and_limits_back_lit_lights():
     assert irradiance(behind.coefficients, np.eye(3)).max() < 4
     with pytest.raises(UserError, match="is black"):
         Light(np.zeros((9, 3)), "nothing").normalised()
+    with pytest.raises(UserError, match="is black"):
+        load_light("key:#000000@0,0,0")
 
 
 def angular_map_of_the_paper(coefficients, n=600):
@@ -209,7 +211,7 @@ def test_the_command_prints_writes_and_draws(tmp_path):
     assert run(app, ["--help"]).exit_code == 0
 
 
-ROWS = [[round(0.1 * row - 0.2 * column, 2) for column in range(3)] for row in range(9)]
+ROWS = [[round(0.5 - 0.1 * row + 0.2 * column, 2) for column in range(3)] for row in range(9)]
 # what a table of coefficients may look like
 TABLES = {
     "blanks": "\n".join(" ".join(map(str, row)) for row in ROWS).encode(),

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from relight.errors import UserError
+from relight.lights import load_light
 from relight.photos.compose.background import Background
 from relight.photos.load import load_photo
 from relight.photos.read import Photo
@@ -51,6 +52,20 @@ def test_what_is_wrong_is_said(relighter, photo_files):
     ):
         with pytest.raises(UserError, match=says):
             relighter.relight(image, coverage, LIGHT)
+
+
+def test_a_light_may_be_an_object_and_must_shine(relighter, photo_files):
+    me, mask, *_ = photo_files
+    light = load_light("room:7", order=3)
+    expected = relighter.relight(me, mask, light.coefficients[:9])
+    np.testing.assert_array_equal(relighter.relight(me, mask, light), expected)
+    for wrong, says in (
+        (np.full((9, 3), np.nan), "the light .*finite"),
+        (np.zeros((9, 3)), "the light is black"),
+        (np.ones((5, 3)), r"the light has the shape \(5, 3\)"),
+    ):
+        with pytest.raises(UserError, match=says):
+            relighter.relight(me, mask, wrong)
 
 
 def test_white_balance(relighter, photo_files):

@@ -242,7 +242,7 @@ def test_photo_writes_the_photo_beside_the_result(photo_files, weights, tmp_path
 def test_opposite_lamp_is_on_the_side_from_which_no_light_comes(relighter, draw):
     pixels, mask = draw()
     person = relighter.infer(pixels, mask)[0]
-    for x, side in ((0.5, -80), (-0.5, 80)):
+    for x, side in ((0.5, -65), (-0.5, 65)):
         light = np.zeros((9, 3), np.float32)
         light[0], light[3] = 1, x
         assert opposite_lamp([replace(person, light=light)]) == f"key:#ffb070@{side},20,0.08"

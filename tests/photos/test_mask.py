@@ -160,10 +160,14 @@ def test_photo_without_a_mask(run, wheel, weights, tmp_path):
     drawn = np.asarray(Image.open(tmp_path / "me_mask.png"))
     assert np.array_equal(drawn, alpha)
     assert "hands, hats" not in run(*words)
+    Image.fromarray(alpha // 2).save(tmp_path / "me_mask.png")  # by a paint program
+    with pytest.raises(UserError, match=r"me_mask\.png exists: delete it"):
+        run("mask", "draw", tmp_path / "me.png")
+    assert np.array_equal(np.asarray(Image.open(tmp_path / "me_mask.png")), alpha // 2)
     selfie.network_file().write_bytes(b"cut short")
     selfie.load_network.cache_clear()
     with pytest.raises(UserError, match="is damaged: run `relight mask setup` again"):
-        run("mask", "draw", tmp_path / "me.png")
+        run("mask", "draw", tmp_path / "me.png", "--out", tmp_path / "b.png")
 
 
 @pytest.mark.parametrize("answer", ["y", "", "n"])
