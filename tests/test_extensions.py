@@ -41,6 +41,13 @@ save_network(Path("mine.safetensors"), network, settings.model)
 again = load_network(Path("mine.safetensors"))[0]
 assert type(again).__name__ == "network" and torch.equal(again.maps.weight, network.maps.weight)
 
+import numpy as np
+from relight.learning.export import export
+from relight.learning.predict import predict
+maps = predict(again, np.ones((64, 64, 3)), np.ones((64, 64)))
+assert (maps["light"] == 1).all() and maps["albedo"].shape == (64, 64, 3)
+assert export(again, Path("mine.onnx"), {"train": {"color": "photo"}}) < 1e-4
+
 light = load_light("mine:2.5", order=1).coefficients
 assert light.shape == (4, 3) and (light[0] == 2.5).all() and not light[1:].any()
 assert settings.loss.extra == {"mine": 0.5}

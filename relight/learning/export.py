@@ -164,7 +164,7 @@ def export(network: Network, path: Path | str, config: dict[str, Any]) -> float:
         The largest difference from torch at batches and sizes that the export has not seen.
 
     Raises:
-        UserError: for another suffix, or a missing package.
+        UserError: for another suffix, a missing package, or a network that torch cannot export for any batch and size.
     """
     path = Path(path)
     if path.suffix != ".onnx":
@@ -177,7 +177,14 @@ def export(network: Network, path: Path | str, config: dict[str, Any]) -> float:
         warnings.simplefilter("ignore")  # the exporters' own, about their internals
         from onnxscript.optimizer import fold_constants, remove_unused_nodes
 
-        program = torch.export.export(graph, inputs, dynamic_shapes=(shape, shape))
+        try:
+            program = torch.export.export(graph, inputs, dynamic_shapes=(shape, shape))
+        except RuntimeError as error:
+            reason = str(error).strip().split("\n")[0]
+            raise UserError(
+                f"this network cannot be exported for any batch and size ({reason}): its code must take numbers from "
+                "shapes as x.shape[0], not as len(x)"
+            ) from None
         logging.getLogger("torch.onnx").setLevel(logging.ERROR)
         onnx = torch.onnx.export(
             program, input_names=INPUTS, output_names=OUTPUTS, dynamo=True, optimize=False, verbose=False

@@ -47,7 +47,8 @@ def predict(network: Network, image: np.ndarray, mask: np.ndarray, mirrored: boo
             if "normal" in maps:
                 maps["normal"] = F.normalize(maps["normal"], dim=-1)
         maps["shading"] = shade(maps["transport"].flatten(1, 2), maps["light"]).view(image.shape)
-    return {name: tensor.cpu().numpy() for name, tensor in maps.items()}
+    # A parameter itself, or a view of one, requires gradients even there.
+    return {name: tensor.detach().cpu().numpy() for name, tensor in maps.items()}
 
 
 def _maps(network: Network, image: Tensor, inside: Tensor) -> dict[str, Tensor]:
