@@ -19,7 +19,7 @@ from omegaconf import OmegaConf
 
 from relight.config import ROOT, Experiment, check_name, composed
 from relight.errors import UserError
-from relight.files import atomic_write, remove_folder
+from relight.files import atomic_write, existing_file, remove_folder
 from relight.processes import end_with_parent, git
 from relight.rows import RowSettings
 from relight.training_name import TrainingName
@@ -90,6 +90,8 @@ class Plan:
         inputs = [scan.path for scan in self.scans.values()]
         inputs += [path for figure in self.captures for path in self.capture_files(figure)]
         inputs += [*map(Path, self.table), *map(Path, self.panoramas)]
+        tables = {"align.table": self.cfg.align.table, "lights.veto": self.cfg.lights.veto}
+        inputs += [existing_file(path, key) for key, path in tables.items() if path]
         if "benchmark" in self.experiments:
             inputs.append(self.benchmark_index)
         limit = time.time() + MAX_CLOCK_SKEW
@@ -119,6 +121,15 @@ class Plan:
     def _check_rows(self) -> None:
         """Checks the settings of all rows, and that those of a table can be compared with its baselines."""
         self.row_settings.compose_all()
+        for row in self.rows:
+            settings = self.row_settings.of(row)
+            if (start := settings["train"]["start"]) and start not in self.rows:
+                existing_file(start, f"row {row}: train.start")
+            if settings["model"]["order"] > self.cfg.bake.order:
+                raise UserError(
+                    f"row {row} has model.order={settings['model']['order']}, and the maps have bake.order="
+                    f"{self.cfg.bake.order}: give a bake.order as high"
+                )
         for row in dict.fromkeys(row for name in self.tables for row in self.experiments[name].rows):
             train = self.row_settings.of(row)["train"]
             if train["color"] != self.cfg.train.color:

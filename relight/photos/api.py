@@ -25,7 +25,7 @@ from relight.photos.infer import (
     mean_light,
     opposite_lamp,
 )
-from relight.photos.load import LoadedPhoto, Picture, load_photo
+from relight.photos.load import LoadedPhoto, Picture, load_photo, photo_notes
 from relight.photos.mask.find import split_people
 from relight.photos.place import PREFIX, default_light
 from relight.photos.read import Photo, as_codes, is_picture
@@ -171,8 +171,10 @@ class Relighter:
             UserError: if it is no light.
         """
         if is_picture(text) and not text.startswith(PREFIX):
-            people = self.infer(load_photo(text, mask, mask_model), white_balance=white_balance)
-            return Light(mean_light(people), text)
+            photo = load_photo(text, mask, mask_model)
+            people = self.infer(photo, white_balance=white_balance)
+            notes = [f"{Path(text).name}: {note}" for note in photo_notes(photo, people)]
+            return Light(mean_light(people), text, notes=notes)
         light = load_light(text, self.order, **options)
         return replace(light, coefficients=deringed(light.coefficients).astype(np.float32))
 

@@ -291,8 +291,8 @@ def transfer(
         stops=stops,
         mask_model=_text(mask_model),
     )
-    for path in swap_lights(load(weights), (first, second), (first_mask, second_mask), out, options):
-        print(path)
+    paths, notes = swap_lights(load(weights), (first, second), (first_mask, second_mask), out, options)
+    print("\n".join([*map(str, paths), *(f"note: {note}" for note in notes)]))
 
 
 @app.command()
@@ -330,8 +330,8 @@ def movie(
     from relight.photos.api import load
     from relight.photos.movie import write_movie
 
-    write_movie(load(weights), path, mask, out, options, seconds, fps, turns, size)
-    print(out)
+    notes = write_movie(load(weights), path, mask, out, options, seconds, fps, turns, size)
+    print("\n".join([str(out), *(f"note: {note}" for note in notes)]))
 
 
 @app.command()

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from relight import __version__
 from relight.errors import UserError
 from relight.files import writable_folder
-from relight.photos.mask.find import automatic_model
+from relight.photos.mask.find import AUTOMATIC, automatic_model
 from relight.photos.photo import Options, relight_file
 from relight.photos.place import split_place
 from relight.photos.read import list_photos, mask_beside, mask_in
@@ -37,15 +37,18 @@ class Summary:
         done: names of those that were relit.
         kept: names of those whose results were up to date.
         failed: reasons by name.
+        notes: on the photos and masks of those that were relit now, by name.
     """
 
     done: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
+    notes: dict[str, list[str]] = field(default_factory=dict)
 
     def __str__(self) -> str:
         lines = [f"{len(self.done)} relit, {len(self.kept)} already there, {len(self.failed)} failed"]
-        return "\n".join(lines + [f"  {name}: {reason}" for name, reason in self.failed.items()])
+        lines += [f"  {name}: {reason}" for name, reason in self.failed.items()]
+        return "\n".join(lines + [f"note: {name}: {note}" for name, notes in self.notes.items() for note in notes])
 
 
 def relight_folder(
@@ -95,6 +98,9 @@ def relight_folder(
     for name, reason in progress(_run(tasks, jobs, options, weights), "photos", total=len(tasks)):
         if reason is None:
             summary.done.append(name)
+            record = json.loads((Path(out) / name / RECORD).read_text())
+            notes = [*record["notes"], *record["mask"]["notes"]]
+            summary.notes[name] = [note for note in notes if note != AUTOMATIC]  # which would hold for most
         else:
             summary.failed[name] = reason
     return summary

@@ -1,7 +1,9 @@
 """A photo with its mask, however they are given: read once, before anything else is done."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
@@ -10,8 +12,11 @@ from relight.crop import MASK_THRESHOLD
 from relight.errors import UserError
 from relight.photos.mask.coverage import coverage_of
 from relight.photos.mask.edge import fit_edge
-from relight.photos.mask.find import find_mask
+from relight.photos.mask.find import AUTOMATIC, find_mask, mask_warnings
 from relight.photos.read import Photo, as_codes, mask_beside, mask_from_image, photo_from_image, read_photo
+
+if TYPE_CHECKING:
+    from relight.photos.infer import Person
 
 Picture = np.ndarray | Image.Image | Path | str
 
@@ -113,3 +118,13 @@ def _checked_mask(mask: np.ndarray | Image.Image, shape: tuple[int, ...]) -> np.
     if shape != coverage.shape:
         raise UserError(f"the mask is {coverage.shape[::-1]} pixels, the image {shape[::-1]}: they must be equal")
     return coverage
+
+
+def photo_notes(photo: LoadedPhoto, people: Sequence["Person"]) -> list[str]:
+    """Returns what a user should know about a photo and its mask, one sentence each."""
+    return [*photo.notes, *mask_notes(photo, people)]
+
+
+def mask_notes(photo: LoadedPhoto, people: Sequence["Person"]) -> list[str]:
+    """Returns what a user should know about the mask of a photo, one sentence each."""
+    return mask_warnings(people) + [AUTOMATIC] * photo.automatic

@@ -21,7 +21,7 @@ from relight.photos.compose.background import Background
 from relight.photos.compose.color import to_srgb8
 from relight.photos.compose.render import compose, fit_maps, ground_of, render, split_layers
 from relight.photos.infer import Person, balanced, opposite_lamp
-from relight.photos.load import LoadedPhoto, load_photo
+from relight.photos.load import LoadedPhoto, load_photo, photo_notes
 from relight.photos.mask.edge import fit_edge
 from relight.photos.photo import Options
 from relight.photos.read import Photo, list_photos, list_pictures, mask_beside, mask_in
@@ -45,7 +45,7 @@ def write_movie(
     fps: float | None = None,
     turns: float | None = None,
     size: int = 1080,
-) -> None:
+) -> list[str]:
     """Writes the movie of a photo or of a clip, and shows its progress.
 
     Args:
@@ -60,6 +60,9 @@ def write_movie(
         turns: of the light; by default 1 for a photo and 0 for a clip.
         size: the longer side is scaled down to it, pixels.
 
+    Returns:
+        Notes on a photo and its mask.
+
     Raises:
         UserError: if an input is wrong or the file cannot be written.
     """
@@ -69,7 +72,7 @@ def write_movie(
         turns = 0.0 if turns is None else turns
         frames, count, clip_fps = relight_clip(relighter, path, mask, light, options, size, turns)
         write_video(out, progress(frames, "frames", total=count), fps or clip_fps)
-        return
+        return []
     photo = load_photo(path, mask, options.mask_model).downscaled(size)
     pixels, people = photo.pixels, relighter.infer(photo, None, not options.together, options.white_balance)
     light = light or relighter.read_light(opposite_lamp(people))
@@ -78,6 +81,7 @@ def write_movie(
     count = max(1, round(seconds * fps))
     frames = turn_light(pixels, people, coefficients, options, background, count, 1.0 if turns is None else turns)
     write_video(out, progress(frames, "frames", total=count), fps)
+    return photo_notes(photo, people)
 
 
 def turn_light(

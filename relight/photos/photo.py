@@ -13,8 +13,7 @@ from relight.photos.compose.background import Background, read_background
 from relight.photos.compose.color import DISPLAY_STOPS, KNEE
 from relight.photos.compose.render import render
 from relight.photos.infer import AUTO, Person, mean_light, opposite_lamp
-from relight.photos.load import LoadedPhoto, load_photo
-from relight.photos.mask.find import AUTOMATIC, mask_warnings
+from relight.photos.load import LoadedPhoto, load_photo, mask_notes, photo_notes
 from relight.photos.place import default_light
 from relight.photos.write import (
     write_before_after,
@@ -170,7 +169,7 @@ def relight_file(
         "options": asdict(options),
         "shading_png": {"stops": DISPLAY_STOPS, "straight_to": KNEE},
         "light": {"name": light.source, "notes": light.notes},
-        "mask": {"automatic": photo.automatic, "notes": mask_warnings(people) + [AUTOMATIC] * photo.automatic},
+        "mask": {"automatic": photo.automatic, "notes": mask_notes(photo, people)},
         "people": [
             {
                 "square": [round(v, 2) for v in (p.crop.left, p.crop.top, p.crop.side)],
@@ -190,7 +189,7 @@ def swap_lights(
     masks: tuple[Path | None, Path | None],
     out: Path | str,
     options: Options,
-) -> list[Path]:
+) -> tuple[list[Path], list[str]]:
     """Relights each of two photos by the inferred light of the other, each in its own exposure.
 
     Args:
@@ -201,7 +200,7 @@ def swap_lights(
         options: of the command.
 
     Returns:
-        The paths of the two pictures.
+        The paths of the two pictures, and notes on the photos and their masks.
     """
     writable_folder(out, "--out")
     inferred = [options.infer(relighter, path, mask) for path, mask in zip(paths, masks)]
@@ -218,4 +217,4 @@ def swap_lights(
         write_picture(path, pixels)
     for light in lights:
         write_light_files(Path(out) / f"{light.source}_light", light.coefficients, f"inferred from {light.source}")
-    return list(relit)
+    return list(relit), [f"{photo.name}: {note}" for photo, people in inferred for note in photo_notes(photo, people)]

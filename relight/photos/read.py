@@ -205,7 +205,7 @@ def list_pictures(folder: Path | str) -> list[Path]:
         if (is_picture(path) or path.suffix.lower() == ".exr") and path.is_file() and not path.name.startswith(".")
     ]
     if not found:
-        raise UserError(f"folder {folder} holds no photo (.jpg, .png, .webp, .tif)")
+        raise UserError(f"folder {folder} holds no photo ({', '.join([*PHOTO_SUFFIXES, '.exr'])})")
     return sorted(found, key=lambda path: [int(part) if part.isdecimal() else part for part in NUMBER.split(path.name)])
 
 

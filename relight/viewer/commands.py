@@ -71,6 +71,8 @@ def view(
     most = int(limit * 1e6) if limit else None  # bytes
     build_gallery(out, figures, named_lights(light or ()), background, title or figures[0].title, most)
     typer.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
+    for note in (f"note: {figure.title}: {note}" for figure in figures for note in figure.notes):
+        typer.echo(note)
     if open_:
         typer.launch(out.resolve().as_uri())
 

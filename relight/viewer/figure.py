@@ -40,6 +40,7 @@ class Figure:
         photo_light: (9,3) radiance coefficients of the light of the photo, by which the mode `ratio` divides, or None.
         source: where the maps are from (the truth, a network). Figures of one title that differ in it are one in the
             page's list, with a second list of their sources.
+        notes: for the user, one sentence each; the page does not show them.
     """
 
     title: str
@@ -47,6 +48,7 @@ class Figure:
     photo: np.ndarray | None = field(default=None, repr=False)
     photo_light: np.ndarray | None = field(default=None, repr=False)
     source: str = ""
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self):
         """Raises UserError if the mask is empty, or a shape does not fit the maps."""

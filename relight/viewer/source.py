@@ -1,6 +1,7 @@
 """What the viewer can be given: files of baked maps, photos, and lights by name."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -91,10 +92,12 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
     if path.suffix.lower() == ".exr":
         return baked_figure(path)
     from relight.photos.load import load_photo
+    from relight.photos.mask.find import AUTOMATIC
 
     assert relighter is not None, "photos need a relighter"
     photo = load_photo(path, mask).downscaled(size)
-    return photo_figure(relighter, photo.pixels, photo.coverage, photo.name)
+    figure = photo_figure(relighter, photo.pixels, photo.coverage, photo.name)
+    return replace(figure, notes=(*photo.notes, *figure.notes, *[AUTOMATIC] * photo.automatic))
 
 
 def portrait(relighter: "Relighter") -> Figure:
@@ -119,6 +122,7 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
     """
     from relight.photos.compose.render import total_coverage
     from relight.photos.infer import mean_light
+    from relight.photos.mask.find import mask_warnings
 
     people = relighter.infer(pixels, coverage)
     coverage = total_coverage(people)
@@ -144,4 +148,4 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
         ao=np.clip(transport[..., 0] / UNOCCLUDED_T00, 0, 1),
         transport=transport,
     )
-    return Figure(title, maps, pixels / np.float32(255), mean_light(people)[:9])
+    return Figure(title, maps, pixels / np.float32(255), mean_light(people)[:9], notes=tuple(mask_warnings(people)))

@@ -1,6 +1,7 @@
 """The commands as a user types them: what they write, what they refuse, and that nothing is overwritten then."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -95,6 +96,24 @@ def test_transfer_swaps_the_lights(run, photo_files, weights, tmp_path, draw):
     run("transfer", me, me, "--mask-b", mask, "--out", tmp_path / "self", "--weights", weights)
     for name in ("me_1_lit_as_me_2", "me_2_lit_as_me_1"):  # of two photos with one name
         assert np.array_equal(picture(tmp_path / f"self/{name}.png"), pixels)
+
+
+def test_doubts_about_a_mask_are_said_wherever_one_is_used(run, photo_files, weights, tmp_path):
+    me, mask, *_ = photo_files
+    folder, inverted = tmp_path / "in", tmp_path / "in" / "you_mask.png"
+    folder.mkdir()
+    shutil.copy(me, folder / "you.png")
+    Image.fromarray(255 - np.asarray(Image.open(mask).convert("L"))).save(inverted)
+    doubt = "the mask may be inverted"
+    lit = ["photo", me, "-m", mask, "-l", folder / "you.png", "--out", tmp_path / "lit", "--weights", weights]
+    assert f"note: you.png: {doubt}" in run(*lit)
+    assert doubt in (tmp_path / "lit" / "photo.json").read_text()
+    swapped = run("transfer", me, folder / "you.png", "--mask-a", mask, "--out", tmp_path / "s", "--weights", weights)
+    assert f"note: you: {doubt}" in swapped
+    assert f"note: you.png: {doubt}" in run("photo", folder, "--out", tmp_path / "out", "--weights", weights)
+    assert f"note: you: {doubt}" in run("view", folder / "you.png", "--out", tmp_path / "a.html", "--weights", weights)
+    with pytest.raises(UserError, match=r"holds no photo \(\.jpg, .*\.exr\)"):
+        run("photo", tmp_path / "out", "--out", tmp_path / "none")  # with folders, which are not searched
 
 
 def bad(tmp_path, weights):

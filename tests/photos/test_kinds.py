@@ -593,7 +593,7 @@ LABELS = {
     "three labels in 16 bits": ((2 * PERSON + (SOFT == 100)).astype(np.uint16), "from 0 to 2 of 255"),
     "palette of three labels": (palette([*VOC, (224, 224, 192), (128, 0, 0)], PERSON * 15 + (SOFT == 100) * 17),
                                 "has several colors"),
-    "two colors": (painted((255, 0, 0), (0, 0, 255)), "#0000ff and #ff0000, of which none is black or white"),
+    "two colors": (painted((255, 0, 0), (0, 0, 255)), "#0000ff and #ff0000, neither of which is black or white"),
     "a photo": (RGB, "is the photo itself"),
 }  # fmt: skip
 

@@ -227,6 +227,11 @@ def test_settings_for_photographs_are_checked(words, said):
         composed(words)
 
 
+def test_shading_of_scans_is_refused():
+    with pytest.raises(UserError, match=r"figures\.shading shades generated figures only, .* is scans"):
+        composed(["figures=scans", "figures.folder=x", "figures.shading=0.5"])
+
+
 def test_a_stage_that_reads_no_augmentation_is_not_asked_for_one():
     check(OmegaConf.merge(OmegaConf.structured(Config), {"train": {"color": "paper"}}))
 

@@ -289,6 +289,21 @@ def test_folders_of_scans_are_checked(tmp_path, folder):
     assert "\n" not in str(error.value) and (folder == "missing" or ".obj" in str(error.value))
 
 
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("align.table=no.csv", "align.table: there is no file no.csv"),
+        ("lights.veto=no.txt", "lights.veto: there is no file no.txt"),
+        ("train.start=no.onnx", "row sfsnet: train.start: there is no file no.onnx"),
+        ("model.order=3", "row sfsnet has model.order=3, and the maps have bake.order=2"),
+    ],
+)
+@pytest.mark.slow
+def test_what_a_run_would_miss_later_is_told_before(setting, message):
+    with pytest.raises(UserError, match=message):
+        Plan({"hydra": ["scale=smoke", setting]}).check()
+
+
 @pytest.mark.parametrize("kind", ["figures=scans figures", "panoramas=folder panoramas"])
 @pytest.mark.slow
 def test_files_of_the_future_are_told(tmp_path, kind):

@@ -114,7 +114,7 @@ def _of_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
         person = _person_of(used.tolist())
         if person is None:
             both = " and ".join(f"#{code:06x}" for code in used)
-            raise UserError(f"{what} has the two colors {both}, of which none is black or white: {WANTED}")
+            raise UserError(f"{what} has the two colors {both}, neither of which is black or white: {WANTED}")
         notes = [f"{what} has two colors: #{person:06x} is taken for the person"]
         return np.where(codes == person, np.uint8(255), np.uint8(0)), notes
     flat = values.reshape(-1, 3).astype(np.float32)

@@ -146,10 +146,15 @@ def mask_warnings(people: Sequence["Person"]) -> list[str]:
         cut = [name for name, side in SIDES.items() if (person.coverage[side] >= MASK_THRESHOLD).sum() > least]
         if cut:
             warnings.append(
-                f"{who} is cut by the photo's {' and '.join(cut)} edge{'s' * (len(cut) > 1)}: "
+                f"{who} is cut by the photo's {_listed(cut)} edge{'s' * (len(cut) > 1)}: "
                 "whole figures are inferred best"
             )
     return warnings
+
+
+def _listed(words: list[str]) -> str:
+    """Returns words as English lists them: a, b and c."""
+    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
 def count_heads(solid: np.ndarray) -> int:
