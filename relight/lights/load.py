@@ -109,10 +109,13 @@ def load_light(
     elif ":" in text and (name := text.partition(":")[0]) in (*extensions.OWN, *extensions.names()):
         answer = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
         light = answer if isinstance(answer, Light) else Light(as_table(answer, text), text)
-    elif text.startswith(("room:", "sky:", "lamps:", "key:")):
+    elif text.startswith("key:"):
         raise UserError(
-            f"{text} is malformed: a generated light is named like room:7, sky:3, lamps:5 or key:#ffeedd@45,30"
+            f"{text} is malformed: a lamp is named key:#RRGGBB@RIGHT,UP,FILL, such as key:#ffeedd@45,30,0.2, with six "
+            "hexadecimal digits, degrees to the right and up, and a fill that may be left out"
         )
+    elif text.startswith(("room:", "sky:", "lamps:")):
+        raise UserError(f"{text} is malformed: a generated light is named like room:7, sky:3 or lamps:5")
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):
         light = read_coefficients(existing_file(text, "light"), convention)
     elif Path(text).suffix.lower() == ".npz":

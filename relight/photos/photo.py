@@ -8,6 +8,7 @@ import numpy as np
 from relight.errors import UserError
 from relight.files import writable_folder
 from relight.lights import Light, LightOptions
+from relight.panoramas.panorama import LAYOUTS
 from relight.photos.api import MODES, Relighter, match_exposure, require_white_balance
 from relight.photos.compose.background import Background, read_background
 from relight.photos.compose.color import DISPLAY_STOPS, KNEE
@@ -15,6 +16,7 @@ from relight.photos.compose.render import render
 from relight.photos.infer import AUTO, Person, mean_light, opposite_lamp
 from relight.photos.load import LoadedPhoto, load_photo, mask_notes, photo_notes
 from relight.photos.place import default_light
+from relight.photos.read import is_picture
 from relight.photos.write import (
     write_before_after,
     write_inference,
@@ -23,7 +25,7 @@ from relight.photos.write import (
     write_maps,
     write_picture,
 )
-from relight.sh import rotate_y
+from relight.sh import CONVENTIONS, rotate_y
 
 BEFORE_AFTER = "before_after.jpg"
 BYTES_PER_PIXEL = 54  # of the photo, at most, for the results: three pictures and 19 maps of half floats
@@ -77,6 +79,14 @@ class Options:
         if self.mode not in MODES:
             raise UserError(f"mode {self.mode!r} is neither ratio nor full")
         require_white_balance(self.white_balance)
+        if self.layout not in ("auto", *LAYOUTS):
+            raise UserError(f"layout {self.layout!r} is none of auto, {', '.join(LAYOUTS)}")
+        if self.convention not in (None, *CONVENTIONS):
+            raise UserError(f"convention {self.convention!r} is none of {', '.join(CONVENTIONS)}")
+        if self.blur and self.background != "panorama":
+            raise UserError(f"a blur is that of the panorama behind, and the background is {self.background}")
+        if self.light_mask and not is_picture(self.light):
+            raise UserError(f"a mask of the light is that of a photo of somebody, and the light is {self.light}")
 
     def named_light(self, relighter: Relighter) -> Light | None:
         """Reads the light that the options name.

@@ -91,6 +91,8 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
     """
     if path.suffix.lower() == ".exr":
         return baked_figure(path)
+    if path.suffix.lower() in (".obj", ".ply", ".glb", ".gltf", ".npz"):
+        raise UserError(f"{path} is no photo and no maps: `relight bake` makes maps of a mesh (.exr)")
     from relight.photos.load import load_photo
     from relight.photos.mask.find import AUTOMATIC
 

@@ -152,6 +152,11 @@ def bad(tmp_path, weights):
     yield [me, "--background", tmp_path / "none.png"], r"place: there is no file .*none\.png"
     yield [me, "--background", tmp_path / "none.png", "--light", "room:3"], "background: there is no file"
     yield [me, "--light", "key:#ffeedd@45,95"], "elevation 95 must be in -90"
+    yield [me, "--light", "key:red@45,30"], "a lamp is named key:#RRGGBB@RIGHT,UP,FILL"
+    yield [me, "--layout", "foo"], "layout 'foo' is none of auto, latlong"
+    yield [me, "--convention", "foo"], "convention 'foo' is none of relight"
+    yield [me, "--blur", "3"], "a blur is that of the panorama behind, and the background is keep"
+    yield [me, "--light-mask", me], "a mask of the light is that of a photo of somebody, and the light is auto"
     yield [me, "--mask", me], "is the photo itself"
 
 
@@ -168,7 +173,7 @@ def test_bad_input_is_one_line_and_overwrites_nothing(run, photo_files, weights,
             run("photo", *words)
         assert "\n" not in str(error.value)
         count += 1
-    assert count == 23
+    assert count == 28
     assert [p.name for p in out.iterdir()] == ["relit.png"] and (out / "relit.png").read_bytes() == b"precious"
 
 

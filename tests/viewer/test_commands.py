@@ -66,6 +66,8 @@ def test_wrong_input_is_told_in_a_sentence(tmp_path):
     write_left_out(tmp_path / "left.exr", {"name": "x"}, "no faces")
     with pytest.raises(UserError, match="left out: no faces"):
         baked_figure(tmp_path / "left.exr")
+    with pytest.raises(UserError, match=r"scan\.obj is no photo and no maps: `relight bake`"):
+        run(tmp_path / "scan.obj")
     with pytest.raises(UserError, match="no file"):
         run(tmp_path / "none.exr")
     with pytest.raises(UserError, match="--mask belongs to one photo"):
