@@ -14,13 +14,30 @@ from relight.config.setting import domain_in_words, setting_of
 from relight.config.stages import READS
 from relight.errors import UserError
 
+_OF_SEEDS = [
+    f"figures.{name}"
+    for name in ("first", "count", "detail", "texture", "per_subject", "sitting", "poses", "garments", "hair")
+]
+# The settings, or groups, that a source does not read; scales and experiments may set them all the same. Extensions may
+# read all, and `figures.outfits` and `figures.shading`, with which a user undoes an experiment, are checked by value.
+UNREAD: dict[str, list[str]] = {
+    "figures.source=generated": ["figures.only"],
+    "figures.source=scans": [*_OF_SEEDS, "figures.only"],
+    "figures.source=olat": [*_OF_SEEDS, "clean", "align", "bake.rays", "bake.supersample"],
+    "panoramas.source=generated": ["panoramas.layout", "panoramas.upside_down", "panoramas.repair"],
+    "panoramas.source=folder": ["panoramas.count", "panoramas.skies"],
+}
 NAME_PATTERN, MAX_NAME_LENGTH = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*"), 100
 
 
-def check(cfg: DictConfig) -> None:
-    """Checks a tree for unknown settings, values out of range, and inconsistent values.
+def check(cfg: DictConfig, given: Iterable[str] = ()) -> None:
+    """Checks a tree for unknown settings, values out of range, inconsistent values, and given ones without effect.
 
     Settings without a value are allowed, since a stage gets only those that it reads.
+
+    Args:
+        cfg: the tree.
+        given: keys of the settings that the user gave.
 
     Raises:
         UserError: about the first wrong setting.
@@ -30,7 +47,7 @@ def check(cfg: DictConfig) -> None:
     for key in ("sweep.rows", "experiments"):
         for name in OmegaConf.select(cfg, key) or ():
             check_name(key, name)
-    for sentence in chain(_unknown(cfg), _out_of_range(cfg), _inconsistent(cfg)):
+    for sentence in chain(_unknown(cfg), _out_of_range(cfg), _inconsistent(cfg), _without_effect(cfg, given)):
         raise UserError(sentence)
 
 
@@ -157,3 +174,12 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
     for group, presets in (("figures", "figures=scans or figures=olat"), ("panoramas", "panoramas=folder")):
         if get(f"{group}.source") == "generated" and get(f"{group}.folder"):
             yield f"{group}.folder={get(f'{group}.folder')} is not read by {group}.source=generated: give {presets}"
+
+
+def _without_effect(cfg: DictConfig, given: Iterable[str]) -> Iterator[str]:
+    """Yields messages about given settings that the source of figures or panoramas does not read (UNREAD)."""
+    for key in given:
+        for choice, unread in UNREAD.items():
+            source, _, value = choice.partition("=")
+            if OmegaConf.select(cfg, source) == value and {key, key.partition(".")[0]} & {*unread}:
+                yield f"{key} is not read by {choice}: leave it out"

@@ -48,11 +48,12 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
     overrides = [quoted(override) for override in overrides]
     ConfigStore.instance().store(name="schema", node=Config)
     try:
-        for override in OverridesParser.create().parse_overrides(overrides):
+        parsed = OverridesParser.create().parse_overrides(overrides)
+        for override in parsed:
             _check_override(override)
         with initialize_config_dir(str(CONF), version_base="1.3"):
             cfg = compose("config", overrides=overrides)
-        check(resolved(cfg))
+        check(resolved(cfg), [override.key_or_group for override in parsed])
     except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
         raise UserError(explain(error, presets())) from None
     return cfg

@@ -102,7 +102,7 @@ def domain_in_words(item: Field[Any]) -> str:
     if described.interval:
         return f"[least, most]{', each ' if described.domain else ''}{described.domain}"
     many = get_origin(item.type) is list and described.domain
-    return f"a list, each {described.domain}" if many else described.domain
+    return f"a list of at least one, each {described.domain}" if many else described.domain
 
 
 def type_in_words(kind: Any) -> str:

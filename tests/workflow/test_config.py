@@ -83,7 +83,7 @@ def test_types_and_domains_in_words():
         ("a whole number", "a multiple of 64 and at least 64"),
         ("true or false", ""),
         ("a whole number, or null", "a multiple of 64 and at least 64"),
-        ("a list of whole numbers", "a list, each a multiple of 64 and greater than 0"),
+        ("a list of whole numbers", "a list of at least one, each a multiple of 64 and greater than 0"),
         ("a list of numbers", "[least, most], each in [0, 1]"),
         ("names, each with a list of texts", ""),
     ]
@@ -133,6 +133,7 @@ def test_what_stages_read_is_there(stage):
         ("model=null", ["model=null: no such choice", "unet"]),
         ("~train", ["~train: a setting cannot be removed"]),
         ("~train.lr", ["~train.lr: a setting cannot be removed"]),
+        ("sweep.seeds=[]", ["sweep.seeds must be a list of at least one, each at least 0, not []"]),
         ("bake.size=100", ["bake.size", "multiple of 64", "100"]),
         ("bake.rays=0", ["bake.rays", "at least 1"]),
         ("figures.source=scans", ["figures.folder"]),
@@ -230,6 +231,28 @@ def test_settings_for_photographs_are_checked(words, said):
 def test_shading_of_scans_is_refused():
     with pytest.raises(UserError, match=r"figures\.shading shades generated figures only, .* is scans"):
         composed(["figures=scans", "figures.folder=x", "figures.shading=0.5"])
+
+
+@pytest.mark.parametrize(
+    ("source", "given"),
+    [
+        ("generated", "figures.only=anna"),
+        *(("scans", word) for word in ("figures.count=3", "figures.detail=full", "figures.sitting=0")),
+        *(("olat", word) for word in ("figures.texture=64", "align.up=+y", "clean.max_faces=9", "bake.rays=9")),
+        ("generated", "panoramas.layout=ball"),
+        ("folder", "panoramas.count=9"),
+    ],
+)
+def test_a_given_setting_that_the_source_does_not_read_is_refused(source, given):
+    group = "panoramas" if "panoramas" in given else "figures"
+    folder = [] if source == "generated" else [f"{group}.folder=x"]
+    with pytest.raises(UserError, match=f"{given.partition('=')[0]} is not read by {group}.source={source}"):
+        composed([f"{group}={source}", *folder, given])
+
+
+@pytest.mark.parametrize("words", ["scale=smoke", "experiment=splits", "experiment=photo figures.outfits=1"])
+def test_presets_may_set_what_a_source_does_not_read(words):
+    composed(["figures=scans", "figures.folder=x", *words.split()])
 
 
 def test_a_stage_that_reads_no_augmentation_is_not_asked_for_one():
