@@ -28,20 +28,20 @@ class Source(NamedTuple):
     imports: list[str]
 
 
-def code_hash(stage: str, words: frozenset[str] = frozenset()) -> str:
+def code_hash(stage: str, names: frozenset[str] = frozenset()) -> str:
     """Returns a hash of the code of a stage: its module, the modules of relight that it imports, and their data.
 
     Comments, docstrings and the layout do not count, nor does the code of other packages.
 
     Args:
         stage: name of a module in `relight.stages`.
-        words: words of its settings. Those that name extensions add the code of these.
+        names: of its network, losses and figures. Those of extensions add the code of these.
 
     Returns:
         16 hexadecimal digits.
     """
     files = {file for name in closure(f"{PACKAGE}.stages.{stage}") for file in files_of(name)}
-    files |= {file for name in words & {*extensions.names()} if (file := extension_file(name))}
+    files |= {file for name in names & {*extensions.names()} if (file := extension_file(name))}
     digest = hashlib.sha256()
     for name, content in sorted((file.name, source(file).hash) for file in files):  # the same in every folder
         digest.update(f"{name}\0{content}\0".encode())

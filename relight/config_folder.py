@@ -62,7 +62,7 @@ class ConfigFolder:
             tree = plan.settings(part) if part else plan.shared
         settings = view(tree, stage_name)
         pinned = self.recorded(stage).get("code") if stage_name in plan.cfg.pin else None
-        settings["code"] = pinned or code_hash(stage_name, texts_of(settings))
+        settings["code"] = pinned or code_hash(stage_name, extension_names(settings))
         return HEAD + OmegaConf.to_yaml(settings)
 
     def experiments_json(self) -> str:
@@ -133,10 +133,7 @@ class ConfigFolder:
         return stage_name in READS and (not part or stage_name == "split" or part in self.plan.trainings)
 
 
-def texts_of(settings: Any) -> frozenset[str]:
-    """Returns all keys and texts in a tree of settings, among which the names of extensions are."""
-    if isinstance(settings, dict):
-        return frozenset(settings).union(*map(texts_of, settings.values()))
-    if isinstance(settings, list):
-        return frozenset().union(*map(texts_of, settings))
-    return frozenset({settings} if isinstance(settings, str) else ())
+def extension_names(settings: dict[str, Any]) -> frozenset[str]:
+    """Returns what a stage's settings name where extensions may be named: its network, losses and source of figures."""
+    values, losses = flat(settings), settings.get("loss", {}).get("extra", {})
+    return frozenset({values.get("model.name"), values.get("figures.source"), *losses})

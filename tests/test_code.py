@@ -7,7 +7,7 @@ import pytest
 
 from relight import code
 from relight.config import READS, ROOT, composed
-from relight.config_folder import ConfigFolder
+from relight.config_folder import ConfigFolder, extension_names
 from relight.errors import UserError
 from relight.plan import Plan
 from relight.run import change_lines
@@ -112,6 +112,16 @@ def test_code_hash_includes_the_extension_that_the_settings_name(tmp_path, monke
     (tmp_path / "mine.py").write_text("def loss(outputs, batch): return 22\n")
     assert code.code_hash("split", frozenset({"mine"})) != first
     code.source.cache_clear()
+
+
+def test_results_named_like_an_extension_do_not_depend_on_it(tmp_path, monkeypatch):
+    folder = ConfigFolder(Plan({"hydra": ["scale=smoke", "name=mine"]}))
+    before = folder.stage_settings("report")
+    (tmp_path / "mine.py").touch()
+    monkeypatch.setattr(code.extensions, "__path__", [str(tmp_path)])
+    assert folder.stage_settings("report") == before
+    named = {"model": {"name": "a"}, "loss": {"extra": {"b": 1.0}}, "figures": {"source": "c"}}
+    assert extension_names(named) == {"a", "b", "c"}
 
 
 @pytest.mark.slow
