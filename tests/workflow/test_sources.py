@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 from people import write_people
-from repo import copy, relight
+from repo import copy, planned, relight
 
 from relight.maps import read_info
 from relight.panoramas import generate_room
@@ -37,16 +37,20 @@ def sources(tmp_path_factory):
 @pytest.mark.slow
 def test_three_meshes_and_two_panoramas_give_a_report(sources, tmp_path):
     repo = copy(tmp_path)
-    run = relight(
-        repo,
-        "run",
+    table, veto = repo / "axes.csv", repo / "veto.txt"
+    table.write_text("name,turn\nplain,0\n")
+    veto.write_text("# none\n")
+    words = [
         *WORDS,
         "figures=scans",
         f"figures.folder={sources / 'scans'}",
         "panoramas=folder",
         f"panoramas.folder={sources / 'panoramas'}",
         "bake.views=1",
-    )
+        f"align.table={table}",
+        f"lights.veto={veto}",
+    ]
+    run = relight(repo, "run", *words)
     assert run.returncode == 0, run.stdout
     record = json.loads((repo / "results/mine/figures.json").read_text())
     assert set(record["figures"]) == {"broken", "colored", "plain", "textured"}
@@ -55,6 +59,13 @@ def test_three_meshes_and_two_panoramas_give_a_report(sources, tmp_path):
     page = (repo / "results/mine/report/report.html").read_text()
     assert "broken.ply" in page and page.count("data:image/") >= 5
     assert (repo / "results/mine/report/one.csv").stat().st_size > 100
+
+    table.write_text("name,turn\nplain,9\n")
+    (jobs,) = planned(repo, words)
+    assert jobs["align"] == 4 and "lights" not in jobs
+    veto.write_text("# one\n")
+    (jobs,) = planned(repo, words)
+    assert jobs["lights"] == 1
 
 
 @pytest.mark.slow

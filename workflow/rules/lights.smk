@@ -2,6 +2,7 @@ rule lights:
     input:
         cfg=settings("lights"),
         panoramas=files(PLAN.panoramas),
+        veto=PLAN.cfg.lights.veto or [],
     output:
         lights=f"{OUT}/lights/lights.npz",
         table=f"{OUT}/lights/lights.csv",
