@@ -365,9 +365,9 @@ class Plan:
         return f"{self.out}/train/{training}.safetensors"
 
     def start_network(self, training: str) -> list[str]:
-        """Returns the file of the network of this workflow from which a training starts, in a list; or []."""
+        """Returns the file of the network from which a training starts, in a list; or []."""
         start = self.settings(training)["train"]["start"]
-        return [start] if start in map(self.network, self.trainings) else []
+        return [start] if start else []
 
     def split_kind(self, experiment: str) -> str:
         """Returns the kind of split (`split.kind`) of an experiment's scores.

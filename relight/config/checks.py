@@ -157,7 +157,7 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
             yield f"experiments.{name}.compare_in: {unknown[0]} must be a quantity and a reading, such as relit_rmse"
     if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):
         yield "figures.outfits must be 1 with bake.bounces, which depend on albedo, and unless figures are generated"
-    if get("figures.shading") and get("figures.source") != "generated":
+    if get("figures.shading") and get("figures.source") in ("scans", "olat"):
         yield f"figures.shading shades generated figures only, and figures.source is {get('figures.source')}"
     for name, weight in (get("loss.extra") or {}).items():
         if name not in extensions.names():

@@ -93,7 +93,7 @@ class Validation:
             shading = shade(transport, light) if shading is None else shading
             relit = albedo * shade(transport, batch.light.roll(-1, 0))
             cells = [albedo * shading, albedo, shading / white[:, None, None], relit]
-            rows.append((self._cells([cell * batch.inside for cell in cells]), light.detach().cpu().numpy()))
+            rows.append((self._cells([cell * batch.inside for cell in cells]), light.cpu().numpy()))
         blocks = []
         for pair in range(min(self.pairs, MAX_DRAWN)):
             lines = []
@@ -118,7 +118,7 @@ class Validation:
             dense = batch.scatter(encode(values) if self.color == "photo" else values)
             cell = (dense + BACKGROUND * (1 - batch.mask))[window]
             cell = F.avg_pool2d(cell, shrink) if shrink > 1 else cell
-            pictures.append(cell.permute(0, 2, 3, 1).detach().cpu().numpy())
+            pictures.append(cell.permute(0, 2, 3, 1).cpu().numpy())
         return pictures
 
 

@@ -339,7 +339,10 @@ def export(
     checkpoint: Annotated[Path, typer.Argument(help="A network that a training wrote (.safetensors).")],
     out: Annotated[Path, typer.Argument(help="The .onnx file to write.")],
 ) -> None:
-    """Write a trained network as one graph (.onnx) for `relight photo -w` and other programs, for any image size."""
+    """Write a trained network as one graph (.onnx) for `relight photo -w` and other programs.
+
+    It takes pictures of any size whose sides are multiples of 64.
+    """
     from relight.learning.checkpoint import load_network
     from relight.learning.export import export as write
 
