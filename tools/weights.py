@@ -54,7 +54,7 @@ model-index:
 |---|---|
 | network | `{model}`, width {width}, {size} px |
 | training | in the stages listed below{note} |
-| training lights | {lights} in the last stage, from generated rooms |
+| training lights | {lights} in the last stage: rooms, skies, studios, real places (`tools/photo_lights.py`) |
 | training pictures | like a camera's: linear light, exposed, clipped, 8-bit sRGB; augmented as docs/training.md says |
 | held out | {test_figures} figures, {test_lights} lights |
 
@@ -69,8 +69,8 @@ What a card of an open model answers:
 | | |
 |---|---|
 | licence of the weights | CC0-1.0 (`NOTICE`) |
-| training data | generated figures and lights; none of them scanned, photographed or collected |
-| provenance of the data | MakeHuman's bodies (CC0); all else by relight's code (docs/figures.md, docs/lights.md) |
+| training data | generated figures and lights, and twelve real panoramas; nobody was scanned or photographed |
+| provenance of the data | MakeHuman's bodies, Poly Haven's panoramas (CC0); all else relight's code (docs/figures.md) |
 | licence of the data | CC0-1.0; whoever runs relight makes them again from integer seeds |
 | training code | `relight.learning`, Apache-2.0 |
 | Open Source AI Definition 1.0 | has its three parts: code, weights, data to make again (our reading, not certified) |
@@ -83,7 +83,7 @@ What a card of an open model answers:
 
 Limits:
 
-- The training figures are synthetic, in indoor light.
+- The training figures are synthetic.
 - The maps have {size} px. Finer folds are not in them, but mode `ratio`, the default, keeps such folds, because it
   multiplies the photo itself.
 - A photograph does not tell how bright its scene is, so albedo and light are known only up to a factor.

@@ -80,8 +80,8 @@ def check_garment(pattern: Pattern, draped: DrapeResult, motion: Motion) -> str 
 def hem_swept(pattern: Pattern, x: np.ndarray, motion: Motion) -> float:
     """Returns the metres between the highest and the lowest part of a hem, without 5 % at either end.
 
-    Heights are those of the hem if the drop is longer than LONG_DROP, else relative to where it would be if it moved
-    with the body.
+    A hem that is swept up at one side fails. One longer than LONG_DROP should hang level, so its heights are taken as
+    they are; a shorter one follows the legs, so they are relative to where it would be if it moved with the body.
 
     Args:
         pattern: the result is 0 if it has no drop.

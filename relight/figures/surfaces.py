@@ -151,11 +151,6 @@ def split(
     Args:
         matrix: (n,k) from source vertices to those of the surface.
         faces: (F,3).
-        field: (n,) at the vertices of the surface.
-
-    Args:
-        matrix: (n,k) from source vertices to those of the surface.
-        faces: (F,3).
         field: (n,) at the vertices, linear on each edge.
 
     Returns:

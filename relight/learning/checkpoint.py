@@ -149,12 +149,6 @@ def restore_state(
         parts: modules and optimisers by name, whose states are replaced.
         device: on which the tensors are loaded.
 
-    Args:
-        path: .pt, from `save_state`.
-        digest: fingerprint of the training. The state of another one is ignored.
-        parts: modules and optimisers by name, changed in place.
-        device: to load to.
-
     Returns:
         The first step to do, 0 if nothing is loaded; the rows logged before; and a message about the file for the
         user, "" if there is no file.

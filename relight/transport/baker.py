@@ -19,6 +19,8 @@ from relight.transport.sampling import random_azimuths
 from relight.transport.surface import sample_albedo, sample_gloss, shading_normals
 from relight.transport.view import FRONTAL, View, place_mesh, view_record
 
+MIN_CAMERA_DISTANCE = 2.0  # of an orthographic camera from the origin, in units of the image plane
+
 
 def bake(
     mesh: Mesh,
@@ -113,7 +115,7 @@ class Baker:
         """
         caster = self.caster
         if view == FRONTAL:
-            return Camera(size, max(2.0, float(caster.high[2]) + caster.diagonal / 100))
+            return Camera(size, max(MIN_CAMERA_DISTANCE, float(caster.high[2]) + caster.diagonal / 100))
         used = np.zeros(len(self.mesh.vertices), bool)
         used[caster.faces] = True
         vertices = self.mesh.vertices[used].astype(np.float64)
@@ -121,7 +123,7 @@ class Baker:
         if view.distance is not None:
             return Camera(size, view.distance, True, pose)
         front = float(pose.to_camera(vertices)[:, 2].max())
-        return Camera(size, max(2.0, front + pose.scale * caster.diagonal / 100), pose=pose)
+        return Camera(size, max(MIN_CAMERA_DISTANCE, front + pose.scale * caster.diagonal / 100), pose=pose)
 
     def maps(self, size: int, supersample: int = 1, view: View = FRONTAL) -> Maps:
         """Bakes maps of one view of the mesh in its own outfit.

@@ -137,8 +137,9 @@ def _clipped(linear: np.ndarray) -> np.ndarray:
 _EDGES = decode((np.arange(255) + 0.5) / 255).astype(np.float32)
 _TOP = float(_EDGES[-1]) * 1.0001
 _STEPS = 1 << 15  # cells of the lookup table; a cell above 0.001 holds at most one edge, so one comparison is enough
+# The code at the lower end of each cell, which is even in the root of the value, since codes are denser in the dark.
 _CELLS = np.searchsorted(_EDGES, (np.arange(_STEPS + 1) / _STEPS) ** 2 * _TOP, side="right").astype(np.uint8)
-_PADDED = np.append(_EDGES, np.float32(np.inf))
+_PADDED = np.append(_EDGES, np.float32(np.inf))  # the least value of the code after each code
 
 
 def to_codes(linear: np.ndarray, type: np.dtype | type) -> np.ndarray:
