@@ -60,6 +60,8 @@ def run(
     if targets == ["all"]:
         plan.check_figures()
     if multirun:
+        for word in (word for word in overrides if word.startswith("experiment=")):
+            print(f"{word} gives its settings, and none of its rows: the sweep has its own")
         for row, words in plan.rows.items():
             print(f"{row}: {' '.join(words)}")
     for line in change_lines(plan):
