@@ -152,7 +152,7 @@ def bad(tmp_path, weights):
     yield [me, "--background", tmp_path / "none.png"], r"place: there is no file .*none\.png"
     yield [me, "--background", tmp_path / "none.png", "--light", "room:3"], "background: there is no file"
     yield [me, "--light", "key:#ffeedd@45,95"], "elevation 95 must be in -90"
-    yield [me, "--light", "key:red@45,30"], "a lamp is named key:#RRGGBB@RIGHT,UP,FILL"
+    yield [me, "--light", "key:red@45,30"], "color 'red' must have six hexadecimal digits"
     yield [me, "--layout", "foo"], "layout 'foo' is none of auto, latlong"
     yield [me, "--convention", "foo"], "convention 'foo' is none of relight"
     yield [me, "--blur", "3"], "a blur is that of the panorama behind, and the background is keep"
