@@ -157,6 +157,11 @@ def bad(tmp_path, weights):
     yield [me, "--convention", "foo"], "convention 'foo' is none of relight"
     yield [me, "--blur", "3"], "a blur is that of the panorama behind, and the background is keep"
     yield [me, "--light-mask", me], "a mask of the light is that of a photo of somebody, and the light is auto"
+    yield [me, "--light-mask", me, "--light", f"place:{me}"], "and the light is place:"
+    yield [me, "--layout", "cross"], "the light auto takes no layout"
+    yield [me, "--light", me, "--yaw", "3", "--flip"], "takes no yaw or flip"
+    yield [me, "--light", "room:7", "--layout", "cross"], "layout has an effect on a file of a panorama only"
+    yield [me, "--light", "room:7", "--convention", "dpr"], "convention has an effect on a file of coefficients only"
     yield [me, "--mask", me], "is the photo itself"
 
 
@@ -173,7 +178,7 @@ def test_bad_input_is_one_line_and_overwrites_nothing(run, photo_files, weights,
             run("photo", *words)
         assert "\n" not in str(error.value)
         count += 1
-    assert count == 28
+    assert count == 33
     assert [p.name for p in out.iterdir()] == ["relit.png"] and (out / "relit.png").read_bytes() == b"precious"
 
 
@@ -185,6 +190,17 @@ def test_a_mask_that_looks_wrong_is_said(run, photo_files, weights, tmp_path):
     Image.fromarray(255 - drawn).save(mask)
     assert "note: the mask may be inverted" in run("photo", me, "--out", out, "--weights", weights)
     assert "inverted" in json.loads((out / "photo.json").read_text())["mask"]["notes"][0]
+
+
+def test_results_that_are_given_are_not_overwritten(run, photo_files, weights, tmp_path):
+    me, mask, _, _ = photo_files
+    out = tmp_path / "out"
+    run("photo", me, "--out", out, "--weights", weights)
+    before = {path: path.read_bytes() for path in out.iterdir()}
+    for words in ([me, "--light", out / "new_light.json"], [out / "relit.png", "--mask", mask]):
+        with pytest.raises(UserError, match="would be overwritten: give another --out"):
+            run("photo", *words, "--out", out, "--weights", weights)
+    assert before == {path: path.read_bytes() for path in out.iterdir()}
 
 
 @pytest.mark.slow
