@@ -174,6 +174,8 @@ class Relighter:
             photo = load_photo(text, mask, mask_model)
             people = self.infer(photo, white_balance=white_balance)
             notes = [f"{Path(text).name}: {note}" for note in photo_notes(photo, people)]
+            if photo.automatic:
+                notes.append(f"{text} is taken for a photo of somebody; the light of a place is {PREFIX}{text}")
             return Light(mean_light(people), text, notes=notes)
         light = load_light(text, self.order, **options)
         return replace(light, coefficients=deringed(light.coefficients).astype(np.float32))

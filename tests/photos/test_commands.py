@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from relight.cli import app
 from relight.errors import UserError
 from relight.lights import load_light
+from relight.photos.folder import MOST_LINES, note_lines
 from relight.photos.infer import opposite_lamp
 
 
@@ -110,10 +111,22 @@ def test_doubts_about_a_mask_are_said_wherever_one_is_used(run, photo_files, wei
     assert doubt in (tmp_path / "lit" / "photo.json").read_text()
     swapped = run("transfer", me, folder / "you.png", "--mask-a", mask, "--out", tmp_path / "s", "--weights", weights)
     assert f"note: you: {doubt}" in swapped
-    assert f"note: you.png: {doubt}" in run("photo", folder, "--out", tmp_path / "out", "--weights", weights)
+    Image.new("RGB", (9, 9)).save(folder / "other_mask.png")
+    (folder / "below").mkdir()
+    (folder / "notes.txt").touch()
+    summary = run("photo", folder, "--out", tmp_path / "out", "--weights", weights)
+    assert f"note: you.png: {doubt}" in summary
+    assert "are relit: folders: 1, masks without a photo: 1, files of other kinds: 1\n" in summary
     assert f"note: you: {doubt}" in run("view", folder / "you.png", "--out", tmp_path / "a.html", "--weights", weights)
     with pytest.raises(UserError, match=r"holds no photo \(\.jpg, .*\.exr\)"):
         run("photo", tmp_path / "out", "--out", tmp_path / "none")  # with folders, which are not searched
+
+
+def test_many_notes_on_a_folder_are_counted():
+    notes = {f"{n}.png": ["automatic", f"note {n}"] for n in range(20)}
+    lines = note_lines(notes)
+    assert lines[:2] == ["note: 20 photos: automatic", "note: 0.png: note 0"]
+    assert len(lines) == MOST_LINES + 1 and lines[-1] == "note: 9 more are in photo.json of the photos"
 
 
 def bad(tmp_path, weights):
