@@ -117,10 +117,13 @@ def show(
     repair: REPAIR = False,
 ) -> None:
     """Draw a light: lit ball, diffuse panorama and statistics; or the contact sheet of a light set (.npz)."""
+    from relight.errors import UserError
     from relight.lights.load import load_light
     from relight.lights.show import write_contact_sheet, write_light_picture
     from relight.lights.table import read_light_set
 
+    if out.suffix.lower() != ".png":
+        raise UserError(f"{out}: the name of the picture must end in .png")
     if Path(light).suffix == ".npz":
         write_contact_sheet(read_light_set(light), out)
     else:

@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from relight.errors import UserError
 from relight.files import atomic_write
 from relight.lights.statistics import moment_eigenvalue, reference_brightness
 from relight.panoramas import Panorama
-from relight.sh import UNOCCLUDED_T00, coefficient_count, from_relight, order_of
+from relight.sh import CONVENTIONS, UNOCCLUDED_T00, coefficient_count, from_relight, order_of
 
 MIN_EIGENVALUE = -1e-3  # moment eigenvalue of a valid light; below 0, as coefficients in files are rounded
 MIN_FRONT = 0.25  # reference brightness over the mean irradiance, below which the front of a light is dark
@@ -45,6 +45,10 @@ class Light:
     source: str
     panorama: Panorama | None = None
     notes: list[str] = field(default_factory=list)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """Returns the coefficients, so that functions of NumPy and relight take a light for them."""
+        return np.array(self.coefficients, dtype, copy=copy)
 
     @property
     def order(self) -> int:
@@ -126,9 +130,13 @@ def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
         The path of the file.
 
     Raises:
-        UserError: if the path has another suffix or the convention cannot express the light.
+        UserError: if the path has another suffix or names another convention, or if the convention cannot express the
+            light.
     """
     coefficients = from_relight(light.coefficients, convention)
+    named = path.stem.rpartition(".")[2]
+    if path.suffix == ".npy" and named in CONVENTIONS and named != convention:
+        raise UserError(f"{path}: its name says {named}, but the light would be written in {convention}")
     if path.suffix == ".json":
         content = {
             "convention": convention,

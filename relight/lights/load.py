@@ -22,7 +22,7 @@ from relight.srgb import decode
 from relight.text import read_text
 
 GENERATED = re.compile(r"(room|sky|lamps):(\d{1,9})(?::([-+.0-9]+))?")
-KEY = re.compile(r"key:#?([0-9a-fA-F]{6})@([-+.0-9]+),([-+.0-9]+)(?:,([-+.0-9]+))?")
+COLOR = re.compile(r"[0-9a-fA-F]{6}")
 IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})")
 FILL = 0.2  # default irradiance of the fill, relative to the key light's
 MAX_BYTES = 1 << 20  # of a file of coefficients
@@ -65,7 +65,7 @@ def load_light(
     room:7, sky:3, lamps:5, room:7:40  a generated panorama, the last one rotated by 40 degrees
     probe:grace                     a printed measured light: grace, eucalyptus, stpeters, kitchen, galileo
     key:#ffeedd@45,30,0.2           a distant lamp of this sRGB color, 45 degrees to the right of the camera and 30
-                                    degrees up, with a constant fill of 0.2 times its irradiance
+                                    degrees up, with a constant fill of 0.2 times its irradiance (at least 0)
     place:street.jpg                an estimate from a photograph of a place (relight.photos.place)
     mine:text                       the light that the extension `mine` returns for the text
 
@@ -85,7 +85,7 @@ def load_light(
         The light with (order + 1)^2 coefficients; its `notes` are for the user.
 
     Raises:
-        UserError: if `text` names no light or an argument is out of range.
+        UserError: if `text` names no light, the light is black, or an argument is out of range or has no effect.
 
     >>> load_light("key:#ffffff@90,0,0", order=1).coefficients[:, 0].round(2).tolist()  # from +x
     [0.28, 0.0, 0.0, 0.49]
@@ -95,13 +95,13 @@ def load_light(
         raise UserError(f"exposure={exposure}, yaw={yaw}: exposure must be positive, yaw a number of degrees")
     if convention is not None and convention not in CONVENTIONS:
         raise UserError(f"convention {convention!r}: must be one of {', '.join(CONVENTIONS)}")
+    kind = None  # of the file, by which options have an effect
     if match := GENERATED.fullmatch(text):
         pixels = GENERATORS[match[1]](int(match[2])) * np.float32(exposure)
         panorama = Panorama(pixels, flip=flip, yaw=yaw + parse_number(match[3] or "0", text), source=text)
         light = Light(project(panorama, order), text, panorama)
-    elif match := KEY.fullmatch(text):
-        azimuth, elevation, fill = (parse_number(number or str(FILL), text) for number in match.groups()[1:])
-        light = Light(key_light(match[1], azimuth, elevation, fill, order), text)
+    elif text.startswith("key:"):
+        light = Light(key_light(*parse_key(text), order), text)
     elif text.startswith("probe:"):
         light = Light(probe(text.removeprefix("probe:")), text)
     elif (match := IN_SET.fullmatch(text)) and not Path(text).exists():
@@ -109,18 +109,15 @@ def load_light(
     elif ":" in text and (name := text.partition(":")[0]) in (*extensions.OWN, *extensions.names()):
         answer = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
         light = answer if isinstance(answer, Light) else Light(as_table(answer, text), text)
-    elif text.startswith("key:"):
-        raise UserError(
-            f"{text} is malformed: a lamp is named key:#RRGGBB@RIGHT,UP,FILL, such as key:#ffeedd@45,30,0.2, with six "
-            "hexadecimal digits, degrees to the right and up, and a fill that may be left out"
-        )
     elif text.startswith(("room:", "sky:", "lamps:")):
         raise UserError(f"{text} is malformed: a generated light is named like room:7, sky:3 or lamps:5")
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):
+        kind = "coefficients"
         light = read_coefficients(existing_file(text, "light"), convention)
     elif Path(text).suffix.lower() == ".npz":
         raise UserError(f"{text} is a set of lights: name one of them, such as {text}:0")
     else:
+        kind = "a panorama"
         panorama = read_panorama(
             find_panorama(text),
             layout=layout,
@@ -132,6 +129,11 @@ def load_light(
         )
         coefficients = project(panorama, order)
         light = Light(coefficients, text, panorama, panorama.repairs + notes_below(text, coefficients, upside_down))
+    options = {"layout": layout != "auto", "upside_down": upside_down, "repair": repair, "convention": convention}
+    for name, is_given in options.items():
+        needed = "coefficients" if name == "convention" else "a panorama"
+        if is_given and kind != needed:
+            raise UserError(f"{text}: {name.replace('_', '-')} has an effect on a file of {needed} only")
     if light.panorama is None:
         light = replace(light, coefficients=orient(light.coefficients, yaw, flip) * exposure)
     return light.checked().at_order(order)
@@ -162,6 +164,22 @@ def notes_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[
         return []
     option = "without --upside-down" if upside_down else "with --upside-down, if its rows run from the bottom up"
     return [f"{text}: brighter from below than from above; read it {option}"]
+
+
+def parse_key(text: str) -> tuple[str, float, float, float]:
+    """Parses the name of a key light: color (six digits), azimuth, elevation, and fill, which may be left out.
+
+    Raises:
+        UserError: if a part is missing or malformed; `key_light` checks the ranges.
+    """
+    color, _, numbers = text.removeprefix("key:").removeprefix("#").partition("@")
+    if not COLOR.fullmatch(color):
+        raise UserError(f"{text}: the color {color!r} must have six hexadecimal digits, as #ffeedd has")
+    parts = numbers.split(",")
+    if len(parts) not in (2, 3):
+        raise UserError(f"{text}: after the @ must come azimuth, elevation and perhaps fill, such as @45,30,{FILL}")
+    azimuth, elevation, fill = (parse_number(part, text) for part in (*parts, str(FILL))[:3])
+    return color, azimuth, elevation, fill
 
 
 def parse_number(part: str, text: str) -> float:

@@ -29,6 +29,7 @@ COLUMNS = 10  # of a contact sheet
 CELL = 1.22  # inches of the side of its cells
 ROW = 1.28 * CELL  # inches from row to row
 HEAD = 0.42  # inches of the title of a part
+EVEN = 0.005  # contrast |L1| / L00 that is shown as 0.00: such light has no direction
 SAMPLES = 2  # of a ball, per pixel in each direction
 
 
@@ -181,6 +182,8 @@ def tone_mapped(pixels: np.ndarray) -> np.ndarray:
 def format_statistics(light: Light) -> list[tuple[str, str]]:
     """Returns the layout of a light's panorama and the light's statistics, as labels and formatted values."""
     stats = {name: float(value[0]) for name, value in measure(light.coefficients[None]).items()}
+    is_even = stats["first"] < EVEN
+    direction = "none" if is_even else f"{stats['azimuth']:+.0f}°  {stats['elevation']:+.0f}°"
     layout = [("layout of the panorama", light.panorama.layout)] if light.panorama else []
     return [
         *layout,
@@ -191,7 +194,7 @@ def format_statistics(light: Light) -> list[tuple[str, str]]:
         ("front, back", f"{stats['front_mean']:.3f}  {stats['back_mean']:.3f}"),
         ("contrast |L1| / L00", f"{stats['first']:.2f}"),
         ("structure |L2| / L00", f"{stats['second']:.2f}"),
-        ("main direction: right, up", f"{stats['azimuth']:+.0f}°  {stats['elevation']:+.0f}°"),
+        ("main direction: right, up", direction),
         ("color ln R/G, ln B/G", f"{stats['red']:+.2f}  {stats['blue']:+.2f}"),
         ("realisable (moments)", f"{'yes' if stats['moment'] >= -1e-3 else 'NO'}  {stats['moment']:+.3f}"),
         ("order", f"{light.order}"),

@@ -174,6 +174,8 @@ class Relighter:
             photo = load_photo(text, mask, mask_model)
             people = self.infer(photo, white_balance=white_balance)
             notes = [f"{Path(text).name}: {note}" for note in photo_notes(photo, people)]
+            if photo.automatic:
+                notes.append(f"{text} is taken for a photo of somebody; the light of a place is {PREFIX}{text}")
             return Light(mean_light(people), text, notes=notes)
         light = load_light(text, self.order, **options)
         return replace(light, coefficients=deringed(light.coefficients).astype(np.float32))
@@ -182,7 +184,7 @@ class Relighter:
         self,
         image: Picture,
         mask: Picture | None = None,
-        light: Light | np.ndarray | str = AUTO,
+        light: Light | np.ndarray | Path | str = AUTO,
         mode: str = "ratio",
         background: Background | str = "keep",
         turn: float = 0.0,
@@ -200,7 +202,7 @@ class Relighter:
                 the light of the place in the background if this is a picture file, else a warm lamp from the darker
                 side (`opposite_lamp`).
             mode: `ratio` keeps all detail of the photo, `full` is albedo * shading.
-            background: "keep", "transparent", "panorama", a color or a picture file; or a `Background`.
+            background: "keep", "transparent", "panorama" (the light's), a color or a picture file; or a `Background`.
             turn: of the light about the vertical axis, its front toward +x, degrees.
             match: whether the light is scaled to the photo's exposure.
             stops: exposure, as a power of two.
@@ -219,12 +221,13 @@ class Relighter:
         people = self.infer(photo, white_balance=white_balance)
         if isinstance(light, str) and light == AUTO and isinstance(background, str):
             light = default_light(background)
-        background = read_background(background) if isinstance(background, str) else background
-        if isinstance(light, np.ndarray):
-            light = Light(as_table(light, "the light"), "the light").checked()
-        elif not isinstance(light, Light):
+        if isinstance(light, str | Path):
             name = opposite_lamp(people) if light == AUTO else str(light)
             light = self.read_light(name, white_balance=white_balance)
+        elif not isinstance(light, Light):
+            light = Light(as_table(light, "the light"), "the light")
+        light = replace(light, coefficients=as_table(light, light.source)).checked()
+        background = read_background(background, light.panorama) if isinstance(background, str) else background
         coefficients = light.at_order(self.order).coefficients.astype(np.float32)
         coefficients, background = match_exposure(people, coefficients, background, match)
         turned = rotate_y(coefficients, np.radians(turn)).astype(np.float32)

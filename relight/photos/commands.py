@@ -247,6 +247,7 @@ def photo(
     from relight.photos.api import load
     from relight.photos.mask.find import NoMaskNetwork
     from relight.photos.photo import BEFORE_AFTER, relight_file
+    from relight.photos.trust import notes_of
 
     relighter = load(weights)
     try:
@@ -261,7 +262,8 @@ def photo(
         record = relight_file(relighter, path, out, options, mask)
     print(f"{out}/{record['picture']}: {path.name} in the light of {record['light']['name']}")
     print(f"{out}/{BEFORE_AFTER}: both side by side")
-    _print_notes(record)
+    for note in notes_of(record):
+        print(f"note: {note}")
 
 
 @app.command()
@@ -306,8 +308,9 @@ def movie(
         option("Mask of the photo; for a clip, a folder or a video of masks.", "--mask", "-m", metavar="FILE"),
     ] = None,
     seconds: Annotated[
-        float, option("Length of the movie of a photo.", "--seconds", metavar="SECONDS", min=0.1, max=600)
-    ] = 6.0,
+        float | None,
+        option("Length of the movie of a photo; by default 6.", "--seconds", metavar="SECONDS", min=0.1, max=600),
+    ] = None,
     fps: Annotated[
         float | None,
         option("Frames per second; by default 25, or the clip's own.", "--fps", metavar="N", min=1, max=120),
@@ -327,6 +330,8 @@ def movie(
         raise UserError("a movie cannot be transparent: give another --background")
     if not path.exists():
         raise UserError(f"movie: there is no file or folder {path}")
+    if out.exists() and out.samefile(path):
+        raise UserError(f"movie {out} would overwrite the clip: give another --out")
     from relight.photos.api import load
     from relight.photos.movie import write_movie
 
@@ -396,12 +401,3 @@ def at_terminal() -> bool:
 def _text(path: Path | None) -> str | None:
     """Returns a path as text, or None for None: the options of a photo are plain values."""
     return None if path is None else str(path)
-
-
-def _print_notes(record: dict) -> None:
-    """Prints the notes and warnings of a record of `relight_file`, one a line."""
-    for note in record["notes"] + record["light"]["notes"] + record["mask"]["notes"]:
-        print(f"note: {note}")
-    for number, person in enumerate(record["people"], 1):
-        for warning in person["warnings"]:
-            print(f"note{f' on person {number}' if len(record['people']) > 1 else ''}: {warning}")

@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING
 from relight import __version__
 from relight.errors import UserError
 from relight.files import writable_folder
-from relight.photos.mask.find import AUTOMATIC, automatic_model
+from relight.photos.mask.find import automatic_model
 from relight.photos.photo import Options, relight_file
 from relight.photos.place import split_place
-from relight.photos.read import list_photos, mask_beside, mask_in
+from relight.photos.read import list_photos, list_pictures, mask_beside, mask_in
+from relight.photos.trust import notes_of
 from relight.photos.write import write_json
 from relight.processes import has_semaphores
 from relight.progress import progress
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from relight.photos.api import Relighter  # which imports torch
 
 RECORD = "photo.json"
+MOST_LINES = 12  # of notes in a summary
 
 
 @dataclass
@@ -37,18 +39,38 @@ class Summary:
         done: names of those that were relit.
         kept: names of those whose results were up to date.
         failed: reasons by name.
-        notes: on the photos and masks of those that were relit now, by name.
+        notes: on those that were relit now, by name.
+        skipped: numbers of what else is in the folder, by its kind.
     """
 
     done: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
     failed: dict[str, str] = field(default_factory=dict)
     notes: dict[str, list[str]] = field(default_factory=dict)
+    skipped: dict[str, int] = field(default_factory=dict)
 
     def __str__(self) -> str:
         lines = [f"{len(self.done)} relit, {len(self.kept)} already there, {len(self.failed)} failed"]
         lines += [f"  {name}: {reason}" for name, reason in self.failed.items()]
-        return "\n".join(lines + [f"note: {name}: {note}" for name, notes in self.notes.items() for note in notes])
+        if skipped := ", ".join(f"{kind}: {count}" for kind, count in self.skipped.items() if count):
+            lines.append(f"skipped, since only photos in the folder itself are relit: {skipped}")
+        return "\n".join(lines + note_lines(self.notes))
+
+
+def note_lines(notes: dict[str, list[str]]) -> list[str]:
+    """Returns a line for each distinct note on photos, the commonest first: at most MOST_LINES, and what is left out.
+
+    Args:
+        notes: sentences by the photo's name.
+    """
+    names_by_note: dict[str, list[str]] = {}
+    for name, own in notes.items():
+        for note in own:
+            names_by_note.setdefault(note, []).append(name)
+    ranked = sorted(names_by_note.items(), key=lambda item: -len(item[1]))
+    lines = [f"note: {names[0] if len(names) == 1 else f'{len(names)} photos'}: {note}" for note, names in ranked]
+    rest = len(lines) - MOST_LINES
+    return lines[:MOST_LINES] + [f"note: {rest} more are in {RECORD} of the photos"] * (rest > 0)
 
 
 def relight_folder(
@@ -84,7 +106,11 @@ def relight_folder(
     relighter = load(weights)
     network = relighter.network.digest
     options.read_background(options.named_light(relighter))  # errors of the options come once, not for each photo
-    summary = Summary()
+    others = {path for path in Path(folder).iterdir() if not path.name.startswith(".")}
+    others -= {*photos, *map(mask_beside, photos)}
+    folders, unused = {path for path in others if path.is_dir()}, others.intersection(list_pictures(folder))
+    skipped = {"folders": folders, "masks without a photo": unused, "files of other kinds": others - folders - unused}
+    summary = Summary(skipped={kind: len(paths) for kind, paths in skipped.items()})
     tasks = {}
     for photo in photos:
         mask = (mask_in(masks, photo.stem) or Path(masks) / f"{photo.stem}.png") if masks else mask_beside(photo)
@@ -98,9 +124,7 @@ def relight_folder(
     for name, reason in progress(_run(tasks, jobs, options, weights), "photos", total=len(tasks)):
         if reason is None:
             summary.done.append(name)
-            record = json.loads((Path(out) / name / RECORD).read_text())
-            notes = [*record["notes"], *record["mask"]["notes"]]
-            summary.notes[name] = [note for note in notes if note != AUTOMATIC]  # which would hold for most
+            summary.notes[name] = notes_of(json.loads((Path(out) / name / RECORD).read_text()))
         else:
             summary.failed[name] = reason
     return summary

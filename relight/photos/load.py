@@ -116,7 +116,8 @@ def _checked_mask(mask: np.ndarray | Image.Image, shape: tuple[int, ...]) -> np.
     if not (coverage >= MASK_THRESHOLD).any():
         raise UserError("the mask is empty: no pixel of it is at least half white")
     if shape != coverage.shape:
-        raise UserError(f"the mask is {coverage.shape[::-1]} pixels, the image {shape[::-1]}: they must be equal")
+        (height, width), (rows, columns) = shape, coverage.shape
+        raise UserError(f"the mask is {columns}x{rows} pixels, but the image is {width}x{height}: they must be equal")
     return coverage
 
 

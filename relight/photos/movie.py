@@ -5,6 +5,7 @@ smoothed over time: the light, which hardly changes, over a second; the crop ove
 neighbouring frames only where the image itself did not change, so that a moving arm leaves no trace.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import islice
@@ -23,6 +24,7 @@ from relight.photos.compose.render import compose, fit_maps, ground_of, render, 
 from relight.photos.infer import Person, balanced, opposite_lamp
 from relight.photos.load import LoadedPhoto, load_photo, photo_notes
 from relight.photos.mask.edge import fit_edge
+from relight.photos.mask.find import AUTOMATIC, mask_warnings
 from relight.photos.photo import Options
 from relight.photos.read import Photo, list_photos, list_pictures, mask_beside, mask_in
 from relight.photos.video import FPS, is_video, read_frames, write_video
@@ -32,6 +34,7 @@ from relight.sh import rotate_y
 T = TypeVar("T")
 LIGHT_RADIUS, CROP_RADIUS, TRANSPORT_RADIUS = 12, 4, 1  # frames to each side that the means include
 CHANGE = 0.06  # of linear values: pixels that differ by more from a neighbouring frame count as moved
+SECONDS = 6.0  # of the movie of a photo
 UNKNOWN_LENGTH = 250  # frames of one turn of the light, for clips that do not state their length
 
 
@@ -41,7 +44,7 @@ def write_movie(
     mask: Path | str | None,
     out: Path | str,
     options: Options,
-    seconds: float = 6.0,
+    seconds: float | None = None,
     fps: float | None = None,
     turns: float | None = None,
     size: int = 1080,
@@ -55,13 +58,13 @@ def write_movie(
             order. By default masks are found.
         out: the video file.
         options: of the command.
-        seconds: length, for a photo.
+        seconds: length, for a photo; by default SECONDS.
         fps: frames per second; by default the clip's own, or FPS.
         turns: of the light; by default 1 for a photo and 0 for a clip.
         size: the longer side is scaled down to it, pixels.
 
     Returns:
-        Notes on a photo and its mask.
+        Notes on the light, the photo and its mask; on a clip, with the number of frames that have them.
 
     Raises:
         UserError: if an input is wrong or the file cannot be written.
@@ -69,19 +72,22 @@ def write_movie(
     path = Path(path)
     light = options.named_light(relighter)
     if path.is_dir() or is_video(path):
+        if seconds is not None:
+            raise UserError(f"{path} is a clip and keeps its length: --seconds has an effect on a photo only")
         turns = 0.0 if turns is None else turns
-        frames, count, clip_fps = relight_clip(relighter, path, mask, light, options, size, turns)
+        notes: Counter[str] = Counter()
+        frames, count, clip_fps = relight_clip(relighter, path, mask, light, options, size, turns, notes)
         write_video(out, progress(frames, "frames", total=count), fps or clip_fps)
-        return []
+        return (light.notes if light else []) + [f"{note} (frames: {number})" for note, number in notes.most_common()]
     photo = load_photo(path, mask, options.mask_model).downscaled(size)
     pixels, people = photo.pixels, relighter.infer(photo, None, not options.together, options.white_balance)
     light = light or relighter.read_light(opposite_lamp(people))
     coefficients, background = match_exposure(people, light.coefficients, options.read_background(light), options.match)
     fps = fps or FPS
-    count = max(1, round(seconds * fps))
+    count = max(1, round((seconds or SECONDS) * fps))
     frames = turn_light(pixels, people, coefficients, options, background, count, 1.0 if turns is None else turns)
     write_video(out, progress(frames, "frames", total=count), fps)
-    return photo_notes(photo, people)
+    return light.notes + photo_notes(photo, people)
 
 
 def turn_light(
@@ -139,6 +145,7 @@ def relight_clip(
     options: Options,
     size: int,
     turns: float,
+    notes: Counter[str],
 ) -> tuple[Iterator[np.ndarray], int | None, float]:
     """Relights a video or a folder of pictures, with results smoothed over time.
 
@@ -153,6 +160,7 @@ def relight_clip(
         options: of the command.
         size: the longer side is scaled down to it, pixels.
         turns: of the light over the clip.
+        notes: counts the frames with each note on files and masks, while the frames are made.
 
     Returns:
         The frames (H,W,3) uint8, their number if it is known, and frames per second.
@@ -160,13 +168,17 @@ def relight_clip(
     frames, count, fps = read_frames(path)
     background = options.read_background(light)
 
+    def noted(photo: LoadedPhoto) -> tuple[np.ndarray, np.ndarray]:
+        notes.update([*photo.notes, *[AUTOMATIC] * photo.automatic])
+        return photo.pixels, photo.coverage
+
     def infer(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> Person:
         person = relighter.infer_person(pixels, coverage, crop)
+        notes.update(mask_warnings([person]))
         return balanced([person])[0] if options.white_balance == "keep" else person
 
     def relit() -> Iterator[np.ndarray]:
-        photos = (photo.downscaled(size) for photo in _with_masks(path, frames, masks, options))
-        pairs = ((photo.pixels, photo.coverage) for photo in photos)
+        pairs = (noted(photo.downscaled(size)) for photo in _with_masks(path, frames, masks, options))
         smooth = smooth_over_time(pairs, lambda coverage: crop_around(coverage, relighter.network.size), infer)
         coefficients = None
         for i, (pixels, person) in enumerate(smooth):

@@ -1,5 +1,6 @@
 """The commands `photo` and `transfer`: from the files of photos to folders of results."""
 
+import re
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from relight.photos.compose.color import DISPLAY_STOPS, KNEE
 from relight.photos.compose.render import render
 from relight.photos.infer import AUTO, Person, mean_light, opposite_lamp
 from relight.photos.load import LoadedPhoto, load_photo, mask_notes, photo_notes
-from relight.photos.place import default_light
+from relight.photos.place import PREFIX, default_light
 from relight.photos.read import is_picture
 from relight.photos.write import (
     write_before_after,
@@ -28,6 +29,7 @@ from relight.photos.write import (
 from relight.sh import CONVENTIONS, rotate_y
 
 BEFORE_AFTER = "before_after.jpg"
+RESULTS = ("relit", "before_after", "albedo", "shading", "maps", "light", "new_light")  # names of files, without suffix
 BYTES_PER_PIXEL = 54  # of the photo, at most, for the results: three pictures and 19 maps of half floats
 
 
@@ -85,8 +87,19 @@ class Options:
             raise UserError(f"convention {self.convention!r} is none of {', '.join(CONVENTIONS)}")
         if self.blur and self.background != "panorama":
             raise UserError(f"a blur is that of the panorama behind, and the background is {self.background}")
-        if self.light_mask and not is_picture(self.light):
-            raise UserError(f"a mask of the light is that of a photo of somebody, and the light is {self.light}")
+        light = self.light_name
+        is_photo = is_picture(light) and not light.startswith(PREFIX)
+        if self.light_mask and not is_photo:
+            raise UserError(f"a mask of the light is that of a photo of somebody, and the light is {light}")
+        names = ("layout", "yaw", "flip", "upside_down", "convention")
+        given = [name.replace("_", "-") for name in names if getattr(self, name) != getattr(Options, name)]
+        if given and (is_photo or light == AUTO):
+            raise UserError(f"the light {light} takes no {' or '.join(given)}: only files and generated lights do")
+
+    @property
+    def light_name(self) -> str:
+        """What `light` names: AUTO for a lamp that depends on the photo, as `auto` without a picture behind it does."""
+        return default_light(self.background) if self.light == AUTO else self.light
 
     def named_light(self, relighter: Relighter) -> Light | None:
         """Reads the light that the options name.
@@ -94,15 +107,14 @@ class Options:
         Returns:
             The light; None for a lamp that depends on the photo (`auto` without a picture as the background).
         """
-        light = default_light(self.background) if self.light == AUTO else self.light
-        if light == AUTO:
+        if self.light_name == AUTO:
             return None
         options: LightOptions = {
             "layout": self.layout, "yaw": self.yaw, "flip": self.flip, "upside_down": self.upside_down
         }  # fmt: skip
         if self.convention:
             options["convention"] = self.convention
-        return relighter.read_light(light, self.light_mask, self.mask_model, self.white_balance, **options)
+        return relighter.read_light(self.light_name, self.light_mask, self.mask_model, self.white_balance, **options)
 
     def read_background(self, light: Light | None) -> Background:
         """Reads the background, which may be the panorama of the light."""
@@ -124,6 +136,11 @@ class Options:
         """
         photo = load_photo(path, mask, self.mask_model)
         return photo, relighter.infer(photo, None, not self.together, self.white_balance)
+
+
+def is_result(path: Path | str) -> bool:
+    """Returns whether a file has the name of one that `relight_file` writes."""
+    return re.sub(r"_\d+$", "", Path(path).name.split(".")[0]) in RESULTS
 
 
 def relight_file(
@@ -153,6 +170,9 @@ def relight_file(
         UserError: if an input is wrong, or the folder cannot be written.
     """
     out = writable_folder(out, "--out")
+    for given in (path, mask, options.light, options.light_mask, options.background):
+        if given and Path(given).is_file() and Path(given).resolve().parent == out.resolve() and is_result(given):
+            raise UserError(f"{given} is in the folder of results and would be overwritten: give another --out")
     light = light or options.named_light(relighter)
     photo, people = options.infer(relighter, path, mask)
     light = light or relighter.read_light(opposite_lamp(people))

@@ -30,6 +30,7 @@ class Photo:
         name: of the file, without its suffix.
         suffix: of pictures that are written in kind: .png, .tif or .exr.
         notes: what was chosen where the file, or that of its mask, can mean two things, one sentence each.
+        what: its name in errors, such as "photo me.jpg".
     """
 
     pixels: np.ndarray = field(repr=False)
@@ -37,6 +38,7 @@ class Photo:
     name: str
     suffix: str = ".png"
     notes: list[str] = field(default_factory=list)
+    what: str = "the image"
 
     @property
     def codes(self) -> np.ndarray:
@@ -64,7 +66,7 @@ def read_photo(path: Path | str, what: str = "photo") -> Photo:
     path = existing_file(path, what)
     if is_exr(path):
         pixels, alpha, notes = read_linear(path, f"{what} {path}")
-        return _checked(Photo(pixels, alpha, path.stem, ".exr", notes), f"{what} {path}")
+        return _checked(Photo(pixels, alpha, path.stem, ".exr", notes, f"{what} {path}"))
     with decoding_errors(f"{what} {path}"), open_picture(path, what) as image:
         return photo_from_image(image, f"{what} {path}", path.stem, path)
 
@@ -108,14 +110,14 @@ def photo_from_image(
     if pixels.dtype == np.uint16 and largest < FEW_BITS:
         notes.append(f"its largest code is {largest} of 65535, as if it held fewer than 16 bits: it is taken as dark")
     suffix = ".tif" if pixels.dtype == np.uint16 and stored.format == "TIFF" else ".png"
-    return _checked(Photo(pixels, alpha, name, suffix, notes), what)
+    return _checked(Photo(pixels, alpha, name, suffix, notes, what))
 
 
-def _checked(photo: Photo, what: str) -> Photo:
+def _checked(photo: Photo) -> Photo:
     """Returns the photo; raises UserError if a side has fewer than 8 pixels."""
     height, width = photo.pixels.shape[:2]
     if min(height, width) < 8:
-        raise UserError(f"{what} is only {width}x{height} pixels: 8 a side are the least")
+        raise UserError(f"{photo.what} is only {width}x{height} pixels: 8 a side are the least")
     return photo
 
 

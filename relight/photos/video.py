@@ -151,6 +151,6 @@ def _decoded(path: Path) -> Iterator[Photo]:
         with av.open(str(path)) as container:
             for image in container.decode(video=0):  # phones store portrait clips rotated
                 upright = np.rot90(image.to_ndarray(format="rgb24"), round(image.rotation / 90))
-                yield Photo(np.ascontiguousarray(upright), None, path.stem)
+                yield Photo(np.ascontiguousarray(upright), None, path.stem, what=f"a frame of {path}")
     except av.FFmpegError as error:
         raise UserError(f"{path} is damaged or cut short ({error})") from None

@@ -21,7 +21,7 @@ class Site(TyperGroup):
 
 web_app = typer.Typer(
     cls=Site,
-    help="`relight web DIR` writes a site that relights photos in the browser. Nothing leaves the visitor's computer.",
+    help="A site that relights photos in the browser. Nothing leaves the visitor's computer.",
     no_args_is_help=True,
 )
 
@@ -66,6 +66,8 @@ def view(
             f"--mask belongs to one photo, and {len(photos)} were given; name masks me_mask.png beside me.jpg"
         )
     out = writable_file(out or paths[0].with_suffix(".html"), "page")
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise UserError(f"page {out}: the name must end in .html")
     relighter = load(weights) if photos else None
     figures = [figure_of(path, relighter, mask, size) for path in progress(paths, "figures inferred")]
     most = int(limit * 1e6) if limit else None  # bytes
@@ -85,7 +87,7 @@ def web_build(
     ],
     paths: Annotated[
         list[Path] | None,
-        typer.Argument(help="Maps (.exr) or photos to show first; by default a portrait (NASA)."),
+        typer.Argument(help="Maps (.exr) or photos to show first; by default a portrait (NASA).", metavar="FILE"),
     ] = None,
     light: Annotated[
         list[str] | None,
@@ -127,4 +129,4 @@ def web_setup(
 
     if package is None:
         print(f"downloading {PACKAGE.file_name} (33 MB)", flush=True)
-    print(f"{setup(package)}: `relight web DIR` writes sites from now on")
+    print(f"{setup(package)}: `relight web build DIR` writes sites from now on")

@@ -14,7 +14,7 @@ from relight.lights.commands import app
 from relight.lights.load import PROBES, printed_probe, probe
 from relight.lights.statistics import moment_eigenvalue
 from relight.panoramas import Panorama, generate_room, orient, project
-from relight.sh import irradiance, rotate_y
+from relight.sh import irradiance, rotate_y, to_relight
 
 
 def store_pfm(path, pixels):
@@ -103,6 +103,40 @@ def test_files_of_coefficients(tmp_path):
     assert load_light(tmp_path / "a.txt", order=1).coefficients.shape == (4, 3)
 
 
+def test_options_without_an_effect_are_refused(tmp_path):
+    panorama = store_pfm(tmp_path / "a.pfm", np.ones((8, 16, 3), np.float32))
+    np.savetxt(tmp_path / "a.txt", np.eye(9, 3))
+    for text, options, says in (
+        ("room:7", {"layout": "strip"}, "layout has an effect on a file of a panorama only"),
+        ("room:7", {"upside_down": True}, "upside-down has an effect"),
+        ("key:#ffffff@0,0", {"convention": "dpr"}, "convention has an effect on a file of coefficients only"),
+        (panorama, {"convention": "dpr"}, "convention has an effect"),
+        (panorama, {"layout": "foo"}, "layout=foo"),
+        (tmp_path / "a.txt", {"repair": True}, "repair has an effect on a file of a panorama only"),
+    ):
+        with pytest.raises(UserError, match=says):
+            load_light(text, **options)
+
+
+def test_black_light_is_refused(tmp_path):
+    np.save(tmp_path / "a.npy", np.zeros((9, 3)))
+    with pytest.raises(UserError, match=r"a\.npy is black"):
+        load_light(tmp_path / "a.npy")
+    assert isinstance(CliRunner().invoke(app, [str(tmp_path / "a.npy")]).exception, UserError)
+
+
+def test_a_name_that_contradicts_the_convention_is_refused(tmp_path):
+    with pytest.raises(UserError, match=r"x\.dpr\.npy: its name says dpr, but .* in relight"):
+        write_light(load_light("room:3"), tmp_path / "x.dpr.npy")
+    assert write_light(load_light("room:3"), tmp_path / "x.dpr.npy", "dpr").name == "x.dpr.npy"
+
+
+def test_a_light_is_an_array_of_its_coefficients():
+    light = load_light("room:3")
+    np.testing.assert_array_equal(rotate_y(light, 1.0), rotate_y(light.coefficients, 1.0))
+    np.testing.assert_array_equal(to_relight(light, "dpr"), to_relight(light.coefficients, "dpr"))
+
+
 def test_impossible_lights_get_a_note(tmp_path):
     sharp = load_light("key:ffffff@0,30,0").coefficients * np.repeat([1, 1.5, 2.5], [1, 3, 5])[:, None]
     np.save(tmp_path / "a.npy", sharp)
@@ -131,11 +165,6 @@ def test_broken_files_are_named(tmp_path, name):
         "room:",
         "room:x",
         "room:-1",
-        "key:red@0,0",
-        "key:#ffffff@a,b",
-        "key:#ffffff@0,95",
-        "key:#ffffff@0,-90.5",
-        "key:#ffffff@0,0,-1",
         "probe:uffizi",
         "nowhere.hdr",
         "a.npz",
@@ -208,6 +237,7 @@ def test_the_command_prints_writes_and_draws(tmp_path):
     picture = np.asarray(Image.open(tmp_path / "a.png").convert("RGB"), float)
     assert picture.shape[0] > 500 and picture.std() > 30
     assert isinstance(run(app, ["nowhere.hdr"]).exception, UserError)
+    assert "must end in .png" in str(run(app, ["show", "probe:grace", str(tmp_path / "a.json")]).exception)
     assert run(app, ["--help"]).exit_code == 0
 
 
@@ -239,7 +269,27 @@ def test_load_light_reads_json_of_every_code_page(tmp_path, page):
     np.testing.assert_allclose(load_light(tmp_path / "a.json").coefficients, ROWS)
 
 
-@pytest.mark.parametrize("azimuth", ["400", "-361", "1e5", "nan"])
-def test_load_light_refuses_a_lamp_beyond_a_turn(azimuth):
-    with pytest.raises(UserError, match=r"azimuth 400|azimuth -361|malformed"):
-        load_light(f"key:#ff0000@{azimuth},20")
+KEYS = {
+    "key:red@0,0": "color 'red' must have six hexadecimal digits",
+    "key:#fff@45,30": "color 'fff' must have six",
+    "key:": "color '' must have six",
+    "key:#ffffff": "after the @ must come azimuth, elevation and perhaps fill",
+    "key:#ffffff@45": "after the @ must come azimuth",
+    "key:#ffffff@45,30,1,2": "after the @ must come azimuth",
+    "key:#ffffff@a,b": "'a' is not a number",
+    "key:#ffffff@45,": "'' is not a number",
+    "key:#ffffff@400,30": "azimuth 400 must be in -360 to 360",
+    "key:#ffffff@-361,30": "azimuth -361 must be",
+    "key:#ffffff@nan,30": "azimuth nan must be",
+    "key:#ffffff@0,95": "elevation 95 must be in -90",
+    "key:#ffffff@0,-90.5": "elevation -90.5 must be",
+    "key:#ffffff@0,0,-1": "fill -1 must be at least 0",
+    "key:#ffffff@0,0,inf": "fill inf must be at least 0",
+    "key:#000000@0,0": "key:#000000@0,0 is black",
+}
+
+
+@pytest.mark.parametrize("text", KEYS)
+def test_load_light_says_what_is_wrong_with_a_lamp(text):
+    with pytest.raises(UserError, match=re.escape(KEYS[text])):
+        load_light(text)

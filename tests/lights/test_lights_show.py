@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relight.lights import LightSet, lit_ball, write_contact_sheet
-from relight.lights.show import ALBEDO, diffuse_panorama, oriented_pixels
+from relight.lights import Light, LightSet, lit_ball, load_light, write_contact_sheet
+from relight.lights.show import ALBEDO, diffuse_panorama, format_statistics, oriented_pixels
 from relight.panoramas import Panorama, project
 from relight.panoramas.projection import directions
 from relight.sh import basis
@@ -22,6 +22,12 @@ def test_a_ball_under_constant_light_is_constant_and_round():
     assert picture.shape == (64, 64, 4)
     np.testing.assert_allclose(picture[32, 32], [*encode(np.full(3, ALBEDO)), 1], atol=1e-9)
     assert picture[0, 0, 3] == 0 and abs(picture[..., 3].mean() - np.pi / 4) < 2e-3
+
+
+def test_even_light_has_no_main_direction():
+    assert dict(format_statistics(Light(constant(), "even")))["main direction: right, up"] == "none"
+    lamp = dict(format_statistics(load_light("key:#ffffff@40,10")))
+    assert lamp["main direction: right, up"] == "+40°  +10°"
 
 
 def test_a_ball_is_bright_on_the_side_of_the_lamp():

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from relight.errors import UserError
-from relight.lights import load_light
+from relight.lights import Light, load_light
 from relight.photos.compose.background import Background
 from relight.photos.load import load_photo
 from relight.photos.read import Photo
@@ -43,7 +43,7 @@ def test_what_is_wrong_is_said(relighter, photo_files):
         (Image.fromarray(pixels[..., 0]), mask, "the image is grey"),
         (Image.fromarray(pixels).convert("CMYK"), mask, "the image is CMYK"),
         (pixels, Image.fromarray(mask[:, 1:]), r"the mask is 139x180 pixels, but the photo is 140x180"),
-        (pixels, mask[1:], "they must be equal"),
+        (pixels, mask[1:], "the mask is 140x179 pixels, but the image is 140x180: they must be equal"),
         (pixels, np.zeros_like(mask), "the mask is empty"),
         (pixels / 255, mask, "the image is float64"),
         (me.with_name("none.png"), mask, "there is no file"),
@@ -58,8 +58,15 @@ def test_a_light_may_be_an_object_and_must_shine(relighter, photo_files):
     me, mask, *_ = photo_files
     light = load_light("room:7", order=3)
     expected = relighter.relight(me, mask, light.coefficients[:9])
-    np.testing.assert_array_equal(relighter.relight(me, mask, light), expected)
+    for same in (light, light.coefficients[:9].tolist(), light.coefficients[:9].T):
+        np.testing.assert_array_equal(relighter.relight(me, mask, same), expected)
+    room = relighter.read_light("room:7")
+    expected = relighter.relight(me, mask, "room:7", background="panorama")
+    np.testing.assert_array_equal(relighter.relight(me, mask, room, background="panorama"), expected)
     for wrong, says in (
+        (Light(np.full((9, 3), np.nan), "mine"), "mine has coefficients that are not finite"),
+        (Light(np.zeros((9, 3)), "mine"), "mine is black"),
+        ([[1, 2], [3]], "the light is not a table of numbers"),
         (np.full((9, 3), np.nan), "the light .*finite"),
         (np.zeros((9, 3)), "the light is black"),
         (np.ones((5, 3)), r"the light has the shape \(5, 3\)"),

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from relight.cli import app
 from relight.errors import UserError
 from relight.lights import load_light
+from relight.photos.folder import MOST_LINES, note_lines
 from relight.photos.infer import opposite_lamp
 
 
@@ -110,10 +111,22 @@ def test_doubts_about_a_mask_are_said_wherever_one_is_used(run, photo_files, wei
     assert doubt in (tmp_path / "lit" / "photo.json").read_text()
     swapped = run("transfer", me, folder / "you.png", "--mask-a", mask, "--out", tmp_path / "s", "--weights", weights)
     assert f"note: you: {doubt}" in swapped
-    assert f"note: you.png: {doubt}" in run("photo", folder, "--out", tmp_path / "out", "--weights", weights)
+    Image.new("RGB", (9, 9)).save(folder / "other_mask.png")
+    (folder / "below").mkdir()
+    (folder / "notes.txt").touch()
+    summary = run("photo", folder, "--out", tmp_path / "out", "--weights", weights)
+    assert f"note: you.png: {doubt}" in summary
+    assert "are relit: folders: 1, masks without a photo: 1, files of other kinds: 1\n" in summary
     assert f"note: you: {doubt}" in run("view", folder / "you.png", "--out", tmp_path / "a.html", "--weights", weights)
     with pytest.raises(UserError, match=r"holds no photo \(\.jpg, .*\.exr\)"):
         run("photo", tmp_path / "out", "--out", tmp_path / "none")  # with folders, which are not searched
+
+
+def test_many_notes_on_a_folder_are_counted():
+    notes = {f"{n}.png": ["automatic", f"note {n}"] for n in range(20)}
+    lines = note_lines(notes)
+    assert lines[:2] == ["note: 20 photos: automatic", "note: 0.png: note 0"]
+    assert len(lines) == MOST_LINES + 1 and lines[-1] == "note: 9 more are in photo.json of the photos"
 
 
 def bad(tmp_path, weights):
@@ -152,11 +165,16 @@ def bad(tmp_path, weights):
     yield [me, "--background", tmp_path / "none.png"], r"place: there is no file .*none\.png"
     yield [me, "--background", tmp_path / "none.png", "--light", "room:3"], "background: there is no file"
     yield [me, "--light", "key:#ffeedd@45,95"], "elevation 95 must be in -90"
-    yield [me, "--light", "key:red@45,30"], "a lamp is named key:#RRGGBB@RIGHT,UP,FILL"
+    yield [me, "--light", "key:red@45,30"], "color 'red' must have six hexadecimal digits"
     yield [me, "--layout", "foo"], "layout 'foo' is none of auto, latlong"
     yield [me, "--convention", "foo"], "convention 'foo' is none of relight"
     yield [me, "--blur", "3"], "a blur is that of the panorama behind, and the background is keep"
     yield [me, "--light-mask", me], "a mask of the light is that of a photo of somebody, and the light is auto"
+    yield [me, "--light-mask", me, "--light", f"place:{me}"], "and the light is place:"
+    yield [me, "--layout", "cross"], "the light auto takes no layout"
+    yield [me, "--light", me, "--yaw", "3", "--flip"], "takes no yaw or flip"
+    yield [me, "--light", "room:7", "--layout", "cross"], "layout has an effect on a file of a panorama only"
+    yield [me, "--light", "room:7", "--convention", "dpr"], "convention has an effect on a file of coefficients only"
     yield [me, "--mask", me], "is the photo itself"
 
 
@@ -173,7 +191,7 @@ def test_bad_input_is_one_line_and_overwrites_nothing(run, photo_files, weights,
             run("photo", *words)
         assert "\n" not in str(error.value)
         count += 1
-    assert count == 28
+    assert count == 33
     assert [p.name for p in out.iterdir()] == ["relit.png"] and (out / "relit.png").read_bytes() == b"precious"
 
 
@@ -185,6 +203,17 @@ def test_a_mask_that_looks_wrong_is_said(run, photo_files, weights, tmp_path):
     Image.fromarray(255 - drawn).save(mask)
     assert "note: the mask may be inverted" in run("photo", me, "--out", out, "--weights", weights)
     assert "inverted" in json.loads((out / "photo.json").read_text())["mask"]["notes"][0]
+
+
+def test_results_that_are_given_are_not_overwritten(run, photo_files, weights, tmp_path):
+    me, mask, _, _ = photo_files
+    out = tmp_path / "out"
+    run("photo", me, "--out", out, "--weights", weights)
+    before = {path: path.read_bytes() for path in out.iterdir()}
+    for words in ([me, "--light", out / "new_light.json"], [out / "relit.png", "--mask", mask]):
+        with pytest.raises(UserError, match="would be overwritten: give another --out"):
+            run("photo", *words, "--out", out, "--weights", weights)
+    assert before == {path: path.read_bytes() for path in out.iterdir()}
 
 
 @pytest.mark.slow

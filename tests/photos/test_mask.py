@@ -111,8 +111,8 @@ def test_the_built_in_mask(wheel):
     assert overlap(found > 127, figure) > 0.97
     assert not found[15:35, 15:35].any() and not found[190:260, 118:123].any()
     assert np.abs(found[:, ::-1].astype(int) - selfie.segment(np.ascontiguousarray(pixels[:, ::-1]))).max() <= 8
-    with pytest.raises(UserError, match="found nobody in dark: give --mask FILE"):
-        find_mask(Photo(pixels // 8, None, "dark"))
+    with pytest.raises(UserError, match=r"found nobody in photo dark\.jpg: draw a mask"):
+        find_mask(Photo(pixels // 8, None, "dark", what="photo dark.jpg"))
 
 
 @pytest.mark.parametrize(("size", "count"), [((300, 400), 1), ((300, 401), 2), ((200, 900), 6), ((900, 200), 1)])
@@ -150,7 +150,7 @@ def test_photo_without_a_mask(run, wheel, weights, tmp_path):
     pixels, figure = scene()
     Image.fromarray(pixels).save(tmp_path / "me.png")
     words = ["photo", tmp_path / "me.png", "--light", "key:#ffffff@60,20", "--weights", weights]
-    with pytest.raises(UserError, match=r"me has no mask: for automatic masks run `relight mask setup` once; or give"):
+    with pytest.raises(UserError, match=r"me\.png has no mask: .* run `relight mask setup` once; or draw"):
         run(*words)
     run("mask", "setup", "--from", wheel)
     assert "misses hands, hats and bags" in run(*words)

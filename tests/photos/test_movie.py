@@ -1,5 +1,7 @@
 """Movies: they hold what was put in, the exposure is fixed, the turn closes, and clips are steadied."""
 
+import re
+
 import av
 import numpy as np
 import pytest
@@ -85,10 +87,12 @@ def test_turning_light_closes_and_keeps_its_exposure(relighter, draw):
 
 
 def test_movie_of_a_photo(run, photo_files, weights, tmp_path):
-    me, _, _, _ = photo_files
+    me, mask_file, _, mask = photo_files
     words = ["movie", me, "--out", tmp_path / "a.mp4", "--seconds", 0.4, "--size", 64, "--light", "sky:1"]
     words += ["--background", "panorama", "--weights", weights]
-    run(*words)
+    assert "the mask" not in run(*words)
+    Image.fromarray(255 - mask).save(mask_file)
+    assert "note: the mask may be inverted" in run(*words)
     with av.open(str(tmp_path / "a.mp4")) as container:
         stream = container.streams.video[0]
         assert (stream.frames, stream.height, stream.width) == (10, 64, 50)
@@ -107,7 +111,7 @@ def test_movie_of_a_clip(run, weights, tmp_path, draw):
         Image.fromarray(np.roll(pixels, i, 1)).save(frames / f"{i}.png")
         Image.fromarray(np.roll(mask, i, 1)).save(masks / f"{i}.png")
     words = ["movie", frames, "--mask", masks, "--out", tmp_path / "a.webm", "--light", "room:1", "--weights", weights]
-    run(*words)
+    assert "note" not in run(*words)
     assert sum(1 for _ in read_frames(tmp_path / "a.webm")[0]) == 5
     beside = tmp_path / "beside"
     beside.mkdir()
@@ -118,6 +122,14 @@ def test_movie_of_a_clip(run, weights, tmp_path, draw):
     run(*same)
     pairs = zip(read_frames(tmp_path / "a.webm")[0], read_frames(tmp_path / "b.webm")[0], strict=True)
     assert all(np.array_equal(a.pixels, b.pixels) for a, b in pairs)
+    Image.fromarray(255 - mask).save(masks / "2.png")
+    assert re.search(r"note: the mask may be inverted.* \(frames: 1\)", run(*words))
+    for refused, says in (
+        (["--seconds", 3], "is a clip and keeps its length"),
+        ([], r"movie .*a\.webm would overwrite the clip"),
+    ):
+        with pytest.raises(UserError, match=says):
+            run("movie", *([tmp_path / "a.webm"] if not refused else [frames]), *words[2:], *refused)
     (masks / "4.png").unlink()
     with pytest.raises(UserError, match="holds no mask of the frame 4"):
         run(*words)

@@ -11,7 +11,7 @@ from PIL import Image, ImageCms
 
 from relight.errors import UserError
 from relight.photos.mask.find import count_heads, find_mask, mask_warnings, split_people
-from relight.photos.read import read_mask, read_photo
+from relight.photos.read import list_photos, read_mask, read_photo
 
 RGB = np.random.default_rng(0).integers(0, 256, (40, 30, 3)).astype(np.uint8)
 
@@ -177,7 +177,8 @@ def test_masks_that_look_wrong():
     assert count_heads(alone[20:, 20:-20]) == 1 and "several people who touch" in said(pair)
     assert said(person(width=260, center=0.3), person(width=260, center=0.7)) == ""
     assert "cut by the photo's lower edge:" in said(alone[:120])
-    assert "left and right edges" in said(alone[:, 58:-58])
+    assert "photo's left and right edges:" in said(alone[:, 58:-58])
+    assert "photo's lower, left and right edges:" in said(alone[:120, 58:-58])
     raised = alone.copy()
     raised[8:60, 48:58] = raised[8:60, 102:112] = True  # arms straight up
     raised[40:60, 48:112] = True
@@ -190,6 +191,11 @@ def test_the_photo_as_its_own_mask_is_refused(tmp_path):
     Image.fromarray(pixels).save(tmp_path / "a.png")
     with pytest.raises(UserError, match="is the photo itself"):
         find_mask(read_photo(tmp_path / "a.png"), tmp_path / "a.png")
+
+
+def test_an_empty_folder_is_told_what_is_read(tmp_path):
+    with pytest.raises(UserError, match=r"holds no photo \(\.jpg, .*\.gif, \.avif, \.heic, \.heif, \.exr\)"):
+        list_photos(tmp_path)
 
 
 def test_heic_needs_its_reader(tmp_path, monkeypatch):

@@ -10,11 +10,13 @@ from typer.testing import CliRunner
 from relight.crop import crop_around
 from relight.errors import UserError
 from relight.inference import PhotoNetwork
+from relight.lights import load_light
 from relight.maps import write_left_out, write_maps
 from relight.photos.api import Relighter
 from relight.photos.compose.render import total_coverage
 from relight.photos.infer import Person, network_input
 from relight.sh import basis, irradiance, unoccluded
+from relight.viewer.build import build_viewer
 from relight.viewer.commands import app
 from relight.viewer.source import LIGHTS, baked_figure, named_lights
 
@@ -42,6 +44,15 @@ def test_view_writes_a_page_for_baked_maps(tmp_path, maps):
     page, _ = embedded(tmp_path / "c.html")
     assert [light["name"] for light in page["lights"]] == ["key:#ffffff@0,0", "room:2"]
     assert page["background"] == "light"
+
+
+def test_pages_take_lights_for_coefficients(tmp_path, maps):
+    light = load_light("room:7")
+    pages = []
+    for given in (light, light.coefficients):
+        build_viewer(tmp_path / "a.html", maps, {"Room": given})
+        pages.append((tmp_path / "a.html").read_text())
+    assert pages[0] == pages[1]
 
 
 def test_lights_are_brought_to_one_brightness():
@@ -72,6 +83,8 @@ def test_wrong_input_is_told_in_a_sentence(tmp_path):
         run(tmp_path / "none.exr")
     with pytest.raises(UserError, match="--mask belongs to one photo"):
         run(tmp_path / "left.exr", "--mask", tmp_path / "m.png")
+    with pytest.raises(UserError, match=r"must end in \.html"):
+        run(tmp_path / "left.exr", "-o", tmp_path / "left.exr")
     assert not list(tmp_path.glob("*.html"))
 
 

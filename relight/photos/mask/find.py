@@ -21,6 +21,7 @@ HEAD_WIDTH, HEAD_HEIGHT = 0.085, 0.06  # least, of a person's height; a raised a
 AUTOMATIC = (
     "the mask is automatic, and misses hands, hats and bags at times: `relight mask draw` writes it for correction"
 )
+BY_HAND = "draw a mask, white on the person (me_mask.png beside me.jpg), or give a PNG with an alpha channel"
 SIDES: dict[str, tuple[int | slice, ...]] = {
     "upper": np.s_[0, :], "lower": np.s_[-1, :], "left": np.s_[:, 0], "right": np.s_[:, -1]
 }  # fmt: skip
@@ -55,7 +56,7 @@ def find_mask(photo: Photo, path: Path | str | None = None, model: Path | str | 
         return mask
     if photo.alpha is not None:
         if not (photo.alpha >= MASK_THRESHOLD).any():
-            raise UserError(f"photo {photo.name} has an alpha channel without any opaque pixel: nobody to relight")
+            raise UserError(f"{photo.what} has an alpha channel without any opaque pixel: nobody to relight")
         return photo.alpha
     return automatic_mask(photo, model)
 
@@ -76,16 +77,12 @@ def automatic_mask(photo: Photo, model: Path | str | None = None) -> np.ndarray:
     path = automatic_model(model)
     if path is None:
         raise NoMaskNetwork(
-            f"photo {photo.name} has no mask: for automatic masks run `relight mask setup` once; or give --mask FILE "
-            "(white on the person) or a PNG with an alpha channel"
+            f"{photo.what} has no mask: for automatic masks run `relight mask setup` once; or {BY_HAND}"
         )
     built_in = path == selfie.network_file()
     mask = selfie.segment(photo.codes) if built_in else u2net.segment(photo.codes, path)
     if not (mask >= MASK_THRESHOLD).any() or (mask >= MASK_THRESHOLD).all():
-        raise UserError(
-            f"the automatic mask found nobody in {photo.name}: give --mask FILE (white on the person) or a PNG with an "
-            "alpha channel"
-        )
+        raise UserError(f"the automatic mask found nobody in {photo.what}: {BY_HAND}")
     return fit_edge(photo.pixels, mask, automatic=True)
 
 
