@@ -67,9 +67,7 @@ class Collider:
         """Builds the search structure from vertices (V,3) at the start and the end of the frame, and faces (F,3)."""
         self.indices: wp.array = wp.array(faces.astype(np.int32).ravel(), dtype=int)
         self.start, self.end = vec3_array(start), vec3_array(end)
-        self.normals = vec3_array(
-            normals(end, faces)
-        )  # those of its end, for the whole frame
+        self.normals = vec3_array(normals(end, faces))  # those of its end, for the whole frame
         self.mesh = wp.Mesh(points=self.start, indices=self.indices)
 
     @classmethod
