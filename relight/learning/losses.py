@@ -104,7 +104,7 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> tuple[Tensor
         The weighted sum, and the unweighted scalars by name.
 
     Raises:
-        UserError: if all weights are zero.
+        UserError: if all weights are zero, or a loss of an extension is no scalar.
     """
     comparison = Comparison(outputs, batch, loss.reduction)
     values: dict[str, Tensor] = {}
@@ -123,7 +123,10 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> tuple[Tensor
             add(term(comparison), weight * batch.size / loss.tv_reference if name == "tv_transport" else weight)
     for name, weight in loss.extra.items():
         if weight:
-            add({f"extra_{name}": extension(name, "loss")(outputs, batch)}, weight)
+            value = extension(name, "loss")(outputs, batch)
+            if not isinstance(value, Tensor) or value.ndim:
+                raise UserError(f"the loss of the extension {name} must be a tensor of one number, without axes")
+            add({f"extra_{name}": value}, weight)
     if not weighted:
         raise UserError("every weight in the group loss is 0: give one, such as loss=full")
     total = weighted[0]
