@@ -77,6 +77,7 @@ def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
     return replace(
         mesh,
         vertices=((vertices - centre) * scale).astype(np.float32),
+        normal=None,
         info={**mesh.info, "align": record, "warnings": warnings},
     )
 

@@ -15,7 +15,6 @@ from relight.transport.surface import sample_albedo
 MAX_EDGE = 0.03  # over the diagonal; longer edges are split, since radiosity is constant on a face
 MIN_RAYS = 16  # per face
 RAY_DIVISOR = 4  # rays per pixel over rays per face: a pixel's rays average over hundreds of faces
-MIN_RAYS = 16  # per face
 
 
 def solve_radiosity(

@@ -13,6 +13,7 @@ app = typer.Typer()
 
 @app.command()
 def bake(
+    ctx: typer.Context,
     mesh: Annotated[Path, typer.Argument(help="A .obj, .ply, .glb or .gltf file.")],
     out: Annotated[
         list[Path] | None,
@@ -76,14 +77,15 @@ def bake(
 
     per_vertex = any(target.suffix.lower() in (".ply", ".npz") for target in targets)
     per_pixel = any(target.suffix.lower() in (".exr", ".png") for target in targets)
-    alignment = {"--up": up != "auto", "--front": front != "auto", "--padding": padding != 0.05}
-    views = {"--yaw": yaw != 0, "--pitch": pitch != 0, "--focal": focal is not None}
-    pictures = {"--size": size != 1024, "--supersample": supersample != 1}
-    for option in [name for name, is_given in (alignment | views | pictures).items() if is_given]:
+    alignment = ("up", "front", "padding")
+    for name in (*alignment, "yaw", "pitch", "focal", "size", "supersample"):
+        given_by = ctx.get_parameter_source(name)
+        if given_by is None or given_by.name != "COMMANDLINE":
+            continue
         if not per_pixel:
-            raise UserError(f"{option} is for maps, and transport per vertex is all that --out names: omit it")
-        if as_is and option in alignment:
-            raise UserError(f"{option} aligns the mesh, which --as-is leaves as it is: omit one of them")
+            raise UserError(f"--{name} is for maps, and transport per vertex is all that --out names: omit it")
+        if as_is and name in alignment:
+            raise UserError(f"--{name} aligns the mesh, which --as-is leaves as it is: omit one of them")
 
     from relight.meshes import read_mesh
     from relight.meshes.axes import AXES
