@@ -63,7 +63,7 @@ def figures(results: Results) -> Numbers:
         The context of templates/sections/figures.md: `infos`, the record of each figure; the pictures `sheet` and
         `histogram`; the mean occlusion of `every` figure, and the one that the paper's tables have `implied`; and grids
         of the figures that were `left_out`, of the occlusion `by_pose`, `by_garment` and of `each` figure, and of
-        `repairs` and of `warnings`, what should be looked at. And what `redraws` returns.
+        `repairs`; the names of figures by their `warnings`. And what `redraws` returns.
     """
     infos, left_out = results.record["figures"], results.record["left_out"]
     table = read_occlusion(results.report / "occlusion.csv")
@@ -72,7 +72,10 @@ def figures(results: Results) -> Numbers:
         for name, info in infos.items()
         if info.get("repairs")
     ]
-    warnings = [[name, warning] for name, info in infos.items() for warning in info.get("warnings", ())]
+    warnings: dict[str, list[str]] = {}  # names of figures by warning
+    for name, info in infos.items():
+        for warning in info.get("warnings", ()):
+            warnings.setdefault(warning, []).append(name)
     by_figure = table.assign(garments=table.garments.str.replace(SEPARATOR, ", ", regex=False))
     by_figure = by_figure[["name", "pose", "garments", "ao", "dark", "lost"]].to_numpy(object).tolist()
     return {
@@ -86,7 +89,7 @@ def figures(results: Results) -> Numbers:
         "by_garment": group_grid(table, "garment"),
         "each": TextTable.of(["figure", "pose", "garments", "mean AO", "AO < .5", "rms lost"], by_figure),
         "repairs": TextTable.of(["figure", "repairs"], repairs),
-        "warnings": TextTable.of(["figure", "what to look at"], warnings),
+        "warnings": warnings,
         **redraws(infos),
     }
 
