@@ -93,7 +93,7 @@ def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[
     except (TypeError, KeyError, ValueError, RuntimeError, OverflowError, AttributeError, SafetensorError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise UserError(f"{path} does not fit this version of relight: {reason}") from None
-    network.to(device, memory_format=network.layout)  # type: ignore[call-overload]  # not in torch's hints
+    network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # not in torch's hints
     return network.eval(), config
 
 

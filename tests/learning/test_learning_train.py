@@ -324,9 +324,12 @@ def test_a_batch_of_one_is_relit_under_another_light(run, world):
 @pytest.mark.slow
 @pytest.mark.parametrize("photo", [False, True])
 def test_two_processes_train_the_network_that_one_does(run, tmp_path, photo):
-    """torchrun with gloo. Without dropout and with instance statistics the averaged gradient is that of the batch."""
+    """torchrun with gloo. Without dropout and with instance statistics the averaged gradient is that of the batch.
+
+    The processes share out Muon's weights.
+    """
     changes = {"norm": "instance", "dropout": 0.0}
-    more = ({"framing": 1.0}, {"color": "photo"}) if photo else ({}, {})
+    more = ({"framing": 1.0}, {"color": "photo", "optimizer": "muon"}) if photo else ({}, {})
     alone = run("alone", changes, {"reduction": "mask"}, more[0], steps=4, **more[1])
     alone()
     pair = run("pair", changes, {"reduction": "mask"}, more[0], steps=4, **more[1])
