@@ -12,7 +12,7 @@ LIGHT = Annotated[
     str,
     typer.Argument(
         help="A panorama (.hdr, .exr), coefficients (.npy, .json), a photo of a place (street.jpg, street.jpg@-60,40), "
-        "hall, probe:grace, room:7, key:#ffeedd@45,30."
+        "hall, probe:grace, room:7, key:#ffeedd@45,30. With --out sheet.png also a set of lights (.npz)."
     ),
 ]
 ORDER = Annotated[int, typer.Option(min=0, max=6, help="Order of the spherical harmonics; 2 gives nine coefficients.")]
@@ -35,7 +35,13 @@ CONVENTION = Annotated[
     typer.Option("--from", help="Convention of a file of coefficients, such as kanamori2018, dpr, ramamoorthi2001."),
 ]
 OUT = Annotated[
-    list[Path] | None, typer.Option("--out", "-o", help="Also write a .json or .npy file; may be repeated.")
+    list[Path] | None,
+    typer.Option(
+        "--out",
+        "-o",
+        help="Also write the coefficients (.json, .npy) or draw lit ball, diffuse panorama and statistics (.png); "
+        "may be repeated.",
+    ),
 ]
 TO = Annotated[str, typer.Option(help="Convention to print and write in.")]
 
@@ -52,7 +58,7 @@ class LightGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
 
-app = typer.Typer(cls=LightGroup, no_args_is_help=True, help="Turn panoramas into lights, and draw them.")
+app = typer.Typer(cls=LightGroup, no_args_is_help=True, help="Print, write or draw a light.")
 
 
 @app.command()
@@ -69,15 +75,25 @@ def numbers(
     convention: CONVENTION = None,
     repair: REPAIR = False,
 ) -> None:
-    """Print the spherical harmonics of a light and its statistics."""
+    """Print the spherical harmonics of a light and its statistics. `relight light kitchen.hdr` is short for it."""
     from rich.console import Console
     from rich.table import Table
 
+    from relight.errors import UserError
     from relight.lights.light import write_light
     from relight.lights.load import load_light
-    from relight.lights.show import format_statistics
+    from relight.lights.show import format_statistics, write_contact_sheet, write_light_picture
+    from relight.lights.table import read_light_set
     from relight.sh import bands, from_relight
 
+    paths = out or []
+    pictures = [path for path in paths if path.suffix.lower() == ".png"]
+    if Path(light).suffix == ".npz":
+        if not paths or pictures != paths:
+            raise UserError(f"{light} is a set of lights: name one ({light}:0), or draw all with --out sheet.png")
+        for path in pictures:
+            write_contact_sheet(read_light_set(light), path)
+        return
     loaded = load_light(
         light,
         order,
@@ -99,46 +115,12 @@ def numbers(
         console.print(f"  {name:32s} {value}")
     for note in loaded.notes:
         typer.echo(note, err=True)
-    for path in out or []:
-        console.print(f"written: {write_light(loaded, path, to)}", soft_wrap=True)
-
-
-@app.command()
-def show(
-    light: LIGHT,
-    out: Annotated[Path, typer.Argument(help="The PNG to draw.")],
-    order: ORDER = 2,
-    layout: LAYOUT = "auto",
-    yaw: YAW = 0.0,
-    flip: FLIP = False,
-    upside_down: UPSIDE_DOWN = False,
-    exposure: EXPOSURE = 1.0,
-    convention: CONVENTION = None,
-    repair: REPAIR = False,
-) -> None:
-    """Draw a light: lit ball, diffuse panorama and statistics; or the contact sheet of a light set (.npz)."""
-    from relight.errors import UserError
-    from relight.lights.load import load_light
-    from relight.lights.show import write_contact_sheet, write_light_picture
-    from relight.lights.table import read_light_set
-
-    if out.suffix.lower() != ".png":
-        raise UserError(f"{out}: the name of the picture must end in .png")
-    if Path(light).suffix == ".npz":
-        write_contact_sheet(read_light_set(light), out)
-    else:
-        loaded = load_light(
-            light,
-            order,
-            layout=layout,
-            yaw=yaw,
-            flip=flip,
-            exposure=exposure,
-            convention=convention,
-            repair=repair,
-            upside_down=upside_down,
-        )
-        write_light_picture(loaded, out)
+    for path in paths:
+        if path in pictures:
+            write_light_picture(loaded, path)
+            console.print(f"written: {path}", soft_wrap=True)
+        else:
+            console.print(f"written: {write_light(loaded, path, to)}", soft_wrap=True)
 
 
 @app.command()

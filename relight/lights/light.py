@@ -153,5 +153,5 @@ def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
         with atomic_write(path) as temporary, open(temporary, "wb") as file:
             np.save(file, coefficients)
     else:
-        raise UserError(f"{path}: a light is written as .json or .npy")
+        raise UserError(f"{path}: a light is written as .json or .npy, and drawn as .png")
     return path

@@ -230,14 +230,14 @@ def test_the_command_prints_writes_and_draws(tmp_path):
     )
     np.testing.assert_allclose(load_light(tmp_path / "a.json").coefficients, load_light("room:12").coefficients)
     assert "reference brightness" in done.output and len(re.findall(r"-?\d\.\d{6}", done.output)) == 27
-    done = run(app, ["show", "probe:grace", str(tmp_path / "a.png"), "--yaw", "30"])
+    done = run(app, ["probe:grace", "--out", str(tmp_path / "a.png"), "--yaw", "30"])
     assert done.exit_code == 0, done.output
     from PIL import Image
 
     picture = np.asarray(Image.open(tmp_path / "a.png").convert("RGB"), float)
     assert picture.shape[0] > 500 and picture.std() > 30
     assert isinstance(run(app, ["nowhere.hdr"]).exception, UserError)
-    assert "must end in .png" in str(run(app, ["show", "probe:grace", str(tmp_path / "a.json")]).exception)
+    assert "and drawn as .png" in str(run(app, ["probe:grace", "--out", str(tmp_path / "a.jpg")]).exception)
     assert run(app, ["--help"]).exit_code == 0
 
 

@@ -2,8 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from relight.lights import Light, LightSet, lit_ball, load_light, write_contact_sheet
+from relight.errors import UserError
+from relight.lights import Light, LightSet, lit_ball, load_light, write_contact_sheet, write_light_set
+from relight.lights.commands import app
 from relight.lights.show import ALBEDO, diffuse_panorama, format_statistics, oriented_pixels
 from relight.panoramas import Panorama, project
 from relight.panoramas.projection import directions
@@ -92,3 +95,10 @@ def test_a_contact_sheet_of_any_size_is_drawn(tmp_path):
     assert (tmp_path / "a.png").stat().st_size > 10_000
     write_contact_sheet(lights.of("train"), tmp_path / "b.png")
     assert (tmp_path / "b.png").stat().st_size < (tmp_path / "a.png").stat().st_size
+
+    write_light_set(lights, tmp_path / "lights.npz")
+    done = CliRunner().invoke(app, [str(tmp_path / "lights.npz"), "-o", str(tmp_path / "c.png")])
+    assert done.exit_code == 0 and (tmp_path / "c.png").read_bytes() == (tmp_path / "a.png").read_bytes()
+    for options in ([], ["-o", str(tmp_path / "c.json")]):
+        refused = CliRunner().invoke(app, [str(tmp_path / "lights.npz"), *options]).exception
+        assert isinstance(refused, UserError) and "draw all with --out sheet.png" in str(refused)

@@ -126,6 +126,6 @@ def test_light_command_of_a_photo(run, street):
     np.testing.assert_allclose(load_light("b.json").coefficients, stated)
     run("light", "place:street.png@-60,40", "--yaw", 0, "-o", "b.json")
     np.testing.assert_allclose(load_light("b.json").coefficients, stated)
-    run("light", "show", "place:street.png", "ball.png")
+    run("light", "place:street.png", "-o", "ball.png")
     assert Image.open("ball.png").size
     assert "place:street.png" in named_lights(["place:street.png"])
