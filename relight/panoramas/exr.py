@@ -37,14 +37,12 @@ class ExrPicture:
         envmap: the header attribute `envmap`: "latlong", "cube" or None.
         repairs: what was changed, one sentence each.
         alpha: (H,W) float32, by which the colors are multiplied, or None.
-        is_grey: whether the file has luminance only.
     """
 
     pixels: np.ndarray
     envmap: str | None
     repairs: list[str]
     alpha: np.ndarray | None = None
-    is_grey: bool = False
 
 
 @dataclass(frozen=True)
@@ -116,7 +114,7 @@ def read_exr(path: Path) -> ExrPicture:
             repairs.append(f"it names the color space {header.named_space} without chromaticities: taken for Rec. 709")
     if alpha is not None and alpha.shape == window_pixels.shape[:2]:
         alpha = to_display_window(path, header, alpha[..., None], [])[..., 0]
-    return ExrPicture(pixels, header.envmap, repairs, alpha, names == "Y")
+    return ExrPicture(pixels, header.envmap, repairs, alpha)
 
 
 def read_headers(path: Path, OpenEXR: Any) -> list[Header]:

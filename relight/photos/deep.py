@@ -78,12 +78,10 @@ def read_linear(path: Path, what: str) -> tuple[np.ndarray, np.ndarray | None, l
         Pixels (H,W,3) float32, linear Rec. 709; alpha (H,W) uint8, or None if it does not vary; notes.
 
     Raises:
-        UserError: if it is damaged or grey, or has pixels that are not finite.
+        UserError: if it is damaged, or has pixels that are not finite.
     """
     picture = read_exr(path)
     pixels, notes = np.ascontiguousarray(picture.pixels), picture.repairs
-    if picture.is_grey:
-        raise UserError(f"{what} is grey: give a color picture, for the light's color is read from it")
     if not np.isfinite(pixels).all():
         raise UserError(f"{what} has pixels that are not finite numbers: repair it first")
     alpha = None

@@ -65,7 +65,7 @@ def load_photo(
     """Loads a photo and its mask.
 
     Args:
-        image: (H,W,3) uint8 or uint16 sRGB, an image of Pillow, a file, or a `Photo`.
+        image: (H,W,3) uint8 or uint16 sRGB (a grey one may be (H,W)), an image of Pillow, a file, or a `Photo`.
         mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1]; an image of Pillow, or a file. By default the file beside
             the photo, its alpha, or an automatic mask.
         mask_model: file of the network (.onnx) that finds the people; None for the one that is installed.
@@ -89,8 +89,10 @@ def load_photo(
 
 
 def _checked_image(image: np.ndarray) -> np.ndarray:
-    """Returns the image; raises UserError unless it is (H,W,3) uint8 or uint16."""
+    """Returns the image as (H,W,3); raises UserError unless it is (H,W,3), or (H,W) if grey, and uint8 or uint16."""
     image = np.asarray(image)
+    if image.ndim == 2:
+        image = np.repeat(image[..., None], 3, axis=2)
     if image.dtype not in (np.uint8, np.uint16) or image.ndim != 3 or image.shape[2] != 3:
         raise UserError(f"the image is {image.dtype} {image.shape}: give (height, width, 3) uint8 sRGB, or uint16")
     return image

@@ -61,7 +61,7 @@ def read_photo(path: Path | str, what: str = "photo") -> Photo:
         what: its name in errors.
 
     Raises:
-        UserError: if it is no picture, damaged, grey, CMYK, animated or too large, or has more than 16 bits.
+        UserError: if it is no picture, damaged, CMYK, animated or too large, or has more than 16 bits.
     """
     path = existing_file(path, what)
     if is_exr(path):
@@ -83,15 +83,14 @@ def photo_from_image(
         file: of the image, if it has one, from which 16 bits are read.
 
     Raises:
-        UserError: if it is grey, CMYK, animated or too small, or has more than 16 bits.
+        UserError: if it is CMYK, animated or too small, or has more than 16 bits.
     """
     require_still(image, what)
-    if image.mode in ("L", "LA", "1") or image.mode.startswith("I;16"):
-        raise UserError(f"{what} is grey: give a color picture, for the light's color is read from it")
+    is_deep_grey = image.mode.startswith("I;16")
     if image.mode in ("CMYK", "YCCK", "LAB", "HSV"):
         raise UserError(f"{what} is {image.mode}: convert it to RGB (sRGB)")
     bits = bits_of(image, file)
-    if bits > 16 or image.mode.startswith(("I", "F")):
+    if not is_deep_grey and (bits > 16 or image.mode.startswith(("I", "F"))):
         raise UserError(f"{what} has more than 16 bits per channel: save it in 16 bits, or as OpenEXR if it is linear")
     stored, orientation = image, image.getexif().get(ExifTags.Base.Orientation, 1)
     image = ImageOps.exif_transpose(image)
@@ -101,7 +100,9 @@ def photo_from_image(
         alpha = np.asarray(image.getchannel("A"))
         if alpha.min() == alpha.max():
             alpha = None
-    if bits == 16 and file is not None:
+    if is_deep_grey:
+        pixels = np.repeat(np.asarray(image, np.uint16)[..., None], 3, axis=2)
+    elif bits == 16 and file is not None:
         pixels = read_16_bits(file, image, orientation, what)
     else:
         pixels = np.asarray(image.convert("RGB"))
@@ -114,10 +115,12 @@ def photo_from_image(
 
 
 def _checked(photo: Photo) -> Photo:
-    """Returns the photo; raises UserError if a side has fewer than 8 pixels."""
+    """Returns the photo, with a note if it is grey; raises UserError if a side has fewer than 8 pixels."""
     height, width = photo.pixels.shape[:2]
     if min(height, width) < 8:
         raise UserError(f"{photo.what} is only {width}x{height} pixels: 8 a side are the least")
+    if np.array_equal(photo.pixels[..., 1:], photo.pixels[..., :2]):
+        photo.notes.append("it is grey: a colored light tints all of it")
     return photo
 
 

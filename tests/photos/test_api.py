@@ -35,12 +35,15 @@ def test_every_kind_of_picture_gives_the_same(relighter, photo_files):
     ):
         assert np.array_equal(relighter.relight(*given, LIGHT), usual), given
     assert np.array_equal(relighter.infer(me)[0].light, relighter.infer(pixels, mask)[0].light)
+    grey = pixels[..., 1]
+    of_color = relighter.relight(np.dstack([grey] * 3), mask, LIGHT)
+    assert np.array_equal(relighter.relight(grey, mask, LIGHT), of_color)
+    assert np.array_equal(relighter.relight(Image.fromarray(grey), mask, LIGHT), of_color)
 
 
 def test_what_is_wrong_is_said(relighter, photo_files):
     me, _, pixels, mask = photo_files
     for image, coverage, says in (
-        (Image.fromarray(pixels[..., 0]), mask, "the image is grey"),
         (Image.fromarray(pixels).convert("CMYK"), mask, "the image is CMYK"),
         (pixels, Image.fromarray(mask[:, 1:]), r"the mask is 139x180 pixels, but the photo is 140x180"),
         (pixels, mask[1:], "the mask is 140x179 pixels, but the image is 140x180: they must be equal"),

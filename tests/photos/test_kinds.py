@@ -8,7 +8,7 @@ import numpy as np
 import OpenEXR
 import pytest
 import tifffile
-from PIL import Image, ImageCms
+from PIL import ExifTags, Image, ImageCms
 
 from relight.errors import UserError
 from relight.photos.compose.color import to_codes
@@ -410,10 +410,31 @@ def test_read_photo_of_openexr_divides_by_alpha_and_converts_primaries(tmp_path)
     assert "chromaticities" in photo.notes[0]
 
 
-def test_read_photo_refuses_openexr_of_luminance(tmp_path):
-    OpenEXR.File({}, {"Y": np.ascontiguousarray(SCENE[..., 0])}).write(str(tmp_path / "a.exr"))
-    with pytest.raises(UserError, match="is grey: give a color picture"):
-        read_photo(tmp_path / "a.exr")
+@pytest.mark.parametrize(
+    "name", ["a.png", "a.jpg", "alpha.png", "deep.png", "deep.tif", "color.png", "turned.jpg", "a.exr"]
+)
+def test_read_photo_of_grey_pictures(tmp_path, name):
+    grey = np.round(255 * SCENE[..., 0] / SCENE.max()).astype(np.uint8)
+    path, deep = tmp_path / name, grey.astype(np.uint16) * 257
+    if name == "a.exr":
+        OpenEXR.File({}, {"Y": np.ascontiguousarray(SCENE[..., 0])}).write(str(path))
+    elif name.startswith("deep"):
+        Image.fromarray(deep).save(path)
+    elif name == "alpha.png":
+        Image.fromarray(np.dstack([grey, np.arange(grey.size, dtype=np.uint8).reshape(grey.shape)])).save(path)
+    elif name == "color.png":
+        Image.fromarray(grey).convert("RGB").save(path)
+    else:
+        exif = Image.Exif()
+        exif[ExifTags.Base.Orientation] = 6 if name == "turned.jpg" else 1
+        Image.fromarray(grey).save(path, exif=exif, **({"quality": 100} if name.endswith("jpg") else {}))
+    photo = read_photo(path)
+    expected = {"a.exr": SCENE[..., 0], "turned.jpg": np.rot90(grey, -1)}.get(name, deep if "deep" in name else grey)
+    atol = 3 if name.endswith("jpg") else 0
+    np.testing.assert_allclose(photo.pixels, np.dstack([expected] * 3), rtol=1e-6, atol=atol)
+    assert photo.pixels.dtype == {"a.exr": np.float32, "deep.png": np.uint16, "deep.tif": np.uint16}.get(name, np.uint8)
+    assert (photo.alpha is not None) == (name == "alpha.png")
+    assert ["it is grey" in note for note in photo.notes] == [True]
 
 
 def test_read_photo_of_openexr_with_alpha_that_is_not_a_number(tmp_path):
