@@ -6,7 +6,7 @@ __version__ = "0.3.0.dev0"
 
 
 def __getattr__(name: str) -> Any:
-    """Imports `load` and `load_light` on first use (PEP 562), since importing them takes long."""
+    """Imports `load`, `load_light` and `UserError` on first use (PEP 562), since importing them takes long."""
     if name == "load":
         from relight.photos.api import load
 
@@ -15,4 +15,12 @@ def __getattr__(name: str) -> Any:
         from relight.lights import load_light
 
         return load_light
+    if name == "UserError":
+        from relight.errors import UserError
+
+        return UserError
     raise AttributeError(f"module 'relight' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*globals(), "UserError", "load", "load_light"]

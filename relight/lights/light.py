@@ -135,9 +135,9 @@ def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
     """
     coefficients = from_relight(light.coefficients, convention)
     named = path.stem.rpartition(".")[2]
-    if path.suffix == ".npy" and named in CONVENTIONS and named != convention:
+    if path.suffix.lower() == ".npy" and named in CONVENTIONS and named != convention:
         raise UserError(f"{path}: its name says {named}, but the light would be written in {convention}")
-    if path.suffix == ".json":
+    if path.suffix.lower() == ".json":
         content = {
             "convention": convention,
             "frame": FRAME,
@@ -147,7 +147,7 @@ def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
         }
         with atomic_write(path) as temporary:
             temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    elif path.suffix == ".npy":
+    elif path.suffix.lower() == ".npy":
         if not path.stem.endswith(f".{convention}"):
             path = path.with_name(f"{path.stem}.{convention}.npy")
         with atomic_write(path) as temporary, open(temporary, "wb") as file:

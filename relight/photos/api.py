@@ -2,7 +2,9 @@
 
 import base64
 import io
+import math
 from dataclasses import replace
+from numbers import Real
 from pathlib import Path
 from typing import Unpack
 
@@ -36,6 +38,7 @@ from relight.sh.conventions import as_table
 WEIGHTS = Path(__file__).parent.parent / "weights" / "photo.onnx"
 MODES = ("ratio", "full")
 WHITE_BALANCES = ("keep", "scene")
+MAX_STOPS = 8
 PREVIEW = 480  # pixels of the longer side of a picture in a notebook
 
 
@@ -186,7 +189,7 @@ class Relighter:
         mask: Picture | None = None,
         light: Light | np.ndarray | Path | str = AUTO,
         mode: str = "ratio",
-        background: Background | str = "keep",
+        background: Background | Path | str = "keep",
         turn: float = 0.0,
         match: bool = True,
         stops: float = 0.0,
@@ -205,7 +208,7 @@ class Relighter:
             background: "keep", "transparent", "panorama" (the light's), a color or a picture file; or a `Background`.
             turn: of the light about the vertical axis, its front toward +x, degrees.
             match: whether the light is scaled to the photo's exposure.
-            stops: exposure, as a power of two.
+            stops: exposure, as a power of two, from -8 to 8.
             white_balance: `keep` (the light is white on average) or `scene` (as inferred); also of a photo that
                 `light` names.
 
@@ -217,6 +220,14 @@ class Relighter:
         """
         if mode not in MODES:
             raise UserError(f"mode {mode!r} is neither ratio nor full")
+        if not (isinstance(turn, Real) and math.isfinite(turn)):
+            raise UserError(f"turn is {turn!r}: give degrees, a finite number")
+        if not (isinstance(stops, Real) and abs(stops) <= MAX_STOPS):
+            raise UserError(f"stops is {stops!r}: give a number from -{MAX_STOPS} to {MAX_STOPS}")
+        if isinstance(background, Path):
+            background = str(background)
+        if not isinstance(background, Background | str):
+            raise UserError(f"the background is a {type(background).__name__}: give a text, a file or a Background")
         photo = load_photo(image, mask)
         people = self.infer(photo, white_balance=white_balance)
         if isinstance(light, str) and light == AUTO and isinstance(background, str):

@@ -102,7 +102,10 @@ Shadow = Annotated[
     bool, option("Cast shadows on the ground of a new background.", "--shadow/--no-shadow", panel=BEHIND)
 ]
 Turn = Annotated[
-    float, option("Turn the light about the vertical, to the right.", "--turn", panel=LIGHT, metavar="DEGREES")
+    float,
+    option(
+        "Turn the light about the vertical, to the right.", "--turn", panel=LIGHT, metavar="DEGREES", min=-360, max=360
+    ),
 ]
 Stops = Annotated[
     float,

@@ -13,7 +13,15 @@ from relight.errors import UserError
 from relight.photos.mask.coverage import coverage_of
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import AUTOMATIC, find_mask, mask_warnings
-from relight.photos.read import Photo, as_codes, mask_beside, mask_from_image, photo_from_image, read_photo
+from relight.photos.read import (
+    Photo,
+    as_codes,
+    checked_size,
+    mask_beside,
+    mask_from_image,
+    photo_from_image,
+    read_photo,
+)
 
 if TYPE_CHECKING:
     from relight.photos.infer import Person
@@ -95,7 +103,7 @@ def _checked_image(image: np.ndarray) -> np.ndarray:
         image = np.repeat(image[..., None], 3, axis=2)
     if image.dtype not in (np.uint8, np.uint16) or image.ndim != 3 or image.shape[2] != 3:
         raise UserError(f"the image is {image.dtype} {image.shape}: give (height, width, 3) uint8 sRGB, or uint16")
-    return image
+    return checked_size(image, "the image")
 
 
 def _checked_mask(mask: np.ndarray | Image.Image, shape: tuple[int, ...]) -> np.ndarray:
@@ -117,6 +125,8 @@ def _checked_mask(mask: np.ndarray | Image.Image, shape: tuple[int, ...]) -> np.
     coverage, _ = coverage_of(values * np.uint8(255) if values.dtype == bool else values, "the mask")
     if not (coverage >= MASK_THRESHOLD).any():
         raise UserError("the mask is empty: no pixel of it is at least half white")
+    if (coverage >= MASK_THRESHOLD).all():
+        raise UserError("the mask covers the whole photo: it must be white on the person and black elsewhere")
     if shape != coverage.shape:
         (height, width), (rows, columns) = shape, coverage.shape
         raise UserError(f"the mask is {columns}x{rows} pixels, but the image is {width}x{height}: they must be equal")

@@ -114,11 +114,17 @@ def photo_from_image(
     return _checked(Photo(pixels, alpha, name, suffix, notes, what))
 
 
+def checked_size(pixels: np.ndarray, what: str) -> np.ndarray:
+    """Returns the pixels (H,W,3) of `what`; raises UserError if a side has fewer than 8."""
+    height, width = pixels.shape[:2]
+    if min(height, width) < 8:
+        raise UserError(f"{what} is only {width}x{height} pixels: 8 a side are the least")
+    return pixels
+
+
 def _checked(photo: Photo) -> Photo:
     """Returns the photo, with a note if it is grey; raises UserError if a side has fewer than 8 pixels."""
-    height, width = photo.pixels.shape[:2]
-    if min(height, width) < 8:
-        raise UserError(f"{photo.what} is only {width}x{height} pixels: 8 a side are the least")
+    checked_size(photo.pixels, photo.what)
     if np.array_equal(photo.pixels[..., 1:], photo.pixels[..., :2]):
         photo.notes.append("it is grey: a colored light tints all of it")
     return photo

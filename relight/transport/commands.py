@@ -24,11 +24,13 @@ def bake(
             "By default the mesh's name with .exr, in the current folder.",
         ),
     ] = None,
-    size: Annotated[int, typer.Option(min=1, help="Side of the image in pixels.")] = 1024,
+    size: Annotated[int, typer.Option(min=1, max=8192, help="Side of the image in pixels.")] = 1024,
     rays: Annotated[
         int, typer.Option(min=1, help="Rays per pixel or vertex: 64 for drafts, 1024 for ground truth.")
     ] = 256,
-    order: Annotated[int, typer.Option(min=0, help="Order of the spherical harmonics; 2 gives nine coefficients.")] = 2,
+    order: Annotated[
+        int, typer.Option(min=0, max=30, help="Order of the spherical harmonics; 2 gives nine coefficients.")
+    ] = 2,
     bounces: Annotated[int, typer.Option(min=0, help="Bounces of light between surfaces, in color.")] = 0,
     supersample: Annotated[
         int, typer.Option(min=1, help="k: maps are means over k x k samples of each pixel, which share its rays.")
@@ -50,7 +52,7 @@ def bake(
     as_is: Annotated[
         bool, typer.Option("--as-is", help="Neither repair nor align: the camera sees x and y from -1 to 1.")
     ] = False,
-    seed: Annotated[int, typer.Option(help="Seed of the rays' azimuths.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the rays' azimuths.")] = 0,
     threads: Annotated[
         int, typer.Option(min=0, help="Threads; 0 uses every core. The result does not depend on it.")
     ] = 0,

@@ -52,11 +52,11 @@ class VertexTransport:
             UserError: if the path has another suffix.
         """
         path = Path(path)
-        if path.suffix == ".npz":
+        if path.suffix.lower() == ".npz":
             arrays = {name: value for name, value in vars(self).items() if value is not None}
             with atomic_write(path) as temporary, open(temporary, "wb") as file:
                 np.savez(file, **arrays, convention=np.array(CONVENTION))
-        elif path.suffix == ".ply":
+        elif path.suffix.lower() == ".ply":
             with atomic_write(path) as temporary:
                 temporary.write_bytes(self._ply())
         else:

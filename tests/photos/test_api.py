@@ -3,11 +3,13 @@
 import base64
 import io
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+import relight
 from relight.errors import UserError
 from relight.lights import Light, load_light
 from relight.photos.compose.background import Background
@@ -55,6 +57,32 @@ def test_what_is_wrong_is_said(relighter, photo_files):
     ):
         with pytest.raises(UserError, match=says):
             relighter.relight(image, coverage, LIGHT)
+
+
+@pytest.mark.parametrize(
+    "options, says",
+    [
+        ({"turn": float("nan")}, "turn is nan: give degrees"),
+        ({"turn": "x"}, "turn is 'x'"),
+        ({"stops": float("nan")}, "stops is nan: give a number from -8 to 8"),
+        ({"stops": 1e9}, "from -8 to 8"),
+        ({"background": np.zeros((9, 9, 3), np.uint8)}, "the background is a ndarray"),
+    ],
+)
+def test_options_that_are_no_numbers_or_texts_are_refused(relighter, photo_files, options, says):
+    me, mask, *_ = photo_files
+    with pytest.raises(relight.UserError, match=says):
+        relighter.relight(me, mask, LIGHT, **options)
+    assert {"load", "load_light", "UserError"} <= set(dir(relight))
+
+
+def test_a_background_may_be_a_path(relighter, photo_files, tmp_path):
+    me, mask, pixels, _ = photo_files
+    Image.fromarray(pixels[::-1].copy()).save(tmp_path / "street.png")
+    by_path, by_text = (
+        relighter.relight(me, mask, LIGHT, background=kind(tmp_path / "street.png")) for kind in (Path, str)
+    )
+    assert np.array_equal(by_path, by_text)
 
 
 def test_a_light_may_be_an_object_and_must_shine(relighter, photo_files):

@@ -278,7 +278,9 @@ def test_python_interface_says_what_is_wrong(relighter, draw):
     pixels, mask = draw()
     for image, cover, says in [
         (pixels / 255.0, mask, "uint8 sRGB"),
-        (pixels[..., 0], mask, "uint8 sRGB"),
+        (pixels[0, 0], mask, "uint8 sRGB"),
+        (pixels[:7], mask[:7], "8 a side are the least"),
+        (pixels, np.full_like(mask, 255), "covers the whole photo"),
         (pixels, mask[:-1], "must be equal"),
         (pixels, mask * 0, "empty"),
         (pixels, pixels, "shape"),
