@@ -40,6 +40,82 @@ def test_balls():
     assert not baked.transport[-1].any() and np.isnan(baked.vertices[-1]).all()
 
 
+def plain(vertices, faces):
+    uv, material = np.zeros((len(faces), 3, 2), np.float32), np.zeros(len(faces), np.int16)
+    return Mesh(
+        np.asarray(vertices, np.float32), np.asarray(faces, np.int32), uv, material, [Material(np.float32([0.5] * 3))]
+    )
+
+
+def rectangles(*corners):
+    """Rectangles (4,3) that share no vertices."""
+    first = 4 * np.arange(len(corners))[:, None]
+    return np.concatenate(corners).astype(float), np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
+
+
+FLOOR = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+WALL = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 1], [1, 0, 0]])  # faces +y
+
+
+def turned(quarters):
+    """The wall at another side of the floor."""
+    x, y, z = (WALL - [0.5, 0.5, 0]).T
+    for _ in range(quarters):
+        x, y = -y, x
+    return np.stack([x + 0.5, y + 0.5, z], -1)
+
+
+def random_rotation(seed):
+    return trimesh.transformations.random_rotation_matrix(np.random.default_rng(seed).random(3))[:3, :3]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_corners_of_a_room_see_what_is_left_of_the_sky(seed):
+    """Closed forms of the view factor from a point at the corner of an open-top cube to its opening."""
+    vertices, faces = rectangles(FLOOR, *(turned(quarters) for quarters in range(4)))
+    rotation = random_rotation(seed) if seed else np.eye(3)
+    occlusion = bake_vertices(plain(vertices @ rotation.T, faces), 1024).transport[:, 0] / 0.886227
+    slant = np.arctan(np.sqrt(0.5)) * np.sqrt(0.5)
+    np.testing.assert_allclose(occlusion[:4], slant / np.pi, atol=6e-3)  # parallel to the opening
+    foot = vertices[4:, 2] == 0
+    np.testing.assert_allclose(occlusion[4:][foot], (np.pi / 4 - slant) / (2 * np.pi), atol=6e-3)  # perpendicular
+    # At the top, between two walls, 45 of the 180 degrees of azimuth above a wall are behind the other.
+    np.testing.assert_allclose(occlusion[4:][~foot], 3 / 8, atol=6e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_box_on_a_floor_has_no_black_rim(seed):
+    box = [side - [0.5, 0.5, 0] for side in map(turned, range(4))]
+    sides = [side[::-1] for side in box]  # they face outward
+    vertices, faces = rectangles(1000 * (FLOOR - [0.5, 0.5, 0]), FLOOR - [0.5, 0.5, -1], *sides)
+    rotation = random_rotation(seed) if seed else np.eye(3)
+    occlusion = bake_vertices(plain(vertices @ rotation.T, faces), 1024).transport[:, 0] / 0.886227
+    np.testing.assert_allclose(occlusion[4:8], 1, atol=1e-6)  # the top
+    np.testing.assert_allclose(occlusion[8:][vertices[8:, 2] == 0], 0.5, atol=0.03)  # the floor takes half
+    np.testing.assert_allclose(occlusion[8:][vertices[8:, 2] == 1], 0.5, atol=0.03)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("seed", range(3))
+def test_shared_vertices_stay_on_their_side(sign, seed):
+    """Uneven pyramids, seen from outside and from inside: rays start neither below the faces nor beyond them."""
+    generator = np.random.default_rng(seed)
+    base = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]]) * generator.uniform(0.3, 2, (4, 1))
+    vertices = np.concatenate([np.c_[base, np.zeros(4)], [[0.1, 0.1, generator.uniform(0.1, 1)]]])
+    faces = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])[:, ::sign]
+    baked = bake_vertices(plain(vertices @ random_rotation(seed).T, faces), 1024)
+    if sign == 1:
+        np.testing.assert_allclose(baked.transport[4], unoccluded(baked.normals[4:])[0], atol=1e-6)
+    else:  # a ray from the tip is blocked where it leaves on the outer side of any face
+        n = baked.normals[4] @ random_rotation(seed)
+        directions = generator.normal(size=(200_000, 3))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        sides = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
+        seen = (directions @ sides.T > 0).all(axis=1)
+        expected = 4 * (np.clip(directions @ n, 0, None) * seen).mean()
+        assert baked.transport[4, 0] / 0.886227 == pytest.approx(expected, abs=0.015)
+
+
 def separate_triangles():
     """A ball whose faces have vertices of their own, with the smooth normals of the ball; three point inward."""
     ball = trimesh.creation.icosphere(subdivisions=3)
