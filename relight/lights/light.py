@@ -43,7 +43,7 @@ class Light:
 
     coefficients: np.ndarray
     source: str
-    panorama: Panorama | None = None
+    panorama: Panorama | None = field(default=None, repr=False)
     notes: list[str] = field(default_factory=list)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
@@ -62,8 +62,10 @@ class Light:
         that of the other sides.
 
         Raises:
-            UserError: if the mean radiance is not positive.
+            UserError: if the target or the mean radiance is not positive.
         """
+        if not (np.isfinite(target) and target > 0):
+            raise UserError(f"the brightness of a light is {target!r}: it must be a positive number")
         brightness = float(reference_brightness(self.coefficients))
         self.require_shining()
         mean = float(self.coefficients[0].max()) * UNOCCLUDED_T00  # irradiance, over all normals

@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from numbers import Integral, Real
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +92,10 @@ def load_light(
     [0.28, 0.0, 0.0, 0.49]
     """
     text = str(text)
+    if not (isinstance(order, Integral) and order >= 0):
+        raise UserError(f"order={order!r}: it must be a whole number, at least 0")
+    if not (isinstance(exposure, Real) and isinstance(yaw, Real)):
+        raise UserError(f"exposure={exposure!r}, yaw={yaw!r}: both must be numbers")
     if not (np.isfinite(exposure) and exposure > 0 and np.isfinite(yaw)):
         raise UserError(f"exposure={exposure}, yaw={yaw}: exposure must be positive, yaw a number of degrees")
     if convention is not None and convention not in CONVENTIONS:
@@ -263,7 +268,11 @@ def read_coefficients(path: Path, convention: str | None) -> Light:
             array = parse_rows(read_text(path))
     except (ValueError, TypeError, OverflowError, EOFError, RecursionError) as error:
         raise UserError(f"{path} is not a table of coefficients ({str(error).splitlines()[0][:120]})") from error
-    return Light(to_relight(as_table(array, str(path)), convention or named_convention or "relight"), str(path))
+    notes = []
+    if convention and named_convention not in (None, convention):
+        notes.append(f"{path} says that its convention is {named_convention}; it is read as {convention}")
+    coefficients = to_relight(as_table(array, str(path)), convention or named_convention or "relight")
+    return Light(coefficients, str(path), notes=notes)
 
 
 def parse_rows(text: str) -> np.ndarray:

@@ -3,6 +3,8 @@
 import base64
 import io
 import math
+import warnings
+from collections.abc import Iterable
 from dataclasses import replace
 from numbers import Real
 from pathlib import Path
@@ -129,11 +131,17 @@ class Relighter:
 
         Raises:
             UserError: if an argument is none of these, or the mask is empty.
+
+        Warns:
+            UserWarning: of a doubtful or automatic mask, and of what was chosen where the file can mean two things;
+                not for what `load_photo` returned, whose notes `photo_notes` gives.
         """
         require_white_balance(white_balance)
         photo = image if isinstance(image, LoadedPhoto) else load_photo(image, mask)
         coverages = split_people(photo.coverage) if split else [photo.coverage]
         people = [self.infer_person(photo.pixels, coverage) for coverage in coverages]
+        if not isinstance(image, LoadedPhoto):
+            _warn(f"{photo.name}: {note}" for note in photo_notes(photo, people))
         return balanced(people) if white_balance == "keep" else people
 
     def infer_person(self, pixels: np.ndarray, coverage: np.ndarray, crop: Crop | None = None) -> Person:
@@ -173,15 +181,21 @@ class Relighter:
         Raises:
             UserError: if it is no light.
         """
-        if is_picture(text) and not text.startswith(PREFIX):
+        if _is_of_photo(text):
             photo = load_photo(text, mask, mask_model)
             people = self.infer(photo, white_balance=white_balance)
             notes = [f"{Path(text).name}: {note}" for note in photo_notes(photo, people)]
             if photo.automatic:
                 notes.append(f"{text} is taken for a photo of somebody; the light of a place is {PREFIX}{text}")
             return Light(mean_light(people), text, notes=notes)
-        light = load_light(text, self.order, **options)
-        return replace(light, coefficients=deringed(light.coefficients).astype(np.float32))
+        return self._usable(load_light(text, self.order, **options))
+
+    def _usable(self, light: Light) -> Light:
+        """Returns a light, float32, of the order of the network, and deringed unless it is that of a photo."""
+        coefficients = light.at_order(self.order).coefficients
+        if not _is_of_photo(light.source):
+            coefficients = deringed(coefficients)
+        return replace(light, coefficients=coefficients.astype(np.float32))
 
     def relight(
         self,
@@ -201,9 +215,9 @@ class Relighter:
             image: (H,W,3) uint8 or uint16 sRGB, an image of Pillow, or a file.
             mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1]; an image of Pillow, or a file. By default the file
                 beside the photo, its alpha, or an automatic mask.
-            light: a light, its (K,3) radiance coefficients (docs/conventions.md), a text for `read_light`, or `auto`:
-                the light of the place in the background if this is a picture file, else a warm lamp from the darker
-                side (`opposite_lamp`).
+            light: a light, a text for `read_light`, (K,3) radiance coefficients (docs/conventions.md), which alone are
+                not deringed, or `auto`: the light of the place in the background if this is a picture file, else a warm
+                lamp from the darker side (`opposite_lamp`).
             mode: `ratio` keeps all detail of the photo, `full` is albedo * shading.
             background: "keep", "transparent", "panorama" (the light's), a color or a picture file; or a `Background`.
             turn: of the light about the vertical axis, its front toward +x, degrees.
@@ -217,6 +231,9 @@ class Relighter:
 
         Raises:
             UserError: if an argument is none of these.
+
+        Warns:
+            UserWarning: as `infer` does, and of a light that no place can have.
         """
         if mode not in MODES:
             raise UserError(f"mode {mode!r} is neither ratio nor full")
@@ -230,16 +247,19 @@ class Relighter:
             raise UserError(f"the background is a {type(background).__name__}: give a text, a file or a Background")
         photo = load_photo(image, mask)
         people = self.infer(photo, white_balance=white_balance)
+        _warn(f"{photo.name}: {note}" for note in photo_notes(photo, people))
         if isinstance(light, str) and light == AUTO and isinstance(background, str):
             light = default_light(background)
         if isinstance(light, str | Path):
             name = opposite_lamp(people) if light == AUTO else str(light)
             light = self.read_light(name, white_balance=white_balance)
-        elif not isinstance(light, Light):
-            light = Light(as_table(light, "the light"), "the light")
-        light = replace(light, coefficients=as_table(light, light.source)).checked()
+        elif isinstance(light, Light):
+            light = self._usable(replace(light, coefficients=as_table(light, light.source)).checked())
+        else:
+            light = Light(as_table(light, "the light"), "the light").checked().at_order(self.order)
+        _warn(light.notes)
         background = read_background(background, light.panorama) if isinstance(background, str) else background
-        coefficients = light.at_order(self.order).coefficients.astype(np.float32)
+        coefficients = light.coefficients.astype(np.float32)
         coefficients, background = match_exposure(people, coefficients, background, match)
         turned = rotate_y(coefficients, np.radians(turn)).astype(np.float32)
         relit = render(photo.pixels, people, turned, mode, background, np.radians(turn), stops)
@@ -248,6 +268,17 @@ class Relighter:
     def trust(self, person: Person) -> Trust:
         """Assesses how far an inference can be trusted."""
         return assess(person, self.lights, self.network.config.get("augment", {}).get("exposure", [0.0])[-1])
+
+
+def _is_of_photo(source: str) -> bool:
+    """Returns whether the name of a light is that of a photo of somebody."""
+    return is_picture(source) and not source.startswith(PREFIX)
+
+
+def _warn(notes: Iterable[str]) -> None:
+    """Shows notes to the caller of a method of `Relighter`."""
+    for note in notes:
+        warnings.warn(note, stacklevel=3)
 
 
 def require_white_balance(white_balance: str) -> None:

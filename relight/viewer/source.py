@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PIL import Image
 
 from relight.errors import UserError
 from relight.files import existing_file
@@ -19,6 +18,7 @@ from relight.viewer.figure import Figure
 
 if TYPE_CHECKING:
     from relight.photos.api import Relighter
+    from relight.photos.load import LoadedPhoto
 
 BRIGHTNESS = 0.8  # the first light's irradiance toward the viewer, the middle of the paper's [.7, .9]
 MIN_FRONT = 0.2  # reference brightness over the sum of the constant coefficients, below which a light is from behind
@@ -94,39 +94,35 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
     if path.suffix.lower() in (".obj", ".ply", ".glb", ".gltf", ".npz"):
         raise UserError(f"{path} is no photo and no maps: `relight bake` makes maps of a mesh (.exr)")
     from relight.photos.load import load_photo
-    from relight.photos.mask.find import AUTOMATIC
 
     assert relighter is not None, "photos need a relighter"
-    photo = load_photo(path, mask).downscaled(size)
-    figure = photo_figure(relighter, photo.pixels, photo.coverage, photo.name)
-    return replace(figure, notes=(*photo.notes, *figure.notes, *[AUTOMATIC] * photo.automatic))
+    return photo_figure(relighter, load_photo(path, mask).downscaled(size))
 
 
 def portrait(relighter: "Relighter") -> Figure:
     """Makes the figure of the portrait of Eileen Collins by NASA (public domain)."""
-    photo, mask = (np.asarray(Image.open(path)) for path in (PORTRAIT, PORTRAIT_MASK))
-    return photo_figure(relighter, photo, mask, "Eileen Collins (NASA)")
+    from relight.photos.load import load_photo
+
+    return replace(photo_figure(relighter, load_photo(PORTRAIT, PORTRAIT_MASK)), title="Eileen Collins (NASA)")
 
 
-def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarray, title: str) -> Figure:
+def photo_figure(relighter: "Relighter", photo: "LoadedPhoto") -> Figure:
     """Makes the figure of a photo: what the network infers about its people, at the photo's pixels.
 
     A page has one light a photo: several people share the mean of theirs, weighted by area.
 
     Args:
         relighter: the network.
-        pixels: (H,W,3) uint8 sRGB.
-        coverage: (H,W) uint8, of the photo's pixels by people.
-        title: title of the figure.
+        photo: its pixels (H,W,3) uint8 sRGB; its name is the title of the figure.
 
     Raises:
         UserError: for a network of `train.color=paper`, whose shading acts on coded values.
     """
     from relight.photos.compose.render import total_coverage
     from relight.photos.infer import mean_light
-    from relight.photos.mask.find import mask_warnings
+    from relight.photos.load import photo_notes
 
-    people = relighter.infer(pixels, coverage)
+    people, pixels = relighter.infer(photo), photo.pixels
     coverage = total_coverage(people)
     if any(person.gamma != 1 for person in people):
         raise UserError("the viewer needs a network trained with train.color=photo; this one was trained with paper")
@@ -150,4 +146,5 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
         ao=np.clip(transport[..., 0] / UNOCCLUDED_T00, 0, 1),
         transport=transport,
     )
-    return Figure(title, maps, pixels / np.float32(255), mean_light(people)[:9], notes=tuple(mask_warnings(people)))
+    notes = tuple(photo_notes(photo, people))
+    return Figure(photo.name, maps, pixels / np.float32(255), mean_light(people)[:9], notes=notes)

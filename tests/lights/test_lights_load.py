@@ -118,6 +118,25 @@ def test_options_without_an_effect_are_refused(tmp_path):
             load_light(text, **options)
 
 
+@pytest.mark.parametrize("options", [{"order": -1}, {"order": 2.0}, {"yaw": "x"}, {"exposure": None}])
+def test_options_of_the_wrong_kind_are_refused(options):
+    with pytest.raises(UserError, match=f"{next(iter(options))}=.*must be"):
+        load_light("room:7", **options)
+
+
+@pytest.mark.parametrize("target", [-1, 0, float("nan")])
+def test_a_brightness_that_no_light_has_is_refused(target):
+    with pytest.raises(UserError, match="must be a positive number"):
+        load_light("room:7").normalised(target)
+
+
+def test_another_convention_than_the_file_s_is_noted(tmp_path):
+    path = write_light(load_light("room:3"), tmp_path / "a.json", "dpr")
+    assert not load_light(path).notes and not load_light(path, convention="dpr").notes
+    note = f"{path} says that its convention is dpr; it is read as relight"
+    assert note in load_light(path, convention="relight").notes
+
+
 def test_black_light_is_refused(tmp_path):
     np.save(tmp_path / "a.npy", np.zeros((9, 3)))
     with pytest.raises(UserError, match=r"a\.npy is black"):

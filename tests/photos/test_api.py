@@ -106,6 +106,32 @@ def test_a_light_may_be_an_object_and_must_shine(relighter, photo_files):
             relighter.relight(me, mask, wrong)
 
 
+def test_a_light_by_name_and_as_an_object_are_one(relighter, photo_files):
+    """A bare lamp is deringed either way; only coefficients are used as they are."""
+    me, mask, *_ = photo_files
+    lamp = "key:#ffffff@90,0,0"
+    by_name = relighter.relight(me, mask, lamp)
+    for light in (load_light(lamp), load_light(lamp, order=4), relighter.read_light(lamp)):
+        np.testing.assert_array_equal(relighter.relight(me, mask, light), by_name)
+    assert (relighter.relight(me, mask, load_light(lamp).coefficients) != by_name).any()
+    own = relighter.read_light(str(me))
+    np.testing.assert_array_equal(relighter.relight(me, mask, own), relighter.relight(me, mask, own.coefficients))
+
+
+def test_notes_are_warnings(relighter, photo_files):
+    me, _, pixels, mask = photo_files
+    cut = np.roll(mask, np.flatnonzero(mask.any(1))[0] * -1 - 5, 0)
+    cut[-5:] = 0  # the head is cut off
+    with pytest.warns(UserWarning, match="^image: the figure is cut by the photo's upper edge"):
+        relighter.infer(pixels, cut)
+    with pytest.warns(UserWarning, match="^image: the figure is cut by the photo's upper edge"):
+        relighter.relight(pixels, cut, LIGHT)
+    impossible = np.zeros((9, 3))
+    impossible[0], impossible[2] = 1, 3
+    with pytest.warns(UserWarning, match="^the light: no real light has these coefficients"):
+        relighter.relight(me, mask, impossible)
+
+
 def test_white_balance(relighter, photo_files):
     """By default the light of a photo is white on the mean; `scene` gives what the network says; no third way."""
     me, *_ = photo_files

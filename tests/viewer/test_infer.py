@@ -17,6 +17,7 @@ from relight.photos.api import Relighter
 from relight.photos.compose.background import Background, estimate_white
 from relight.photos.compose.color import chroma, clipping_excess
 from relight.photos.compose.render import estimate_foreground
+from relight.photos.load import load_photo
 from relight.photos.mask import selfie
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import automatic_mask, split_people
@@ -125,7 +126,7 @@ def picture(height, width, centres, seed=0):
 def test_a_figure_is_that_of_the_view_command(shape, centres):
     """Two people; one smaller than the network's square; one that the photo's border cuts."""
     pixels, mask = picture(*shape, centres)
-    figure = photo_figure(Relighter(NETWORK), pixels, mask, "me")
+    figure = photo_figure(Relighter(NETWORK), load_photo(pixels, mask))
     fitted = fit_edge(pixels, mask)
     rgba = np.dstack([pixels, np.full(shape, 255, np.uint8)])
     found = node(
