@@ -132,6 +132,8 @@ def bake(
             if target.suffix.lower() in (".ply", ".npz"):
                 baked.save(target)
         typer.echo(f"{mesh.name}: {len(source.vertices):,} vertices", err=True)
+        for note in baked.notes:
+            typer.echo(f"note: {note}", err=True)
     typer.echo(f"{rays} rays each, {time.monotonic() - start:.1f} s", err=True)
     for target in targets:
         typer.echo(str(target))

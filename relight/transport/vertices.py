@@ -1,6 +1,6 @@
 """Bakes light transport per vertex, for tools that shade meshes instead of images."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ MIN_COSINE = 0.2  # between a normal of the file and that of the faces around th
 # Shift of ray origins per unit of the sum of `_shifted_into_faces` (2 at a straight edge), over their distance from the
 # surface: 1 is right in creases of over 27 degrees; with 4, folds of generated figures differ more from their faces.
 SHIFT = 1.0
+COLOR_STEP = 0.05  # between the albedos of a vertex's faces, from which they are reported as different
 MIN_EXTENT = 1e-6  # units; single precision is enough for meshes of at least this extent
 
 
@@ -36,6 +37,7 @@ class VertexTransport:
         albedo: (V,3) float32, linear.
         transport: (V,K) float32, direct, without 1/pi, index l*l + l + m.
         bounced: (V,K,3) float32 transport of the light that other surfaces reflect, or None without bounces.
+        notes: sentences for the user; files do not hold them.
     """
 
     vertices: np.ndarray
@@ -44,6 +46,7 @@ class VertexTransport:
     albedo: np.ndarray
     transport: np.ndarray
     bounced: np.ndarray | None = None
+    notes: list[str] = field(default_factory=list)
 
     def save(self, path: Path | str) -> None:
         """Writes a file, whole or not at all.
@@ -56,7 +59,7 @@ class VertexTransport:
         """
         path = Path(path)
         if path.suffix.lower() == ".npz":
-            arrays = {name: value for name, value in vars(self).items() if value is not None}
+            arrays = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
             with atomic_write(path) as temporary, open(temporary, "wb") as file:
                 np.savez(file, **arrays, convention=np.array(CONVENTION))
         elif path.suffix.lower() == ".ply":
@@ -108,7 +111,6 @@ def bake_vertices(
     if bounces:
         caster, radiosity = solve_radiosity(mesh, caster, rays, order, seed, bounces)
     used, first_use = np.unique(mesh.faces.reshape(-1), return_index=True)
-    face, corner = np.divmod(first_use, 3)
     normals = vertex_normals(mesh)[used].astype(np.float64)
     if mesh.normal is not None:  # those of the file, unless they are zero or point away from the faces
         given = mesh.normal[used].astype(np.float64)
@@ -117,6 +119,9 @@ def bake_vertices(
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)  # to double precision
     points = _shifted_into_faces(caster, used, normals)
     transport, gathered = integrate(caster, points, normals, normals, rays, order, seed, radiosity)
+
+    face, corner = np.divmod(np.arange(mesh.faces.size), 3)
+    albedo = sample_albedo(mesh, face, np.eye(3)[corner])  # at every corner of every face
 
     def scatter(values: np.ndarray) -> np.ndarray:
         array = np.zeros((len(mesh.vertices), *values.shape[1:]), np.float32)
@@ -127,10 +132,29 @@ def bake_vertices(
         vertices=np.asarray(original_vertices, np.float32),
         faces=np.asarray(mesh.faces, np.int32),
         normals=scatter(normals),
-        albedo=scatter(sample_albedo(mesh, face, np.eye(3)[corner])),
+        albedo=scatter(albedo[first_use]),
         transport=scatter(transport),
         bounced=None if gathered is None else scatter(gathered),
+        notes=_color_notes(mesh.faces, scatter(albedo[first_use]), albedo),
     )
+
+
+def _color_notes(faces: np.ndarray, chosen: np.ndarray, albedo: np.ndarray) -> list[str]:
+    """Returns a note if vertices have faces of several colors, or an empty list.
+
+    Args:
+        faces: (F,3).
+        chosen: (V,3) albedo of the vertices.
+        albedo: (3F,3) of the corners of the faces.
+    """
+    vertex = faces.reshape(-1)
+    count = len(np.unique(vertex[(np.abs(albedo - chosen[vertex]) > COLOR_STEP).any(axis=1)]))
+    if not count:
+        return []
+    return [
+        f"{count:,} of {len(np.unique(vertex)):,} vertices have faces of several colors: each has the color of the "
+        "first; split the mesh along its colors to keep them apart"
+    ]
 
 
 def _shifted_into_faces(caster: RayCaster, used: np.ndarray, normals: np.ndarray) -> np.ndarray:

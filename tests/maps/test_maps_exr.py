@@ -93,10 +93,16 @@ def test_foreign_and_broken_files_are_refused(tmp_path):
     (tmp_path / "text.exr").write_text("not an image")
     pixels = {"R": np.zeros((4, 4), np.float16)}
     OpenEXR.File({"type": OpenEXR.scanlineimage}, pixels).write(str(tmp_path / "foreign.exr"))
+    OpenEXR.File({"type": OpenEXR.scanlineimage, "software": "relight 1"}, pixels).write(str(tmp_path / "photo.exr"))
     write_maps(tmp_path / "good.exr", random_maps(size=40))
     whole = (tmp_path / "good.exr").read_bytes()
     (tmp_path / "cut.exr").write_bytes(whole[: len(whole) // 2])
-    for name, words in (("text", "not a readable"), ("foreign", "not a file of maps"), ("cut", "cut.exr")):
+    for name, words in (
+        ("text", "not a readable"),
+        ("foreign", "not a file of maps"),
+        ("photo", "inferred from a photo"),
+        ("cut", "cut.exr"),
+    ):
         with pytest.raises(UserError, match=words):
             read_maps(tmp_path / f"{name}.exr")
 

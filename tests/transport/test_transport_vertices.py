@@ -157,6 +157,14 @@ def test_albedo_is_the_vertex_s_own():
     np.testing.assert_allclose(bake_vertices(mesh, 1).albedo[:-1], color[:-1], atol=1e-6)
 
 
+def test_a_vertex_of_several_colors_is_noted():
+    mesh, n = two_balls()
+    assert not bake_vertices(mesh, 1).notes
+    mesh.material[0] = 1  # one face of the large ball in the color of the small one
+    (note,) = bake_vertices(mesh, 1).notes
+    assert note.startswith(f"3 of {2 * n:,} vertices have faces of several colors: each has the color of the first")
+
+
 def test_files(tmp_path):
     mesh, _ = two_balls()
     baked = bake_vertices(mesh, 16, order=1, bounces=1)
