@@ -90,7 +90,8 @@ def load_photo(
     if mask is None or isinstance(mask, str | Path):
         coverage = find_mask(photo, mask, mask_model)
     else:
-        coverage = _checked_mask(mask, photo.pixels.shape[:2])
+        coverage, notes = _checked_mask(mask, photo.pixels.shape[:2])
+        photo.notes.extend(notes)
     is_automatic = mask is None and photo.alpha is None
     coverage = coverage if is_automatic else fit_edge(photo.pixels, coverage)
     return LoadedPhoto(photo.pixels, coverage, photo.name, photo.suffix, tuple(photo.notes), is_automatic)
@@ -106,7 +107,7 @@ def _checked_image(image: np.ndarray) -> np.ndarray:
     return checked_size(image, "the image")
 
 
-def _checked_mask(mask: np.ndarray | Image.Image, shape: tuple[int, ...]) -> np.ndarray:
+def _checked_mask(mask: np.ndarray | Image.Image, shape: tuple[int, ...]) -> tuple[np.ndarray, list[str]]:
     """Converts a mask to coverage.
 
     Args:
@@ -114,7 +115,7 @@ def _checked_mask(mask: np.ndarray | Image.Image, shape: tuple[int, ...]) -> np.
         shape: (H,W) of the photo.
 
     Returns:
-        Coverage (H,W) uint8.
+        Coverage (H,W) uint8, and notes on it.
 
     Raises:
         UserError: if it is empty or of another size.
@@ -122,7 +123,7 @@ def _checked_mask(mask: np.ndarray | Image.Image, shape: tuple[int, ...]) -> np.
     values = mask_from_image(mask, (shape[0], shape[1])) if isinstance(mask, Image.Image) else np.asarray(mask)
     if values.ndim != 2:
         raise UserError(f"the mask has shape {values.shape}: give (height, width)")
-    coverage, _ = coverage_of(values * np.uint8(255) if values.dtype == bool else values, "the mask")
+    coverage, notes = coverage_of(values * np.uint8(255) if values.dtype == bool else values, "the mask")
     if not (coverage >= MASK_THRESHOLD).any():
         raise UserError("the mask is empty: no pixel of it is at least half white")
     if (coverage >= MASK_THRESHOLD).all():
@@ -130,7 +131,7 @@ def _checked_mask(mask: np.ndarray | Image.Image, shape: tuple[int, ...]) -> np.
     if shape != coverage.shape:
         (height, width), (rows, columns) = shape, coverage.shape
         raise UserError(f"the mask is {columns}x{rows} pixels, but the image is {width}x{height}: they must be equal")
-    return coverage
+    return coverage, notes
 
 
 def photo_notes(photo: LoadedPhoto, people: Sequence["Person"]) -> list[str]:

@@ -126,6 +126,10 @@ def test_notes_are_warnings(relighter, photo_files):
         relighter.infer(pixels, cut)
     with pytest.warns(UserWarning, match="^image: the figure is cut by the photo's upper edge"):
         relighter.relight(pixels, cut, LIGHT)
+    holed = mask / 255
+    holed[0, 0] = np.nan
+    with pytest.warns(UserWarning, match="^image: the mask has 1 values that are not numbers"):
+        relighter.infer(pixels, holed)
     impossible = np.zeros((9, 3))
     impossible[0], impossible[2] = 1, 3
     with pytest.warns(UserWarning, match="^the light: no real light has these coefficients"):
