@@ -30,7 +30,6 @@ def main(seeds: list[int]) -> None:
     rows = []
     for seed in seeds:
         mesh = make_figure(seed, detail="full", texture=1024)
-        mesh.info.update(name=f"g{seed:04d}", axes={"up": "+y", "front": "+z"})
         maps = bake(align(clean(mesh, settings.clean), settings.align), 2 * SIZE, rays=256)
         relit = [srgb.encode(maps.albedo * (maps.transport @ light)) for light in lights]
         ao = maps.ao[..., None].repeat(3, -1)

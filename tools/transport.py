@@ -35,7 +35,6 @@ def main(seed: int) -> None:
     """Draws the figure of a seed in three pictures side by side, and writes them."""
     settings = OmegaConf.to_object(composed())
     mesh = make_figure(seed, detail="full", texture=1024)
-    mesh.info.update(name=f"g{seed:04d}", axes={"up": "+y", "front": "+z"})
     mesh = align(clean(mesh, settings.clean), settings.align)
     maps = bake(mesh, SIZE, RAYS)
     figure = plt.figure(figsize=(15, 5.4), layout="constrained")

@@ -96,13 +96,13 @@ class UpsampledPanoramas:
         texels: (UPSAMPLING * HEIGHT, UPSAMPLING * WIDTH, 3 N) float32.
     """
 
-    def __init__(self, panoramas: Iterable[np.ndarray] = ()):
+    def __init__(self, panoramas: Iterable[np.ndarray]):
         """Takes lat-long panoramas (HEIGHT,WIDTH,3): -z is at their centre, and +x to the right."""
         height, width = UPSAMPLING * HEIGHT, UPSAMPLING * WIDTH
         axes = latlong_directions(height, width)
         layers = [lookup(Panorama(pixels), axes) for pixels in panoramas]
         self.count = len(layers)
-        self.texels = np.concatenate(layers, -1) if layers else np.zeros((height, width, 0), np.float32)
+        self.texels = np.concatenate(layers, -1)
 
     def radiance(self, directions: np.ndarray) -> np.ndarray:
         """Returns the radiance (P,N,3) in directions (P,3)."""

@@ -35,7 +35,7 @@ INVARIANCES = {
     "mirror_albedo": "albedo: mirrored",
     "dark_albedo": "albedo at exposure x .5",
     "dark_shading": "shading at exposure x .5",
-    "tint": "share of a tint in the light",
+    "tint": "share of a tint in the shading",
 }
 LEAKS = {
     "edges": "correlation of the edges of albedo and shading",

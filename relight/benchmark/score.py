@@ -47,7 +47,7 @@ def score(folder: Path | str, answers: Path | str) -> Path:
     benchmark.verify()
     pictures = [entry for entry in benchmark.entries if not entry.of]
     has_variants = any((answers / f"{entry.name}.npz").is_file() for entry in benchmark.entries if entry.of)
-    rows: list[list] = []
+    rows: list[dict] = []
     names: set[str] = set()
     for entry in progress(pictures, "pictures scored"):
         variants = [variant for variant in benchmark.entries if variant.of == entry.name] if has_variants else []
@@ -60,8 +60,9 @@ def score(folder: Path | str, answers: Path | str) -> Path:
                     f"{answers / picture.name}.npz holds {', '.join(arrays)}, but that of the first picture "
                     f"{', '.join(sorted(required))}: all answers of a folder must hold the same arrays"
                 )
-        rows.append([benchmark.hash[:16], entry.name, entry.figure, score_answers(benchmark, entry, answered)])
-    frame = pd.DataFrame([{**dict(zip(KEYS, keys)), **scores} for *keys, scores in rows], columns=[*KEYS, *COLUMNS])
+        keys = dict(zip(KEYS, (benchmark.hash[:16], entry.name, entry.figure)))
+        rows.append(keys | score_answers(benchmark, entry, answered))
+    frame = pd.DataFrame(rows, columns=[*KEYS, *COLUMNS])
     with atomic_write(answers / SCORES) as tmp:
         frame.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
     return answers / SCORES

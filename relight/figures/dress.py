@@ -160,6 +160,7 @@ def attempt_figure(
         "source": "generated",
         "seed": seed,
         "generator": GENERATOR,
+        "axes": {"up": "+y", "front": "+z"},
         "pose": pose.name,
         "expression": expression.name,
         "garments": [w.pattern.garment.name for w in worn],

@@ -264,11 +264,6 @@ def border_distance(vertices: np.ndarray, faces: np.ndarray, rings: int) -> np.n
     return distance
 
 
-def near_border(vertices: np.ndarray, faces: np.ndarray, rings: int) -> np.ndarray:
-    """Returns which of the faces (F,3) have one of the vertices (V,3) less than `rings` edges from the border."""
-    return (border_distance(vertices, faces, rings)[faces] < rings).any(1)
-
-
 def thickened(
     vertices: np.ndarray, faces: np.ndarray, depth: float, rings: int | None = 3
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -283,7 +278,9 @@ def thickened(
     Returns:
         Vertices (V',3), faces (F',3) that begin with the given ones, and the outer vertex (V',) of each vertex.
     """
-    band = np.ones(len(faces), bool) if rings is None else near_border(vertices, faces, rings)
+    band = np.ones(len(faces), bool)
+    if rings is not None:
+        band = (border_distance(vertices, faces, rings)[faces] < rings).any(1)
     used, inverse = np.unique(faces[band], return_inverse=True)
     inner_faces = len(vertices) + inverse.reshape(-1, 3)
     inner_vertices = vertices[used] - normals(vertices, faces)[used] * depth
@@ -296,11 +293,28 @@ def thickened(
     return np.concatenate([vertices, inner_vertices]), all_faces, np.concatenate([np.arange(len(vertices)), used])
 
 
+def averaged(values: np.ndarray, average: sparse.csr_matrix, times: int) -> np.ndarray:
+    """Returns vertex values (V,...) averaged `times` with those of their neighbours, half and half.
+
+    `average` (V,V) takes values to the means of the neighbours' values.
+    """
+    for _ in range(times):
+        values = 0.5 * values + 0.5 * (average @ values)
+    return values
+
+
 def smoothed(values: np.ndarray, faces: np.ndarray, times: int) -> np.ndarray:
     """Returns vertex values (V,...) after Laplacian smoothing: `times` half-way to the mean of their neighbours."""
-    around = neighbours(faces, len(values))
+    return averaged(values, neighbours(faces, len(values)), times)
+
+
+def smooth_line(values: np.ndarray, times: int, closed: bool) -> np.ndarray:
+    """Returns values (m,...) along a line, averaged `times` with neighbours; the ends of an open line stay."""
     for _ in range(times):
-        values = 0.5 * values + 0.5 * (around @ values)
+        mean = 0.5 * values + 0.25 * (np.roll(values, 1, 0) + np.roll(values, -1, 0))
+        if not closed:
+            mean[[0, -1]] = values[[0, -1]]
+        values = mean
     return values
 
 

@@ -12,7 +12,7 @@ from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.solver import SolverSettings
 from relight.figures.outfits import Outfit
 from relight.figures.pose.motion import Motion
-from relight.figures.surfaces import Surface, neighbours, normals, stacked
+from relight.figures.surfaces import Surface, normals, smoothed, stacked
 from relight.figures.tailor import collars, footwear, patterns, scarves
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.garments import Garment, Worn
@@ -205,7 +205,7 @@ def fallen_over(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
         (F,) bool.
     """
     facing = normals(x, faces)
-    average = wrinkles.averaged(facing, neighbours(faces, len(x)), BROAD)
+    average = smoothed(facing, faces, BROAD)
     around, (a, b, c) = average[faces].sum(1), (x[faces[:, k]] for k in range(3))
     return np.einsum("fx,fx->f", np.cross(b - a, c - a), around) < 0
 

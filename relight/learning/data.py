@@ -336,7 +336,11 @@ def neighbours(pixel: np.ndarray, offset: np.ndarray, size: int) -> tuple[np.nda
 
 
 def read_split(path: Path) -> dict[str, list[str]]:
-    """Reads a split: names of figures by part, `train`, `test` and `sitting`; raises UserError on any other file."""
+    """Reads a split: names of figures by part, such as `train`, `test`, `validation` and `sitting`.
+
+    Raises:
+        UserError: if the file is no split.
+    """
     try:
         parts = json.loads(read_text(existing_file(path, "split")))
         names = [name for part in parts.values() for name in part]

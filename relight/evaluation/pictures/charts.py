@@ -109,7 +109,7 @@ class PlainLog(LogFormatter):
 
 
 def plot_curves(curves: list[Path], out: Path) -> None:
-    """Draws training curves, one panel per loss: thick lines on fixed test pairs, thin lines on the training pictures.
+    """Draws training curves, one panel per loss: thick on the validation pairs, thin on the training pictures.
 
     Trainings of a row have one color and line style. The total loss is left out, since trainings differ in their
     losses.

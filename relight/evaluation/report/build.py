@@ -195,23 +195,19 @@ def head(name: str, results: Results, failed: int) -> Markup:
     )
 
 
-def answer_context(results: Results, name: str = "claim") -> dict[str, Any] | None:
+def answer_context(results: Results) -> dict[str, Any] | None:
     """Compares transport with normals, with and without AO, for the first lines of the page.
-
-    Args:
-        results: results of the run.
-        name: the experiment whose rows are compared.
 
     Returns:
         The context of templates/answer.md. `claims`: Ours (min) against SfSNet by column; `over_ao`: against SfSNet-AO
-        in shading, or None. None if the experiment is not in the run or lacks a row.
+        in shading, or None. None if the experiment `claim` is not in the run or lacks a row.
     """
-    if name not in results.tables:
+    if "claim" not in results.tables:
         return None
-    table = results.table(name)
+    table = results.table("claim")
     claims = compare_rows(table, "ours_min", "sfsnet", ("shading_true_light_rmse", "relit_rmse"))
     over_ao = compare_rows(table, "ours_min", "sfsnet_ao", ("shading_true_light_rmse",))
-    context = {"name": name, "claims": claims, "over_ao": next(iter(over_ao.values()), None), "scored": table}
+    context = {"name": "claim", "claims": claims, "over_ao": next(iter(over_ao.values()), None), "scored": table}
     return context if len(claims) == 2 else None
 
 

@@ -35,7 +35,7 @@ LABELS = {
     "true_maps": "true maps, true light",
     "shipped": "Shipped weights",
     **{f"cut_{order}": f"true light, true maps to order {order}" for order in range(2, 8)},
-    **{f"order_{order}": f"Ours, order {order}" for order in range(1, 8)},
+    **{f"order_{order}": f"Ours, order {order}" for order in range(2, 8)},
     **{f"figures_{count}": f"Ours, {count} figures" for count in (8, 16, 32, 64, 128)},
     **{f"width_1_{part}": f"Ours, width 1/{part}" for part in (2, 4, 8)},
     "ours_weighted": "Ours (transport × 4)",

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from relight.figures.cloth.drape import Level
 from relight.figures.cloth.solver import Crimp
-from relight.figures.surfaces import neighbours, normals
+from relight.figures.surfaces import averaged, neighbours, normals, smoothed
 
 NEAREST = 26  # vertices that a point of a crest may lift
 DENSE_FACTOR = 4  # times as many where vertices are at least twice as dense as usual, as in the cleft of the buttocks
@@ -244,16 +244,6 @@ def ridges(region: Region, crimp: Crimp, share: float, max_height: float, seed: 
     return region.free * max_height * np.tanh(height / max_height)
 
 
-def averaged(values: np.ndarray, average: sparse.csr_matrix, times: int) -> np.ndarray:
-    """Returns vertex values (n,...) averaged `times` with those of their neighbours, half and half.
-
-    `average` (n,n) takes values to the means of the neighbours' values.
-    """
-    for _ in range(times):
-        values = 0.5 * values + 0.5 * (average @ values)
-    return values
-
-
 def smoothness(points: np.ndarray, faces: np.ndarray, average: sparse.csr_matrix) -> np.ndarray:
     """Returns (n,) weights of folds: 1 where a surface is smooth, 0 at sharp turns, such as pleats.
 
@@ -331,6 +321,6 @@ def folded(
         (n,3) vertices of the finest level, metres.
     """
     faces = levels[-1].faces
-    outward = averaged(normals(x, faces), neighbours(faces, len(x)), times=3)
+    outward = smoothed(normals(x, faces), faces, times=3)
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
     return x + folds(levels, refine, x, crimp, hang, seed)[:, None] * outward

@@ -40,7 +40,6 @@ class Comb:
         clump: how far the strands of a guide draw together at their tips, in [0,1].
         fray: metres by which strands stray.
         wander: how much guides turn at each step.
-        roll: radians by which strands are turned about themselves, to either side.
         above: metres over the skin where strands start.
     """
 
@@ -61,7 +60,6 @@ class Comb:
     clump: float = 0.5
     fray: float = 0.0012
     wander: float = 0.1
-    roll: float = 0.3
     above: float = 0.0
 
 

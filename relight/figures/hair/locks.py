@@ -25,6 +25,7 @@ from relight.figures.texture import noise
 
 CONTACT_RANGE = 0.08  # search range of the surface below a guide, metres
 CLING_RANGE = 0.02  # distance from that surface up to which a guide clings to it with full strength, metres
+ROLL = 0.3  # radians by which strands are turned about themselves, to either side
 MAX_PUSH = 0.03  # metres by which one step may be moved away from that surface, or toward it
 
 
@@ -153,7 +154,7 @@ def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool
     if comb.curl:
         pieces = int(np.clip(np.ceil(5 * length.max() / comb.pitch), pieces, 16 if fine else 12))
     points, normals = spread_strands(comb, guides, points, normals, roots, length, pieces, seed)
-    return ribbons(comb.width, points, normals, roots.random, comb.roll)
+    return ribbons(comb.width, points, normals, roots.random, ROLL)
 
 
 def tied_hair(motion: Motion, kind: str, below: Surface, seed: int, fine: bool) -> Strip:

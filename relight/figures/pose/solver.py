@@ -191,7 +191,7 @@ class PoseSolver:
         across = np.cross(forearm, j[f"finger2-1.{side}"] - j[f"finger5-1.{side}"])
         hinge = mirror[0] * unit(np.cross(forearm, across))  # axis of the curl; mirroring reverses rotation axes
         palm = np.cross(hinge, forearm)
-        twist, bend = mirror[0] * np.radians(hand.palm), Rotation.identity()
+        twist, bend = 0.0, Rotation.identity()
         if hand.along is not None:
             rest = orthonormal_frame(j[f"finger3-1.{side}"] - j[f"wrist.{side}"], palm)
             goal = orthonormal_frame(

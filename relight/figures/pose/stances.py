@@ -19,7 +19,6 @@ class Hand:
     Attributes:
         wrist: position relative to the shoulder, in arm lengths.
         elbow: direction in which the elbow points.
-        palm: degrees of rotation about the forearm, where `along` is None.
         along: direction from the wrist to the fingers, within the limits of wrist and forearm, or None.
         facing: direction in which the palm faces, where `along` is given.
         curl: mean degrees by which fingers bend at each joint.
@@ -29,7 +28,6 @@ class Hand:
 
     wrist: Triple
     elbow: Triple = (0.6, -0.2, -1.0)
-    palm: float = 0.0
     along: Triple | None = None
     facing: Triple = (-1.0, 0.0, 0.0)
     curl: float = 17.0

@@ -9,7 +9,16 @@ from scipy.spatial import cKDTree
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose.motion import Motion
-from relight.figures.surfaces import Surface, border_loops, extruded, longest_run, normals, smoothed, thickened
+from relight.figures.surfaces import (
+    Surface,
+    border_loops,
+    extruded,
+    longest_run,
+    normals,
+    smooth_line,
+    smoothed,
+    thickened,
+)
 from relight.figures.texture import noise
 
 CORD = 0.20  # metres of a drawstring
@@ -88,16 +97,6 @@ def neckline(vertices: np.ndarray, faces: np.ndarray, neck: Neck, low: float = 0
         run = longest_run(ring, near)
         return (run, False) if len(run) > MIN_NECKLINE else None
     return None
-
-
-def smooth_line(values: np.ndarray, times: int, closed: bool) -> np.ndarray:
-    """Returns values (m,...) along a line, averaged `times` with neighbours; the ends of an open line stay."""
-    for _ in range(times):
-        mean = 0.5 * values + 0.25 * (np.roll(values, 1, 0) + np.roll(values, -1, 0))
-        if not closed:
-            mean[[0, -1]] = values[[0, -1]]
-        values = mean
-    return values
 
 
 def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: Neck) -> np.ndarray:
@@ -355,8 +354,7 @@ def cords(vertices: np.ndarray, faces: np.ndarray, neck: Neck) -> list[Surface]:
         if len(on_front) < MIN_CORD_RINGS:
             continue
         path = origin[on_front] - [0, 0, 1] * (depth[on_front] - 1.5 * CORD_RADIUS)[:, None]
-        for _ in range(3):
-            path[1:-1] = 0.5 * path[1:-1] + 0.25 * (path[:-2] + path[2:])
+        path = smooth_line(path, 3, closed=False)
         turn = 2 * np.pi * np.arange(CORD_SIDES) / CORD_SIDES
         around = CORD_RADIUS * np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=1)
         rings = [point + around for point in path]

@@ -10,7 +10,7 @@ from relight.figures.body import makehuman
 from relight.figures.body.person import Body
 from relight.figures.catalogue.schema import entries
 from relight.figures.pose.motion import Motion
-from relight.figures.surfaces import clip, compacted, loop, normals, smoothed, split, thickened
+from relight.figures.surfaces import clip, compacted, loop, normals, smooth_line, smoothed, split, thickened
 from relight.figures.texture import Color
 
 STRAPS = ((0.60, 0.80), (0.36, 0.44))  # start and end of the straps across the foot, from heel (0) to toes (1)
@@ -246,8 +246,7 @@ def sole(
     travel = np.r_[0, np.cumsum(np.linalg.norm(np.roll(hull, -1, 0) - hull, axis=1))]
     even = np.linspace(0, travel[-1], OUTLINE_POINTS, endpoint=False)
     ring = np.stack([np.interp(even, travel, np.r_[hull[:, c], hull[0, c]]) for c in (0, 1)], axis=1)
-    for _ in range(6):
-        ring = 0.5 * ring + 0.25 * (np.roll(ring, 1, 0) + np.roll(ring, -1, 0))
+    ring = smooth_line(ring, 6, closed=True)
     centre = ring.mean(0)
     outward = (ring - centre) / np.linalg.norm(ring - centre, axis=1, keepdims=True)
     along = (ring[:, 1] - ring[:, 1].min()) / np.ptp(ring[:, 1])  # 0 at the heel, 1 at the toes
