@@ -282,8 +282,8 @@ def fix_future_dates(folder: Path) -> None:
     """
     now = time.time()
     for path in folder.rglob("*"):
-        if path.stat().st_mtime > now:
-            os.utime(path, (now, now))
+        if path.lstat().st_mtime > now:
+            os.utime(path, (now, now), follow_symlinks=False)
 
 
 def kill_orphans() -> None:

@@ -5,12 +5,14 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from relight import extensions
 from relight.config import ROOT, check, composed, resolved
 from relight.errors import UserError
 from relight.lights import load_light
+from relight.panoramas import project
 
 PAGE = (ROOT / "docs" / "workflow.md").read_text()
 EXAMPLE = re.search(r"```python\n# relight/extensions/mine\.py\n(.*?)```", PAGE, re.S)
@@ -122,3 +124,15 @@ def test_wrong_weights(word, says, tmp_path, monkeypatch):
     monkeypatch.setattr(extensions, "__path__", [str(tmp_path)])
     with pytest.raises(UserError, match=says):
         check(resolved(composed(["scale=smoke", word])))
+
+
+def test_a_light_with_a_panorama_is_turned_whole(tmp_path, monkeypatch):
+    """What stands behind a figure turns with the light."""
+    (tmp_path / "probe1.py").write_text(
+        "from relight.lights import load_light\ndef light(text, order):\n    return load_light(text, order)\n"
+    )
+    monkeypatch.setattr(extensions, "__path__", [*extensions.__path__, str(tmp_path)])
+    options = {"yaw": 30.0, "flip": True, "exposure": 2.0}
+    light = load_light("probe1:room:7:20", **options)
+    np.testing.assert_allclose(project(light.panorama, 2), light.coefficients, atol=1e-5 * light.coefficients.max())
+    assert np.abs(light.coefficients - 2 * load_light("room:7:20").coefficients).max() > 0.1

@@ -139,8 +139,13 @@ def load_light(
         needed = "coefficients" if name == "convention" else "a panorama"
         if is_given and kind != needed:
             raise UserError(f"{text}: {name.replace('_', '-')} has an effect on a file of {needed} only")
-    if light.panorama is None:
-        light = replace(light, coefficients=orient(light.coefficients, yaw, flip) * exposure)
+    if kind != "a panorama" and not GENERATED.fullmatch(text):  # those have been projected as they are to be
+        panorama = light.panorama
+        if panorama is not None:  # of an extension
+            own_yaw = -panorama.yaw if flip else panorama.yaw
+            pixels = panorama.pixels * np.float32(exposure)
+            panorama = replace(panorama, pixels=pixels, flip=panorama.flip != flip, yaw=own_yaw + yaw)
+        light = replace(light, coefficients=orient(light.coefficients, yaw, flip) * exposure, panorama=panorama)
     return light.checked().at_order(order)
 
 

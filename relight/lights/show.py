@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from relight.files import atomic_write
-from relight.lights.light import Light
+from relight.lights.light import MIN_EIGENVALUE, Light
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import LightSet
 from relight.panoramas import Panorama
@@ -196,7 +196,7 @@ def format_statistics(light: Light) -> list[tuple[str, str]]:
         ("structure |L2| / L00", f"{stats['second']:.2f}"),
         ("main direction: right, up", direction),
         ("color ln R/G, ln B/G", f"{stats['red']:+.2f}  {stats['blue']:+.2f}"),
-        ("realisable (moments)", f"{'yes' if stats['moment'] >= -1e-3 else 'NO'}  {stats['moment']:+.3f}"),
+        ("realisable (moments)", f"{'yes' if stats['moment'] >= MIN_EIGENVALUE else 'NO'}  {stats['moment']:+.3f}"),
         ("order", f"{light.order}"),
     ]
 

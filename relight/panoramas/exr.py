@@ -180,7 +180,7 @@ def window(box: Any) -> tuple[int, int, int, int]:
 
 
 def choose_part(path: Path, headers: list[Header]) -> int:
-    """Returns the index of the first part with RGB or luminance channels.
+    """Returns the index of the first part with RGB, XYZ or luminance channels.
 
     Raises:
         UserError: if there is none, a part is deep or too large, or a channel is subsampled.

@@ -1,4 +1,4 @@
-"""The commands `photo`, `transfer`, `movie`, `export` and `mask`. They import torch only when they run."""
+"""The commands `photo`, `transfer`, `movie`, `export` and `mask`."""
 
 import functools
 import inspect
@@ -238,7 +238,9 @@ def photo(
     if not path.exists():
         raise UserError(f"photo: there is no file or folder {path}")
     options = replace(options, together=together, maps=maps)
-    out = out or path.with_name(f"{path.stem if path.is_file() else path.name}_relit")
+    if out is None:
+        whole = path.resolve() if path.is_dir() else path  # "." has no name of its own
+        out = whole.with_name(f"{whole.stem if path.is_file() else whole.name}_relit")
     if path.is_dir():
         from relight.photos.folder import relight_folder
 

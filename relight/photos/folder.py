@@ -25,7 +25,7 @@ from relight.progress import progress
 
 if TYPE_CHECKING:
     from relight.lights.light import Light
-    from relight.photos.api import Relighter  # which imports torch
+    from relight.photos.api import Relighter
 
 RECORD = "photo.json"
 MOST_LINES = 12  # of notes in a summary
@@ -151,7 +151,7 @@ def _run(tasks: dict, jobs: int, options: Options, weights: Path | None) -> Iter
         yield from ((name, _relight_one(options, *task)) for name, task in tasks.items())
         return
     left = dict(tasks)
-    spawn = multiprocessing.get_context("spawn")  # torch's threads do not survive a fork
+    spawn = multiprocessing.get_context("spawn")  # threads of the inference do not survive a fork
     while left:
         threads = max(1, (os.cpu_count() or 1) // jobs)
         with ProcessPoolExecutor(jobs, spawn, initializer=_start, initargs=(weights, threads, options)) as pool:

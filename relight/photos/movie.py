@@ -254,28 +254,16 @@ def smooth_over_time(
         The pixels and the person of each frame.
     """
     cropped = ((pixels, coverage, find_crop(coverage)) for pixels, coverage in frames)
-    inferred = (_infer_smoothed(near, i, infer) for near, i in windows(cropped, CROP_RADIUS))
+    inferred = (
+        (near[i][0], infer(*near[i][:2], _smooth_crop([crop for _, _, crop in near], i)))
+        for near, i in windows(cropped, CROP_RADIUS)
+    )
     for near, i in windows(inferred, LIGHT_RADIUS):
         weights = _gaussian(len(near), i, LIGHT_RADIUS)
         light = np.tensordot(weights, np.stack([person.light for _, person in near]), 1)
         around = [person for _, person in near[max(i - TRANSPORT_RADIUS, 0) : i + TRANSPORT_RADIUS + 1]]
         pixels, person = near[i]
         yield pixels, replace(person, light=light.astype(np.float32), transport=_smooth_transport(person, around))
-
-
-def _infer_smoothed(near: list, i: int, infer: Callable) -> tuple[np.ndarray, Person]:
-    """Infers one frame in a square that is smoothed over time.
-
-    Args:
-        near: pixels, coverage and crop of the frame and of those around it.
-        i: the frame's index in `near`.
-        infer: from pixels, coverage and crop to a person.
-
-    Returns:
-        The pixels (H,W,3) of the frame, and its person.
-    """
-    pixels, coverage, _ = near[i]
-    return pixels, infer(pixels, coverage, _smooth_crop([crop for _, _, crop in near], i))
 
 
 def windows(items: Iterable[T], radius: int) -> Iterator[tuple[list[T], int]]:

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
@@ -12,9 +11,6 @@ from PIL import Image
 from relight.errors import UserError
 from relight.files import atomic_write, writable_file
 from relight.photos.read import Photo, list_photos, read_photo
-
-if TYPE_CHECKING:
-    pass
 
 CODECS = {".mp4": ("libx264", {"crf": "18", "preset": "medium"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
 FPS = 25.0  # of what does not state its rate

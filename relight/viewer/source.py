@@ -52,7 +52,9 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
     Raises:
         UserError: for what is no light, or a black one.
     """
-    texts_by_name = {Path(text).stem if Path(text).is_file() else text: text for text in texts} or LIGHTS
+    texts = list(texts)
+    stems = [Path(text).stem if Path(text).is_file() else text for text in texts]
+    texts_by_name = {stem if stems.count(stem) == 1 else text: text for stem, text in zip(stems, texts)} or LIGHTS
     lights = {name: load_light(text).coefficients for name, text in texts_by_name.items()}
     first = next(iter(lights.values()))
     front, level = reference_brightness(first), first[0].sum()  # level: mean radiance, up to a factor

@@ -251,6 +251,16 @@ def test_processes_find_the_folder_that_they_share(photo_files, weights, tmp_pat
     assert there == [True]
 
 
+def test_the_folder_here_is_relit_beside_itself(photo_files, monkeypatch, tmp_path):
+    from relight.photos import folder
+
+    asked = []
+    monkeypatch.setattr(folder, "relight_folder", lambda path, out, *_: asked.append(out) or folder.Summary())
+    monkeypatch.chdir(tmp_path)
+    CliRunner().invoke(app, ["photo", "."])
+    assert asked == [tmp_path.with_name(f"{tmp_path.name}_relit")]
+
+
 def test_changed_options_or_files_are_relit_again(photo_files, weights, tmp_path):
     from relight.photos.api import load
     from relight.photos.folder import _fingerprint

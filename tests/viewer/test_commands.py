@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from relight.crop import crop_around
 from relight.errors import UserError
 from relight.inference import PhotoNetwork
-from relight.lights import load_light
+from relight.lights import load_light, write_light
 from relight.maps import write_left_out, write_maps
 from relight.photos.api import Relighter
 from relight.photos.compose.render import total_coverage
@@ -55,11 +55,16 @@ def test_pages_take_lights_for_coefficients(tmp_path, maps):
     assert pages[0] == pages[1]
 
 
-def test_lights_are_brought_to_one_brightness():
+def test_lights_are_brought_to_one_brightness(tmp_path):
     lights = named_lights()
     first = next(iter(lights.values()))
     assert irradiance(first, np.array([0, 0, 1.0])).max() == pytest.approx(0.8)
     np.testing.assert_allclose([light[0].sum() for light in lights.values()], first[0].sum())
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        write_light(load_light("room:7"), tmp_path / folder / "hall.json")
+    names = [str(tmp_path / folder / "hall.json") for folder in ("a", "b")]
+    assert list(named_lights(names)) == names and list(named_lights(names[:1])) == ["hall"]
     behind = named_lights(["key:#ffffff@180,0,0"])
     assert irradiance(next(iter(behind.values())), np.array([0, 0, -1.0])).max() < 4
     with pytest.raises(UserError, match="black"):

@@ -89,7 +89,7 @@ def render(
         mode: `ratio` multiplies the photo by new / old shading and keeps all its detail; `full` is albedo * shading.
         background: the photo's own by default.
         turn: of a panorama behind, radians.
-        stops: exposure of the people and of a panorama behind, as powers of two.
+        stops: exposure of the people and of the background, as powers of two.
 
     Returns:
         (H,W,3) of the same type, or (H,W,4) for a transparent background. Values of a linear photo are not rolled off.

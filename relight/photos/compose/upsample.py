@@ -113,23 +113,10 @@ def fit_map(maps: np.ndarray, guide: Guide, textured: bool = False) -> FittedMap
     """
     base = guide.fill_outside(maps)
     slope = guide.fill_outside(guide.slope(maps, SMOOTH_ALBEDO if textured else SMOOTH))
-    return FittedMap(base, slope, *((None, None) if textured else _range(base, np.ones_like(guide.mask), 3)))
-
-
-def _range(values: np.ndarray, where: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the range of values in the square around each pixel.
-
-    Args:
-        values: (S,S,C).
-        where: (S,S) bool, which pixels count.
-        width: of the squares, pixels.
-
-    Returns:
-        Minimum and maximum, (S,S,C) each; +inf and -inf where no pixel of a square counts.
-    """
-    size = (width, width, 1)
-    low = minimum_filter(np.where(where[..., None], values, np.inf), size, mode="nearest")
-    return low, maximum_filter(np.where(where[..., None], values, -np.inf), size, mode="nearest")
+    if textured:
+        return FittedMap(base, slope, None, None)
+    low, high = (extreme(base, (3, 3, 1), mode="nearest") for extreme in (minimum_filter, maximum_filter))
+    return FittedMap(base, slope, low, high)
 
 
 def _window_mean(values: np.ndarray) -> np.ndarray:

@@ -1,1 +1,0 @@
-from relight.photos.mask.find import find_mask as find_mask
