@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -59,7 +60,7 @@ class VertexTransport:
         """
         path = Path(path)
         if path.suffix.lower() == ".npz":
-            arrays = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+            arrays: dict[str, Any] = {name: v for name, v in vars(self).items() if isinstance(v, np.ndarray)}
             with atomic_write(path) as temporary, open(temporary, "wb") as file:
                 np.savez(file, **arrays, convention=np.array(CONVENTION))
         elif path.suffix.lower() == ".ply":
@@ -180,7 +181,8 @@ def _shifted_into_faces(caster: RayCaster, used: np.ndarray, normals: np.ndarray
     face_normals = np.broadcast_to(caster.normals[:, None], sides.shape)
     # The integral of the unit directions from a to b, counter-clockwise about n, is (b - a) x n.
     inside = np.cross(-np.roll(sides, 1, axis=1) - sides, face_normals)
-    shift = np.stack([np.bincount(vertex.ravel(), inside[..., axis].ravel()) for axis in range(3)], -1)
+    shift = np.zeros_like(points)
+    np.add.at(shift, vertex, inside)
     shift -= np.minimum(np.einsum("ux,ux->u", shift, normals), 0)[:, None] * normals  # edges of solids: not inward
     shift *= SHIFT * caster.offset
     # A shift below the plane of one of the vertex's own faces may take half of the distance from it.
