@@ -31,8 +31,8 @@ from relight.photos.infer import (
 )
 from relight.photos.load import LoadedPhoto, Picture, load_photo, photo_notes
 from relight.photos.mask.find import split_people
-from relight.photos.place import PREFIX, default_light
-from relight.photos.read import Photo, as_codes, is_picture
+from relight.photos.place import PREFIX, default_light, is_of_person
+from relight.photos.read import Photo, as_codes
 from relight.photos.trust import Trust, assess
 from relight.sh import deringed, rotate_y
 from relight.sh.conventions import as_table
@@ -181,7 +181,7 @@ class Relighter:
         Raises:
             UserError: if it is no light.
         """
-        if _is_of_photo(text):
+        if is_of_person(text):
             photo = load_photo(text, mask, mask_model)
             people = self.infer(photo, white_balance=white_balance)
             notes = [f"{Path(text).name}: {note}" for note in photo_notes(photo, people)]
@@ -193,7 +193,7 @@ class Relighter:
     def _usable(self, light: Light) -> Light:
         """Returns a light, float32, of the order of the network, and deringed unless it is that of a photo."""
         coefficients = light.at_order(self.order).coefficients
-        if not _is_of_photo(light.source):
+        if not is_of_person(light.source):
             coefficients = deringed(coefficients)
         return replace(light, coefficients=coefficients.astype(np.float32))
 
@@ -268,11 +268,6 @@ class Relighter:
     def trust(self, person: Person) -> Trust:
         """Assesses how far an inference can be trusted."""
         return assess(person, self.lights, self.network.config.get("augment", {}).get("exposure", [0.0])[-1])
-
-
-def _is_of_photo(source: str) -> bool:
-    """Returns whether the name of a light is that of a photo of somebody."""
-    return is_picture(source) and not source.startswith(PREFIX)
 
 
 def _warn(notes: Iterable[str]) -> None:

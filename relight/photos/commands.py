@@ -239,8 +239,8 @@ def photo(
         raise UserError(f"photo: there is no file or folder {path}")
     options = replace(options, together=together, maps=maps)
     if out is None:
-        whole = path.resolve() if path.is_dir() else path  # "." has no name of its own
-        out = whole.with_name(f"{whole.stem if path.is_file() else whole.name}_relit")
+        named = path.resolve() if path.name in ("", "..") else path  # "." has no name of its own
+        out = named.with_name(f"{named.stem if path.is_file() else named.name}_relit")
     if path.is_dir():
         from relight.photos.folder import relight_folder
 

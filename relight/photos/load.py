@@ -87,14 +87,14 @@ def load_photo(
         photo = photo_from_image(image)
     else:
         photo = image if isinstance(image, Photo) else Photo(_checked_image(image), None, "image")
+    notes: list[str] = []  # on a mask that is no file
     if mask is None or isinstance(mask, str | Path):
         coverage = find_mask(photo, mask, mask_model)
     else:
         coverage, notes = _checked_mask(mask, photo.pixels.shape[:2])
-        photo.notes.extend(notes)
     is_automatic = mask is None and photo.alpha is None
     coverage = coverage if is_automatic else fit_edge(photo.pixels, coverage)
-    return LoadedPhoto(photo.pixels, coverage, photo.name, photo.suffix, tuple(photo.notes), is_automatic)
+    return LoadedPhoto(photo.pixels, coverage, photo.name, photo.suffix, (*photo.notes, *notes), is_automatic)
 
 
 def _checked_image(image: np.ndarray) -> np.ndarray:

@@ -16,8 +16,7 @@ from relight.photos.compose.color import DISPLAY_STOPS, KNEE
 from relight.photos.compose.render import render
 from relight.photos.infer import AUTO, Person, mean_light, opposite_lamp
 from relight.photos.load import LoadedPhoto, load_photo, mask_notes, photo_notes
-from relight.photos.place import PREFIX, default_light
-from relight.photos.read import is_picture
+from relight.photos.place import default_light, is_of_person
 from relight.photos.write import (
     write_before_after,
     write_inference,
@@ -88,7 +87,7 @@ class Options:
         if self.blur and self.background != "panorama":
             raise UserError(f"a blur is that of the panorama behind, and the background is {self.background}")
         light = self.light_name
-        is_photo = is_picture(light) and not light.startswith(PREFIX)
+        is_photo = is_of_person(light)
         if self.light_mask and not is_photo:
             raise UserError(f"a mask of the light is that of a photo of somebody, and the light is {light}")
         names = ("layout", "yaw", "flip", "upside_down", "convention")

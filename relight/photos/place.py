@@ -20,6 +20,11 @@ STATED = re.compile(r"(.+)@([-+.0-9]+)(?:,([-+.0-9]+))?")
 ELEVATION = 45  # degrees, where none is stated; the median of 18 real places is 51
 
 
+def is_of_person(light: str) -> bool:
+    """Returns whether the name of a light is that of a photo of somebody, whose light it is."""
+    return is_picture(light) and not light.startswith(PREFIX)
+
+
 def default_light(background: str) -> str:
     """Returns the light that `auto` means: that of the place in the background if this is a picture, else AUTO."""
     return f"{PREFIX}{background}" if is_picture(background) else AUTO

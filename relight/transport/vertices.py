@@ -121,8 +121,9 @@ def bake_vertices(
     points = _shifted_into_faces(caster, used, normals)
     transport, gathered = integrate(caster, points, normals, normals, rays, order, seed, radiosity)
 
-    face, corner = np.divmod(np.arange(mesh.faces.size), 3)
-    albedo = sample_albedo(mesh, face, np.eye(3)[corner])  # at every corner of every face
+    every = np.arange(len(mesh.faces))
+    corners = [sample_albedo(mesh, every, np.broadcast_to(weights, (len(every), 3))) for weights in np.eye(3)]
+    albedo = np.stack(corners, 1).reshape(-1, 3)  # at every corner of every face
 
     def scatter(values: np.ndarray) -> np.ndarray:
         array = np.zeros((len(mesh.vertices), *values.shape[1:]), np.float32)
