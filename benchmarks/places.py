@@ -31,7 +31,7 @@ from relight.lights.place import (
     tint,
 )  # fmt: skip
 from relight.panoramas import Panorama, luminance, polyhaven, project, read_panorama
-from relight.photos.compose.environment import lookup
+from relight.panoramas.lookup import lookup
 from relight.sh import rotate_y, rotation_about_y
 from relight.srgb import encode, to_bytes
 

@@ -17,9 +17,10 @@ from relight.captures.maps import measure_maps, to_image
 from relight.crop import MASK_THRESHOLD, crop_around
 from relight.files import writable_folder
 from relight.panoramas import Panorama, project
+from relight.panoramas.lookup import lookup
 from relight.panoramas.projection import latlong_directions
 from relight.panoramas.radiosity import HEIGHT, WIDTH
-from relight.photos.compose.environment import camera_view, lookup
+from relight.photos.compose.environment import camera_view
 from relight.srgb import encode, to_bytes
 
 SET = "captures"

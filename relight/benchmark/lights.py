@@ -8,9 +8,9 @@ from relight.learning.augment import RED_PER_BLUE
 from relight.lights.chain import GENERATORS
 from relight.lights.light import Light
 from relight.panoramas import Panorama, project, read_panorama
+from relight.panoramas.lookup import lookup
 from relight.panoramas.polyhaven import NAMES, panorama_file
 from relight.panoramas.radiosity import HEIGHT, WIDTH, view_directions
-from relight.photos.compose.environment import lookup
 from relight.transport.tracer import sky_directions
 from relight.transport.view import View
 

@@ -1,11 +1,11 @@
 """`relight light`: prints, writes and draws the coefficients and statistics of a light."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from typer.core import TyperGroup
 
+from relight.default_command import default_command
 from relight.files import PHOTO_SUFFIXES
 
 LIGHT = Annotated[
@@ -46,19 +46,7 @@ OUT = Annotated[
 TO = Annotated[str, typer.Option(help="Convention to print and write in.")]
 
 
-class LightGroup(TyperGroup):
-    """Makes `relight light my.hdr` short for `relight light numbers my.hdr`, and a photo that of its place."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # ctx is click's, which Typer bundles privately
-        """Inserts the command where none is given."""
-        if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
-            name = args[0].partition("@")[0]
-            is_photo = Path(name).suffix.lower() in PHOTO_SUFFIXES and not name.startswith("place:")
-            args = ["numbers", f"place:{args[0]}" if is_photo else args[0], *args[1:]]
-        return super().parse_args(ctx, args)
-
-
-app = typer.Typer(cls=LightGroup, no_args_is_help=True, help="Print, write or draw a light.")
+app = typer.Typer(cls=default_command("numbers"), no_args_is_help=True, help="Print, write or draw a light.")
 
 
 @app.command()
@@ -86,6 +74,9 @@ def numbers(
     from relight.lights.table import read_light_set
     from relight.sh import bands, from_relight
 
+    name = light.partition("@")[0]
+    if Path(name).suffix.lower() in PHOTO_SUFFIXES and not name.startswith("place:"):
+        light = f"place:{light}"
     paths = out or []
     pictures = [path for path in paths if path.suffix.lower() == ".png"]
     if Path(light).suffix == ".npz":

@@ -12,8 +12,8 @@ from relight.files import atomic_write
 from relight.lights.light import MIN_EIGENVALUE, Light
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import LightSet
-from relight.panoramas import Panorama
-from relight.panoramas.projection import directions, latlong_directions
+from relight.panoramas.lookup import lookup
+from relight.panoramas.projection import latlong_directions
 from relight.sh import irradiance, order_of, unoccluded
 from relight.srgb import encode
 
@@ -102,7 +102,7 @@ def write_light_picture(light: Light, path: Path | str) -> None:
     if light.panorama is not None:
         is_reoriented = light.panorama.yaw % 360 or light.panorama.flip or light.panorama.front == "+z"
         name = "Panorama, as turned" if is_reoriented else "Panorama"
-        panes.insert(0, (name, tone_mapped(oriented_pixels(light.panorama))))
+        panes.insert(0, (name, tone_mapped(lookup(light.panorama, latlong_directions(256, 512)))))
     # Boxes of axes are left, bottom, width and height in shares of the figure.
     for i, (name, picture) in enumerate(panes):
         axes = figure.add_axes((0.03, 0.51 - 0.45 * i, 0.36, 0.335))
@@ -138,38 +138,6 @@ def label_directions(axes: "Axes", shape: tuple[int, ...]) -> None:
     for i, name in enumerate(("camera", "left", "away", "right", "camera")):
         align = "left" if i == 0 else "right" if i == 4 else "center"
         axes.text(shape[1] * i / 4 - 0.5, shape[0] * 1.075, name, fontsize=7, color=MUTED_TEXT, ha=align)
-
-
-def oriented_pixels(panorama: Panorama) -> np.ndarray:
-    """Returns a panorama as lat-long (h,w,3) with its flip and yaw applied and -z at the centre.
-
-    Lat-long images are rotated by whole columns and, above 512 rows, subsampled. Other layouts are resampled to 256 x
-    512 by nearest neighbour.
-    """
-    pixels = panorama.pixels
-    if panorama.layout != "latlong":
-        return nearest_pixels(panorama, 256)
-    step = max(1, pixels.shape[0] // 512)
-    width = pixels.shape[1]
-    azimuth = (np.arange(0, width, step) + 0.5) / width + panorama.yaw / 360
-    azimuth = (1 - azimuth if panorama.flip else azimuth) + (0.5 if panorama.front == "+z" else 0)
-    # The small number keeps centres that rounding puts just below a column in it.
-    column = np.floor(azimuth % 1 * width + 1e-6).astype(int) % width
-    return pixels[::step, column]
-
-
-def nearest_pixels(panorama: Panorama, height: int) -> np.ndarray:
-    """Resamples a panorama to lat-long (height, 2 height,3) by nearest neighbour, after flip and yaw."""
-    from scipy.spatial import KDTree
-
-    step = max(1, max(panorama.pixels.shape[:2]) // 1024)
-    toward = directions(panorama)[::step, ::step].reshape(-1, 3)
-    valid = np.isfinite(toward[:, 0])  # pixels around a ball or a cross show nothing
-    x, y, z = toward[valid].T
-    x, yaw = -x if panorama.flip else x, np.radians(panorama.yaw)
-    rotated = np.stack([x * np.cos(yaw) + z * np.sin(yaw), y, z * np.cos(yaw) - x * np.sin(yaw)], -1)
-    nearest = KDTree(rotated).query(latlong_directions(height, 2 * height).reshape(-1, 3))[1]
-    return panorama.pixels[::step, ::step].reshape(-1, 3)[valid][nearest].reshape(height, 2 * height, 3)
 
 
 def tone_mapped(pixels: np.ndarray) -> np.ndarray:

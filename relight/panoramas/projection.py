@@ -292,30 +292,3 @@ def project_cube(faces: dict[str, np.ndarray], order: int, corners: bool = False
         rotation = np.stack([right, -down, axis], -1)
         total += rotation_matrix(rotation, order) @ stacked[:, channels * i : channels * (i + 1)]
     return total
-
-
-def directions(panorama: Panorama) -> np.ndarray:
-    """Returns the directions (H,W,3) of the pixels of a panorama, in the camera frame before flip and yaw.
-
-    Pixels outside the disc of an angular map or ball, or outside the arms of a cross, are NaN. The layout `latlong` is
-    not supported.
-    """
-    height, width = panorama.pixels.shape[:2]
-    found = np.full((height, width, 3), np.nan)
-    if panorama.layout in ("angular", "ball"):
-        to_sphere = angular_to_sphere if panorama.layout == "angular" else ball_to_sphere
-        u, v = np.meshgrid(pixel_centres(width), pixel_centres(height))
-        inside = np.hypot(u, v) < 1
-        found[inside] = to_sphere(u[inside], v[inside])[0]
-        return found
-    for face, view in cut_faces(found, panorama.layout).items():  # views of `found`
-        n = len(view)
-        grid = np.linspace(-1, 1, n) if panorama.corners else pixel_centres(n)
-        axis, right, down = np.array(CUBE_FACES[face], float)
-        view[:] = face_to_sphere(grid[None, :], grid[:, None])[0] @ np.stack([right, -down, axis])
-    return found
-
-
-def pixel_centres(n: int) -> np.ndarray:
-    """Returns the centres (n,) of n adjacent pixels that span [-1,1]."""
-    return (2 * np.arange(n) + 1) / n - 1

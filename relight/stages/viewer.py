@@ -9,7 +9,7 @@ MAX_FIGURES = 24  # of the page; more would be hard to choose from
 MAX_BYTES = 12_000_000  # of the page; with larger maps it has fewer figures
 PAGE_BYTES = 100_000  # of a page without figures
 MARKUP_BYTES = 1000  # of a figure beside its maps
-TYPICAL_QUALITY = 2  # index in QUALITIES, with which figures are counted; `build_gallery` chooses the final one
+TYPICAL_QUALITY = 2  # index in QUALITIES, with which figures are counted; `build_viewer` chooses the final one
 
 
 @stage(
@@ -38,7 +38,7 @@ def main(
     from relight.evaluation.scoring.labels import label
     from relight.lights import read_light_set
     from relight.sh import coefficient_count
-    from relight.viewer.build import build_gallery
+    from relight.viewer.build import build_viewer
     from relight.viewer.figure import QUALITIES, Figure, to_json
     from relight.viewer.source import baked_figure
 
@@ -77,7 +77,7 @@ def main(
     count = int((MAX_BYTES - PAGE_BYTES) / figure_bytes)
     shown = [figures[i] for i in evenly_spaced(len(figures), max(1, min(MAX_FIGURES, count)))]
     versions = [version for figure in shown for version in versions_of(figure)]
-    build_gallery(out, versions, lights_by_name, title=f"relight: {name}", limit=MAX_BYTES)
+    build_viewer(out, versions, lights_by_name, title=f"relight: {name}", limit=MAX_BYTES)
 
 
 if __name__ == "__main__":

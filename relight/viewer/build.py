@@ -13,7 +13,6 @@ import numpy as np
 from relight.errors import UserError
 from relight.files import atomic_write
 from relight.lights.place import STATISTICS
-from relight.maps import Maps
 from relight.progress import progress
 from relight.sh import deringed
 from relight.viewer.bundle import bundle
@@ -55,41 +54,13 @@ VIEWER = Additions()
 
 def build_viewer(
     out: Path,
-    maps: Maps,
-    lights: Mapping[str, np.ndarray],
-    photo: np.ndarray | None = None,
-    photo_light: np.ndarray | None = None,
-    background: str | None = None,
-    title: str = "relight",
-    limit: int | None = None,
-) -> None:
-    """Writes the page of one figure.
-
-    Args:
-        out: the page (.html).
-        maps: (H,W,...), transport of order 2 or more.
-        lights: radiance coefficients (9,3) by name, in the order shown.
-        photo: (H,W,3) sRGB in [0,1], if the maps are those of a photo.
-        photo_light: (9,3) radiance coefficients of the light of the photo, by which the mode `ratio` divides.
-        background: the first one shown, of BACKGROUNDS; by default a photo's own, else the studio.
-        title: title of the figure and the page.
-        limit: bytes of the page; LIMIT by default.
-
-    Raises:
-        UserError: if a shape is wrong, there is no light, or the page would be too large.
-    """
-    build_gallery(out, [Figure(title, maps, photo, photo_light)], lights, background, title, limit)
-
-
-def build_gallery(
-    out: Path,
     figures: Sequence[Figure],
     lights: Mapping[str, np.ndarray],
     background: str | None = None,
     title: str = "relight",
     limit: int | None = None,
 ) -> None:
-    """Writes one page for several figures, which it offers by their titles.
+    """Writes the page of one or several figures, which it offers by their titles.
 
     Args:
         out: the page (.html).

@@ -4,23 +4,12 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from typer.core import TyperGroup
+
+from relight.default_command import default_command
 
 app = typer.Typer()
-
-
-class Site(TyperGroup):
-    """`relight web DIR` is short for `relight web build DIR`."""
-
-    def parse_args(self, context, arguments: list[str]) -> list[str]:
-        """Inserts the command `build` where no command is given."""
-        if arguments and arguments[0] not in {*self.commands, "--help", "-h"}:
-            arguments = ["build", *arguments]
-        return super().parse_args(context, arguments)
-
-
 web_app = typer.Typer(
-    cls=Site,
+    cls=default_command("build"),
     help="A site that relights photos in the browser. Nothing leaves the visitor's computer.",
     no_args_is_help=True,
 )
@@ -57,7 +46,7 @@ def view(
     from relight.files import writable_file
     from relight.photos.api import load
     from relight.progress import progress
-    from relight.viewer.build import build_gallery
+    from relight.viewer.build import build_viewer
     from relight.viewer.source import figure_of, named_lights
 
     photos = [path for path in paths if path.suffix.lower() != ".exr"]
@@ -71,7 +60,7 @@ def view(
     relighter = load(weights) if photos else None
     figures = [figure_of(path, relighter, mask, size) for path in progress(paths, "figures inferred")]
     most = int(limit * 1e6) if limit else None  # bytes
-    build_gallery(out, figures, named_lights(light or ()), background, title or figures[0].title, most)
+    build_viewer(out, figures, named_lights(light or ()), background, title or figures[0].title, most)
     typer.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
     for note in (f"note: {figure.title}: {note}" for figure in figures for note in figure.notes):
         typer.echo(note)

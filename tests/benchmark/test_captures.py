@@ -16,8 +16,8 @@ from relight.cli import app
 from relight.errors import UserError
 from relight.maps import read_maps
 from relight.panoramas import Panorama, generate_room, project, read_panorama
+from relight.panoramas.lookup import lookup
 from relight.panoramas.radiosity import view_directions
-from relight.photos.compose.environment import lookup
 from relight.sh import sphere_quadrature
 from relight.srgb import encode, to_bytes
 

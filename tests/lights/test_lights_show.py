@@ -1,15 +1,10 @@
-from dataclasses import replace
-
 import numpy as np
-import pytest
 from typer.testing import CliRunner
 
 from relight.errors import UserError
 from relight.lights import Light, LightSet, lit_ball, load_light, write_contact_sheet, write_light_set
 from relight.lights.commands import app
-from relight.lights.show import ALBEDO, diffuse_panorama, format_statistics, oriented_pixels
-from relight.panoramas import Panorama, project
-from relight.panoramas.projection import directions
+from relight.lights.show import ALBEDO, diffuse_panorama, format_statistics
 from relight.sh import basis
 from relight.srgb import encode
 
@@ -44,39 +39,6 @@ def test_the_centre_of_the_diffuse_panorama_is_minus_z():
     picture = diffuse_panorama(away, 32)[..., 0]
     assert np.unravel_index(picture.argmax(), picture.shape)[1] in (31, 32)
     np.testing.assert_allclose(diffuse_panorama(constant(np.pi), 8), 1)
-
-
-@pytest.mark.parametrize("yaw", [0, 90, -45, 540])
-@pytest.mark.parametrize("flip", [False, True])
-@pytest.mark.parametrize("front", ["-z", "+z"])
-def test_the_drawn_panorama_has_the_orientation_of_its_light(yaw, flip, front):
-    panorama = Panorama(
-        np.random.default_rng(0).random((8, 16, 3)).astype(np.float32), "latlong", False, flip, yaw, front
-    )
-    oriented = replace(panorama, pixels=oriented_pixels(panorama), flip=False, yaw=0.0, front="-z")
-    np.testing.assert_allclose(project(oriented), project(panorama), atol=1e-12)
-
-
-SHAPES = {"angular": (240, 240), "ball": (240, 240), "cross": (240, 320), "strip": (480, 80), "strip-gl": (80, 480)}
-
-
-@pytest.mark.parametrize("yaw", [0, 75])
-@pytest.mark.parametrize("layout", SHAPES)
-@pytest.mark.parametrize("corners", [False, True])
-def test_other_layouts_are_drawn_as_their_light_is_used(layout, yaw, corners):
-    """Nearest pixels of a smooth scene: the light of the drawing is that of the map, to the size of a pixel."""
-    if corners and layout != "strip":
-        pytest.skip("only OpenEXR's cubes have samples on corners")
-    empty = Panorama(np.zeros((*SHAPES[layout], 3), np.float32), layout, corners, True, yaw)
-    toward = np.nan_to_num(directions(empty))
-    panorama = replace(empty, pixels=(1 + toward @ np.array([[0.5, 0, 0.2], [0.3, 0.6, 0], [0, 0.3, 0.7]])))
-    seen = oriented_pixels(panorama)
-    assert seen.shape == (256, 512, 3)
-    np.testing.assert_allclose(project(Panorama(seen)), project(panorama), atol=0.02)
-
-
-def test_a_large_panorama_is_drawn_smaller():
-    assert oriented_pixels(Panorama(np.ones((1536, 3072, 3), np.float32), yaw=33.0)).shape == (512, 1024, 3)
 
 
 def test_a_contact_sheet_of_any_size_is_drawn(tmp_path):

@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 
 from relight.panoramas import Panorama, project
-from relight.photos.compose.environment import camera_view, lookup
+from relight.panoramas.lookup import lookup
+from relight.photos.compose.environment import camera_view
 from relight.sh import basis, sphere_quadrature
 
-SHAPES = {"latlong": (64, 128), "angular": (128, 128), "ball": (256, 256), "cross": (128, 96), "strip": (32, 192)}
+SHAPES = {
+    "latlong": (64, 128), "angular": (128, 128), "ball": (256, 256), "cross": (128, 96), "strip": (32, 192),
+    "strip-gl": (192, 32),
+}  # fmt: skip
 
 
 def smooth(shape, seed=0):
@@ -22,7 +26,7 @@ def smooth(shape, seed=0):
 
 
 @pytest.mark.parametrize("layout", SHAPES)
-@pytest.mark.parametrize("orientation", [{}, {"yaw": 35.0, "flip": True}])
+@pytest.mark.parametrize("orientation", [{}, {"yaw": 35.0, "flip": True}, {"yaw": -495.0, "front": "+z"}])
 def test_lookup_is_the_inverse_of_projection(layout, orientation):
     """Integrating what `lookup` sees over the sphere gives the light that `project` computes from the pixels."""
     panorama = Panorama(smooth(SHAPES[layout]), layout=layout, **orientation)

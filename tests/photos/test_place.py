@@ -121,7 +121,7 @@ def test_a_folder_is_relit_again_when_the_place_changes(run, photo_files, weight
 def test_light_command_of_a_photo(run, street):
     assert "place:street.png, convention relight" in run("light", "street.png", "-o", "a.json")
     np.testing.assert_allclose(load_light("a.json").coefficients, place_light(street))
-    run("light", "street.png@-60,40", "-o", "b.json")
+    run("light", "--order", 2, "street.png@-60,40", "-o", "b.json")
     stated = place_light(street, direction(-60, 40, ""))
     np.testing.assert_allclose(load_light("b.json").coefficients, stated)
     run("light", "place:street.png@-60,40", "--yaw", 0, "-o", "b.json")

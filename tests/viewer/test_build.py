@@ -8,12 +8,13 @@ import pytest
 from relight.errors import UserError
 from relight.maps import write_maps
 from relight.maps.octahedral import octahedral
-from relight.viewer.build import build_gallery, build_viewer
+from relight.viewer.build import build_viewer
 from relight.viewer.figure import Figure, pack
 
 
 def test_page_is_one_file_that_asks_the_network_for_nothing(tmp_path, maps, lights):
-    build_viewer(tmp_path / "a.html", maps, lights, title="A & B </script><b>")
+    title = "A & B </script><b>"
+    build_viewer(tmp_path / "a.html", [Figure(title, maps)], lights, title=title)
     text = (tmp_path / "a.html").read_text()
     assert not re.search(r"""(src|href)\s*=\s*["'](?!data:)|@import|url\((?!data:)|https?://""", text)
     assert "<title>A &amp; B &lt;/script&gt;&lt;b&gt;</title>" in text
@@ -26,21 +27,25 @@ def test_page_is_one_file_that_asks_the_network_for_nothing(tmp_path, maps, ligh
 
 def test_refusals_name_what_is_wrong(tmp_path, maps, lights):
     out = tmp_path / "a.html"
+    photo = np.zeros((*maps.mask.shape, 3))
     for message, change in {
-        "at least one": {"lights": {}},
+        "at least one figure": {"figures": []},
+        "at least one figure and one light": {"lights": {}},
         r"light 'a' is not \(9, 3\)": {"lights": {"a": np.zeros((16, 3))}},
         "finite": {"lights": {"a": np.full((9, 3), np.nan)}},
-        "mask is empty": {"maps": replace(maps, mask=np.zeros_like(maps.mask))},
-        "4 coefficients": {"maps": replace(maps, transport=maps.transport[..., :4])},
-        "photo is": {"photo": np.zeros((5, 5, 3))},
-        r"photo's light is \(4, 3\)": {"photo": np.zeros((*maps.mask.shape, 3)), "photo_light": np.zeros((4, 3))},
         "background 'sea'": {"background": "sea"},
         "MB": {"limit": 60_000},
     }.items():
         with pytest.raises(UserError, match=message):
-            build_viewer(**{"out": out, "maps": maps, "lights": lights} | change)
-    with pytest.raises(UserError, match="at least one figure"):
-        build_gallery(out, [], lights)
+            build_viewer(**{"out": out, "figures": [Figure("a", maps)], "lights": lights} | change)
+    for message, figure in {
+        "mask is empty": {"maps": replace(maps, mask=np.zeros_like(maps.mask))},
+        "4 coefficients": {"maps": replace(maps, transport=maps.transport[..., :4])},
+        "photo is": {"photo": np.zeros((5, 5, 3))},
+        r"photo's light is \(4, 3\)": {"photo": photo, "photo_light": np.zeros((4, 3))},
+    }.items():
+        with pytest.raises(UserError, match=message):
+            Figure(**{"title": "a", "maps": maps} | figure)
     assert not out.exists()
 
 
@@ -48,19 +53,19 @@ def test_a_tight_limit_costs_precision_before_it_refuses(tmp_path, maps, lights)
     figure = Figure("a", maps)
     sizes = [len(pack(figure, steps, 1)[1]) for steps in (8192, 2048, 512)]
     assert sizes == sorted(sizes, reverse=True) and sizes[2] < 0.8 * sizes[0]
-    build_viewer(tmp_path / "fine.html", maps, lights)
+    build_viewer(tmp_path / "fine.html", [figure], lights)
     fine = (tmp_path / "fine.html").stat().st_size
-    build_viewer(tmp_path / "coarse.html", maps, lights, limit=fine - 1)
+    build_viewer(tmp_path / "coarse.html", [figure], lights, limit=fine - 1)
     assert (tmp_path / "coarse.html").stat().st_size < fine
 
 
 def test_a_gallery_has_room_for_each_of_its_figures(tmp_path, maps, lights, monkeypatch):
     monkeypatch.setattr("relight.viewer.build.LIMIT", 150_000)
     monkeypatch.setattr("relight.viewer.build.FURTHER", 60_000)
-    build_gallery(tmp_path / "all.html", [Figure(str(i), maps) for i in range(6)], lights)
+    build_viewer(tmp_path / "all.html", [Figure(str(i), maps) for i in range(6)], lights)
     assert 150_000 < (tmp_path / "all.html").stat().st_size < 450_000
     with pytest.raises(UserError, match="MB"):
-        build_gallery(tmp_path / "small.html", [Figure(str(i), maps) for i in range(6)], lights, limit=150_000)
+        build_viewer(tmp_path / "small.html", [Figure(str(i), maps) for i in range(6)], lights, limit=150_000)
 
 
 def test_ao_takes_bytes_only_when_transport_does_not_tell_it(maps):

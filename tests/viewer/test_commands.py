@@ -18,6 +18,7 @@ from relight.photos.infer import Person, network_input
 from relight.sh import basis, irradiance, unoccluded
 from relight.viewer.build import build_viewer
 from relight.viewer.commands import app
+from relight.viewer.figure import Figure
 from relight.viewer.source import LIGHTS, baked_figure, named_lights
 
 
@@ -50,7 +51,7 @@ def test_pages_take_lights_for_coefficients(tmp_path, maps):
     light = load_light("room:7")
     pages = []
     for given in (light, light.coefficients):
-        build_viewer(tmp_path / "a.html", maps, {"Room": given})
+        build_viewer(tmp_path / "a.html", [Figure("a", maps)], {"Room": given})
         pages.append((tmp_path / "a.html").read_text())
     assert pages[0] == pages[1]
 

@@ -24,7 +24,7 @@ from relight.photos.infer import Person as Inferred
 from relight.photos.infer import mean_exposure_factor
 from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
 from relight.srgb import LINEAR, decode, encode
-from relight.viewer.build import build_gallery, build_viewer
+from relight.viewer.build import build_viewer
 from relight.viewer.codec import encode as encode_planes
 from relight.viewer.figure import Figure
 
@@ -53,7 +53,7 @@ def farthest(pixels, expected, where):
 @pytest.fixture(scope="module")
 def html(tmp_path_factory, maps, lights):
     path = tmp_path_factory.mktemp("page") / "balls.html"
-    build_viewer(path, maps, lights, title="Six balls")
+    build_viewer(path, [Figure("Six balls", maps)], lights, title="Six balls")
     return path
 
 
@@ -71,7 +71,7 @@ def photograph(maps, lights):
 @pytest.fixture(scope="module")
 def photo_html(tmp_path_factory, maps, lights, photograph):
     path = tmp_path_factory.mktemp("page") / "photo.html"
-    build_viewer(path, maps, lights, photo=photograph[0] / 255, photo_light=photograph[1], title="Photo")
+    build_viewer(path, [Figure("Photo", maps, photograph[0] / 255, photograph[1])], lights, title="Photo")
     return path
 
 
@@ -122,7 +122,7 @@ def test_a_figure_drawn_in_tiles_has_no_seam_and_no_gap(page, tmp_path, is_disc)
     coverage, zero = mask.astype(np.float32), np.zeros((75, 91, 9))
     build_viewer(
         tmp_path / "even.html",
-        Maps(mask, coverage, albedo, zero[..., :3], zero[..., 0], coverage, zero),
+        [Figure("even", Maps(mask, coverage, albedo, zero[..., :3], zero[..., 0], coverage, zero))],
         {"Dim": np.full((9, 3), 0.1)},
     )
     page.open(tmp_path / "even.html")
@@ -141,7 +141,7 @@ def test_a_figure_drawn_in_tiles_has_no_seam_and_no_gap(page, tmp_path, is_disc)
 
 def test_backgrounds_and_soft_edges_are_mixed_as_light(page, tmp_path, maps, lights):
     coverage = np.clip(gaussian_filter(maps.mask.astype(np.float32), 1) * 2, 0, 1) * maps.mask
-    build_viewer(tmp_path / "soft.html", replace(maps, coverage=coverage), lights)
+    build_viewer(tmp_path / "soft.html", [Figure("soft", replace(maps, coverage=coverage))], lights)
     page.open(tmp_path / "soft.html")
     figure, alpha = maps.albedo * relit_shading(maps, lights["Window"]), np.rint(255 * coverage)[..., None] / 255
     size = len(coverage)
@@ -165,7 +165,7 @@ def test_backgrounds_and_soft_edges_are_mixed_as_light(page, tmp_path, maps, lig
 def test_pixels_that_a_soft_mask_covers_beyond_the_maps_take_their_neighbours(page, tmp_path, maps, lights):
     coverage = gaussian_filter(maps.mask.astype(np.float32), 1.5)
     grey = replace(maps, coverage=coverage, albedo=np.where(maps.mask[..., None], decode(np.ones(3) * 128 / 255), 0))
-    build_viewer(tmp_path / "wide.html", grey, lights)
+    build_viewer(tmp_path / "wide.html", [Figure("wide", grey)], lights)
     page.open(tmp_path / "wide.html")
     pixels = page.pixels(**START | {"view": "albedo", "background": "color", "color": "#808080"})
     assert np.ptp(pixels[..., :3]) <= 1  # a grey figure before grey: an edge that fades to black would show
@@ -213,7 +213,7 @@ def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photo
     photo, own = photograph
     coverage = np.rint(255 * gaussian_filter(maps.mask.astype(np.float32), 1.5)).astype(np.uint8)
     soft = replace(maps, coverage=coverage / np.float32(255))
-    build_viewer(tmp_path / "soft.html", soft, lights, photo=photo / 255, photo_light=own)
+    build_viewer(tmp_path / "soft.html", [Figure("soft", soft, photo / 255, own)], lights)
     page.open(tmp_path / "soft.html")
     size = len(photo)
     square = Crop(0, 0, size, (0, size), (0, size), size)
@@ -618,7 +618,7 @@ def test_a_figure_has_its_maps_from_each_source(page, tmp_path, maps, lights):
         for title in ("One", "Two")
         for source, own in (("truth", maps), ("net", dark))
     ]
-    build_gallery(tmp_path / "g.html", figures, lights)
+    build_viewer(tmp_path / "g.html", figures, lights)
     page.open(tmp_path / "g.html")
 
     def pick(name: str, text: str) -> None:
@@ -654,7 +654,7 @@ def test_gallery_offers_its_figures_and_forgets_the_photo(page, tmp_path, maps, 
         **{k: getattr(maps, k)[8:88] for k in ("mask", "coverage", "albedo", "normal", "depth", "ao", "transport")},
     )
     figures = [Figure("One", maps, photograph[0] / 255, photograph[1]), Figure("Two", small)]
-    build_gallery(tmp_path / "g.html", figures, lights, title="All")
+    build_viewer(tmp_path / "g.html", figures, lights, title="All")
     page.open(tmp_path / "g.html")
     assert page.run("[...document.getElementById('figure').options].map((option) => option.text)") == ["One", "Two"]
     assert page.run("relight.state.background") == "photo"

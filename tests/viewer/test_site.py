@@ -123,7 +123,7 @@ def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, ex
     assert server.asked == before
 
     figure = photo_figure(Relighter(read_onnx(exported)), load_photo(pixels, alpha))
-    build_viewer(tmp_path / "me.html", figure.maps, lights, figure.photo, figure.photo_light)
+    build_viewer(tmp_path / "me.html", [figure], lights)
     page.open(tmp_path / "me.html")
     for view, mine in found.items():
         assert np.abs(mine.astype(int) - page.pixels(**state, view=view)).max() <= 2, view
@@ -155,7 +155,7 @@ def test_a_photo_is_saved_at_its_own_size(page, server, exported, lights, tmp_pa
     assert np.array_equal(page.pixels(), shown), "the page shows what it showed"
 
     figure = photo_figure(Relighter(read_onnx(exported)), load_photo(pixels, alpha))
-    build_viewer(tmp_path / "me.html", figure.maps, lights, figure.photo, figure.photo_light)
+    build_viewer(tmp_path / "me.html", [figure], lights)
     page.open(tmp_path / "me.html")
     assert np.abs(mine.astype(int) - page.pixels(**state, before="none")).max() <= 2
 

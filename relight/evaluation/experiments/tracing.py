@@ -182,7 +182,7 @@ def sky_of(table: LightSet, row: int, panoramas: config.Panoramas) -> np.ndarray
     Returns:
         (H,W,3) float64 radiance at `sky_directions`.
     """
-    from relight.photos.compose.environment import lookup
+    from relight.panoramas.lookup import lookup
 
     panorama = panorama_of(str(table.source[row]), float(table.yaw[row]), panoramas)
     # Means over each texel's area, since lamps of a room can be smaller than a texel.
