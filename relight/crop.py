@@ -119,8 +119,7 @@ class Crop:
     def _margin(self, scale: float) -> int:
         """Returns how far the window reaches past the square at most, in pixels of the square, and two to spare.
 
-        Args:
-            scale: pixels of the square per pixel of the photo.
+        `scale` is in pixels of the square per pixel of the photo.
         """
         low = min(self.rows[0] - self.top, self.columns[0] - self.left)
         high = max(self.rows[1] - self.top, self.columns[1] - self.left) - self.side
@@ -133,15 +132,8 @@ def _resampling(
 ) -> list[tuple[slice, slice, np.ndarray]]:
     """Returns the weights by which Pillow resamples a line, for `_resample`: its results for unit vectors.
 
-    Args:
-        size: S, number of values of the line.
-        margin: by how many copies of its ends the line is extended.
-        span: start and end of the part that is resampled, in values of the line; 0 and S are its ends.
-        count: number of values in the result.
-        kind: Pillow's filter.
-
-    Returns:
-        A band matrix (count,S) in blocks: their rows, their columns, and their weights.
+    They are a band matrix (count,size) in blocks: rows, columns and weights. The line is first extended by `margin`
+    copies of its ends; `span` is in values of the line before that, from 0 to `size`.
     """
     units = np.pad(np.eye(size, dtype=np.float32), ((margin, margin), (0, 0)), mode="edge")
     box = (0, span[0] + margin, size, span[1] + margin)
@@ -158,10 +150,8 @@ def _resampling(
 def _resample(blocks: list[tuple[slice, slice, np.ndarray]], lines: np.ndarray, out: np.ndarray) -> None:
     """Resamples N lines at once.
 
-    Args:
-        blocks: a band matrix (count,S) of weights in blocks: their rows, their columns, and their weights.
-        lines: (S,N), a line in each column.
-        out: (count,N), which gets the product.
+    `lines` (S,N) has a line in each column. `out` (count,N) gets their product with the band matrix (count,S), whose
+    blocks are rows, columns and weights.
     """
     for rows, columns, weights in blocks:
         np.matmul(weights, lines[columns], out=out[rows])

@@ -178,9 +178,7 @@ def temporary_folder(path: Path | str) -> Iterator[Path]:
 def _remove_stale(folder: Path, prefix: str, suffix: str = "") -> None:
     """Removes temporary files and folders that are not locked, since their writers are dead.
 
-    Args:
-        folder: that holds them.
-        prefix, suffix: the beginning and the end of their names, as given to `tempfile`.
+    `prefix` and `suffix` are those given to `tempfile`.
     """
     random_part = 8 * "?"  # the characters between them, which `tempfile` draws
     for stale in folder.glob(glob.escape(prefix) + random_part + glob.escape(suffix)):

@@ -208,9 +208,6 @@ class Plan:
         """Returns whether an override of a row has no effect on its training.
 
         That is so for as many training figures as there are figures, or more, and for the width of the scale.
-
-        Args:
-            word: the override, `key=value`.
         """
         key, _, value = word.partition("=")
         if key == "train.figures" and value.isdigit():

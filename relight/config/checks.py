@@ -100,9 +100,7 @@ def no_choice(group: str, name: str, choices: Iterable[str]) -> str:
 def _unknown(cfg: DictConfig, above: str = "") -> Iterator[str]:
     """Yields messages about settings that are not in the schema, which overrides with + add.
 
-    Args:
-        cfg: a tree of settings.
-        above: the key of the tree in the whole one, with a dot at the end: "train.".
+    `above` is the key of `cfg` in the whole tree, with a dot at the end: "train.".
     """
     known = getattr(OmegaConf.get_type(cfg), "__dataclass_fields__", None)
     for key in map(str, cfg):

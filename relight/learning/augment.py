@@ -103,12 +103,7 @@ def is_off(settings: Augment) -> bool:
 def _recolored(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Batch:
     """Shifts ln albedo, which gives garments another color or a print and keeps their texture.
 
-    Pixels whose color is close to that of a random pixel count as one garment.
-
-    Args:
-        batch: its `albedo` (B,P,3) is linear.
-        settings: `recolor` and `prints` are the probabilities of a change.
-        generators: one per image.
+    Pixels whose linear albedo is close to that of a random pixel count as one garment.
     """
     albedo, normal = batch.albedo.clone(), batch.normal
     for i, rng in enumerate(generators):
@@ -130,11 +125,8 @@ def _recolored(batch: Batch, settings: Augment, generators: list[np.random.Gener
 def _shifted_albedo(albedo: Tensor, color: Tensor, dye: np.ndarray, strength: Tensor | float = 1.0) -> Tensor:
     """Returns an albedo whose pixels of about one color are shifted to another; skin keeps its color.
 
-    Args:
-        albedo: (P,3) linear.
-        color: (3,) linear albedo of the garment. If it is that of skin, the albedo is returned unchanged.
-        dye: (3,) linear albedo that the garment gets.
-        strength: share of the shift, (P,1) or a number in [0,1].
+    `color` (3,) is the albedo of the garment, and `dye` (3,) the one that it gets; both are linear, as `albedo` (P,3).
+    `strength` is the share of the shift in [0,1], a number or (P,1).
     """
     color = color.clamp_min(0.02)
     red, blue = float(color[0] / color[1]), float(color[1] / color[2])
@@ -178,13 +170,8 @@ def _sample_dye(rng: np.random.Generator) -> np.ndarray:
 def _specular_highlights(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
     """Returns the specular reflection (B,P,3) of glossy materials, in the unit of relit images.
 
-    Roughness and specular come from the maps and are varied at random. Where the maps have none, pixels whose color is
-    close to that of a random pixel get a random material.
-
-    Args:
-        batch: relit images at exposure 1.
-        settings: `gloss` is the share of images with highlights.
-        generators: one per image.
+    Roughness and specular come from the maps and are varied at random; where the maps have none, pixels whose color is
+    close to that of a random pixel get a random material. The batch is at exposure 1.
     """
     # The share of the light that arrives: highlights are occluded, too.
     visibility = (batch.shading / shade(unoccluded(batch.normal, 2), batch.light[:, :9]).clamp_min(1e-3)).clamp(0, 1)
@@ -253,10 +240,7 @@ def _color_similarity(albedo: Tensor, color: Tensor) -> Tensor:
 def _white_balanced(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Batch:
     """Returns the batch with a random white balance of light and shading; the largest gain is 1.
 
-    Args:
-        batch: relit images.
-        settings: `tint` is the standard deviation of ln(B/G).
-        generators: one per image.
+    `settings.tint` is the standard deviation of ln(B/G).
     """
     if not settings.tint:
         return batch
@@ -272,18 +256,9 @@ def _reframed(
 ) -> tuple[Tensor, Tensor]:
     """Resamples maps and masks into new squares, with a random framing; cuts some figures.
 
-    Interpolation is bilinear over the pixels inside the mask. At half the size and with unchanged framing, it is the
-    mean of four pixels.
-
-    Args:
-        maps: (B,C,S,S).
-        mask: (B,1,S,S) of 0 and 1.
-        settings: `framing` is the share of images with another framing.
-        generators: one per image.
-        size: side of the new squares, pixels.
-
-    Returns:
-        The maps (B,C,size,size), zero outside the mask, and the mask (B,1,size,size) of 0 and 1.
+    Interpolation is bilinear over the pixels inside the mask: at half the size and with unchanged framing, it is the
+    mean of four pixels. From maps (B,C,S,S) and a mask (B,1,S,S) of 0 and 1, it returns maps (B,C,size,size), zero
+    outside the mask, and a mask (B,1,size,size) of 0 and 1.
     """
     side, mask = mask.shape[-1], mask.clone()
     affine = torch.zeros(len(mask), 2, 3)  # from the new square to the old one, both from -1 to 1: scale and centre
@@ -324,13 +299,8 @@ def cut_figure(mask: Tensor, rng: np.random.Generator) -> None:
 def _perturbed_masks(mask: Tensor, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
     """Dilates or erodes masks by random amounts that vary along the outline.
 
-    Args:
-        mask: (B,1,S,S) of 0 and 1.
-        settings: `mask` is the largest amount, pixels.
-        generators: one per image.
-
-    Returns:
-        (B,1,S,S); the pixel at the top left is outside, as compact maps need.
+    Masks are (B,1,S,S) of 0 and 1, and `settings.mask` is the largest amount in pixels. The pixel at the top left is
+    outside afterwards, as compact maps need.
     """
     radius = settings.mask
     if not radius:

@@ -81,10 +81,7 @@ def simulate_camera(image: Tensor, camera: Camera, generators: list[np.random.Ge
 def _with_tone_curve(coded: Tensor, strength: float, rng: np.random.Generator) -> Tensor:
     """Applies a random gamma, S-curve and saturation to an image.
 
-    Args:
-        coded: (3,S,S) codes in [0,1].
-        strength: of all three, as `Camera.tone`; below 1 the curve is monotone, and 0 changes nothing.
-        rng: draws the three amounts.
+    `coded` (3,S,S) has codes in [0,1]. With a strength below 1, the curve is monotone.
     """
     if not strength:
         return coded

@@ -63,10 +63,8 @@ def _maps(network: Network, image: Tensor, inside: Tensor) -> dict[str, Tensor]:
 def _unmirrored(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
     """Returns the maps of an image, given those of its mirror image.
 
-    Args:
-        maps: (B,S,S,C) by name, and `light` (B,K,3). Columns are reversed, and what changes its sign under x -> -x is
-            negated: the x of normals, and the coefficients of transport and light that are odd in x.
-        order: of the harmonics.
+    `maps` has (B,S,S,C) by name, and `light` (B,K,3). Columns are reversed, and what changes its sign under x -> -x is
+    negated: the x of normals, and the coefficients of transport and light that are odd in x.
     """
     signs = {"transport": mirror_signs(order), "light": mirror_signs(order)[:, None], "normal": torch.ones(3)}
     signs["normal"][0] = -1  # x

@@ -172,15 +172,8 @@ def _write(path: Path | str, channels: dict[str, np.ndarray], info: dict[str, An
 def _read(path: Path | str, header_only: bool = False) -> tuple[dict[str, Any], dict[str, OpenEXR.Channel]]:
     """Reads and checks an OpenEXR file of maps.
 
-    Args:
-        path: path of the file.
-        header_only: whether to leave the channels out, whose pixels take most of the time.
-
-    Returns:
-        `Maps.info` from the header, and the channels by name.
-
-    Raises:
-        UserError: if the file does not exist, is damaged or is not a file of maps.
+    Returns `Maps.info` from the header, and the channels by name; with `header_only` none, since pixels take most of
+    the time. Raises UserError if the file does not exist, is damaged or is not a file of maps.
     """
     path = existing_file(path, "maps")
     try:

@@ -229,15 +229,7 @@ def _create_safetensors(
     """Creates a safetensors file and maps its arrays into memory for writing.
 
     The library's writer would need all arrays in memory. The format is the length of the header, the header in JSON,
-    and the raw arrays.
-
-    Args:
-        path: path of the file.
-        tensors: type and shape of each array, by name.
-        metadata: metadata of the header.
-
-    Returns:
-        The arrays by name, in the mapped file; flush them when they are filled.
+    and the raw arrays, which the caller flushes when they are filled.
     """
     header: dict[str, Any] = {"__metadata__": metadata}
     end = 0

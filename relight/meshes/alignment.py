@@ -85,15 +85,8 @@ def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
 def _first_axis(key: str, *values: str | None) -> str | None:
     """Returns the first axis that is given.
 
-    Args:
-        key: `up` or `front`, for the error message.
-        *values: names in AXES in the order in which they count; None, "" and "auto" give no axis.
-
-    Returns:
-        A name in AXES, or None if no value gives one.
-
-    Raises:
-        UserError: if the first value that is given is no axis.
+    None, "" and "auto" give no axis, and None is returned if all values do. Raises UserError, with `key` in its
+    message, if the first axis is not in AXES.
     """
     axis = next((axis for axis in values if axis not in (None, "", "auto")), None)
     if axis is not None and axis not in AXES:

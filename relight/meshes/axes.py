@@ -102,10 +102,7 @@ def flat_side(mesh: Mesh) -> str | None:
 def _in_band(points: np.ndarray, up: np.ndarray, band: Band) -> tuple[np.ndarray, float]:
     """Returns which points (N,3) are in a band of the height, (N,) bool, and the height, in units of the file.
 
-    Args:
-        points: (N,3).
-        up: (3,) unit vector, along which height is measured.
-        band: from and to, as shares of the height.
+    `up` (3,) is a unit vector, along which height is measured.
     """
     height = points @ up
     size = max(np.ptp(height), 1e-30)
@@ -116,12 +113,7 @@ def _in_band(points: np.ndarray, up: np.ndarray, band: Band) -> tuple[np.ndarray
 def _horizontal_offset(points: np.ndarray, area: np.ndarray, up: np.ndarray, band: Band, other: Band) -> np.ndarray:
     """Returns the horizontal offset (3,) of the centroid of one band from that of another, over the height.
 
-    Args:
-        points: (F,3) centres of the faces.
-        area: (F,) of the faces.
-        up: (3,) unit vector.
-        band: whose centroid is compared.
-        other: with that of this one.
+    `points` (F,3) are the centres of the faces.
     """
 
     def centroid(of: Band) -> np.ndarray:
@@ -136,11 +128,7 @@ def _toe_offset(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndar
     """Returns the horizontal offset (3,) of the toes from their ankle, over the height, as the mean of two feet.
 
     The ankles are two clusters of their band, initialised on both sides of its centroid along its longest direction.
-
-    Args:
-        points: (F,3) centres of the faces.
-        area: (F,) of the faces.
-        up: (3,) unit vector.
+    `points` (F,3) are the centres of the faces.
     """
     in_ankles, height = _in_band(points, up, ANKLES)
     in_feet, _ = _in_band(points, up, FEET)
@@ -178,13 +166,8 @@ def _principal_direction(points: np.ndarray, weight: np.ndarray) -> tuple[np.nda
 def _gap(mesh: Mesh, points: np.ndarray, area: np.ndarray, up: np.ndarray) -> float:
     """Returns the gap between two legs over the height: the median over LEVELS bands of SHINS.
 
-    The gap of a band is the widest one along its longest direction with at least 30 % of the area on each side.
-
-    Args:
-        mesh: in the file's frame.
-        points: (F,3) centres of the faces.
-        area: (F,) of the faces.
-        up: (3,) unit vector.
+    The gap of a band is the widest one along its longest direction with at least 30 % of the area on each side. `mesh`
+    and `points` (F,3), the centres of its faces, are in the file's frame.
     """
     widest = np.zeros(LEVELS)
     low, high = SHINS
@@ -207,10 +190,7 @@ def _gap(mesh: Mesh, points: np.ndarray, area: np.ndarray, up: np.ndarray) -> fl
 def _head_faces(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Returns which faces, (F,) bool, are near the vertical through the highest ones: head and neck, no arms.
 
-    Args:
-        points: (F,3) centres of the faces.
-        area: (F,) of the faces.
-        up: (3,) unit vector.
+    `points` (F,3) are the centres of the faces.
     """
     level = points @ up
     height = max(np.ptp(level), 1e-30)
@@ -222,12 +202,8 @@ def _head_faces(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndar
 def _sole_area(mesh: Mesh, points: np.ndarray, up: np.ndarray) -> float:
     """Returns the horizontal area that the figure covers up to LOWEST, over the squared longest extent.
 
-    Layers that are on top of each other, as of hair, are counted once.
-
-    Args:
-        mesh: in the file's frame.
-        points: (F,3) centres of the faces.
-        up: (3,) unit vector.
+    Layers that are on top of each other, as of hair, are counted once. `mesh` and `points` (F,3), the centres of its
+    faces, are in the file's frame.
     """
     height = points @ up
     lowest = mesh.faces[height <= height.min() + LOWEST * np.ptp(height)]

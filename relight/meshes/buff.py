@@ -160,10 +160,7 @@ def cluster_representatives(shapes: dict[BuffFrame, np.ndarray], count: int) -> 
 def _write_table(rows: list[tuple[BuffFrame, int]], stride: int, out: Path) -> None:
     """Writes the table of `select_frames`; paths inside its folder are relative.
 
-    Args:
-        rows: frames, and the number of read frames that each stands for.
-        stride: frames of a sequence per read frame.
-        out: path of the table.
+    Each row is a frame and the number of read frames that it stands for. One in `stride` frames of a sequence was read.
     """
     home = out.parent.resolve()
     with atomic_write(out) as tmp, open(tmp, "w", newline="", encoding="utf-8") as file:

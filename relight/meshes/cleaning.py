@@ -98,18 +98,8 @@ def _repair(mesh: Mesh, close_holes: int, repairs: dict[str, int]) -> Mesh:
     """Merges, drops, splits and orients with PyMeshLab's filters.
 
     Indices of faces are carried through the filters as scalars, those of corners as wedge coordinates: by them, the
-    result gets uv, material and colors of the given mesh.
-
-    Args:
-        mesh: with finite vertices.
-        close_holes: edges of the largest hole that is closed; 0 closes none.
-        repairs: gets the number of repairs of each kind.
-
-    Returns:
-        The repaired mesh.
-
-    Raises:
-        UserError: if no face has an area.
+    result gets uv, material and colors of the given mesh. It needs finite vertices, closes holes of up to `close_holes`
+    edges, and raises UserError if no face has an area.
     """
     import pymeshlab
 
@@ -259,16 +249,9 @@ def edge_uses(faces: np.ndarray) -> np.ndarray:
 def _oriented(mesh: Mesh, changed: np.ndarray, repairs: dict[str, int]) -> Mesh:
     """Orients each coherent part: solid ones outward, sheets as most of their faces were before.
 
-    Solid parts are closed ones, and an open one that is most of the figure, as of a scan without soles. Small open
-    parts may face inward, as linings do.
-
-    Args:
-        mesh: with coherent parts.
-        changed: (F,) bool, which faces were flipped to make them coherent.
-        repairs: gets the number of faces that are flipped in the end.
-
-    Returns:
-        The mesh itself, with the corners of some parts reversed.
+    Solid parts are closed ones, and an open one that is most of the figure, as of a scan without soles; small open
+    parts may face inward, as linings do. The mesh itself is changed; `changed` (F,) tells which faces were flipped to
+    make its parts coherent.
     """
     part = connected_parts(mesh.faces, len(mesh.vertices))
     area = face_areas(mesh.vertices, mesh.faces)
@@ -289,15 +272,8 @@ def _oriented(mesh: Mesh, changed: np.ndarray, repairs: dict[str, int]) -> Mesh:
 def _without_floating(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
     """Drops parts that have few faces, are small, and float; eyes and lashes touch the body.
 
-    Args:
-        mesh: repaired.
-        repairs: gets the numbers of parts and of floating parts.
-
-    Returns:
-        The mesh of the other parts.
-
-    Raises:
-        UserError: if all parts are small, or floating ones have most of the surface.
+    `repairs` gets the numbers of parts and of floating parts. Raises UserError if all parts are small, or floating ones
+    have most of the surface.
     """
     from scipy.spatial import cKDTree
 

@@ -53,8 +53,7 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
 def _wedges(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Numbers the distinct (vertex, uv, material, color) of the corners.
 
-    Returns:
-        The number (F,3) of each corner, and for each number (N,) a corner that has it, counted as 3 * face + corner.
+    Returns the number (F,3) of each corner, and for each number (N,) one of its corners, as 3 * face + corner.
     """
     columns = [
         mesh.faces.reshape(-1).astype(np.uint32),

@@ -72,13 +72,7 @@ def _find_beside(folder: Path, wanted: PurePosixPath) -> Path | None:
 def _find_below(beside: Path, folder: Path, tried: list[PurePosixPath]) -> Path | None:
     """Returns the one file in a folder's subfolders whose name is that of a path in `tried`, or None.
 
-    Args:
-        beside: the file that names the paths, for error messages.
-        folder: to be searched.
-        tried: spellings of the path that was not found.
-
-    Raises:
-        UserError: if there are several.
+    `tried` are spellings of a path that the file `beside` names. Raises UserError if there are several such files.
     """
     names = {_folded(wanted.name) for wanted in tried}
     found = [Path(root, file) for root, _, files in os.walk(folder) for file in files if _folded(file) in names]

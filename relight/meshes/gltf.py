@@ -206,13 +206,8 @@ def _matrix(node: dict[str, Any]) -> np.ndarray:
 def _triangles(gltf: Gltf, index: np.ndarray, mode: int) -> np.ndarray:
     """Returns the triangles of a primitive.
 
-    Args:
-        gltf: for error messages.
-        index: (N,) the vertices as the primitive lists them.
-        mode: TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN, or that of points and lines, which have no faces.
-
-    Returns:
-        (F,3) vertices of each face, counter-clockwise.
+    `index` (N,) has the vertices as the primitive lists them. The faces (F,3) are counter-clockwise; points and lines
+    have none.
     """
     if mode == TRIANGLES:
         if len(index) % 3:
@@ -231,12 +226,8 @@ def _surface(gltf: Gltf, number: int | None, notes: list[str]) -> Surface:
     """Reads a material of the file.
 
     It is matt unless the file gives its reflection (KHR_materials_specular): the defaults of glTF, which writers leave
-    as they are, would make all scans glossy.
-
-    Args:
-        gltf: the file.
-        number: of the material; None for faces without one.
-        notes: gets a warning if the color is out of range.
+    as they are, would make all scans glossy. `number` is None for faces without a material, and `notes` gets a warning
+    if the color is out of range.
     """
     placement = np.eye(2, 3)
     if number is None:
@@ -293,11 +284,8 @@ def _other_source(extension: dict[str, Any]) -> int | None:
 def _texture(gltf: Gltf, index: int) -> tuple[np.ndarray, tuple[str, str]]:
     """Reads a texture from a file, or from the binary data.
 
-    Returns:
-        The picture (H,W,3) uint8 sRGB, and its wrap modes along u and v: REPEAT, CLAMP or MIRROR.
-
-    Raises:
-        UserError: if it is given in an unknown format only, or its picture is missing or damaged.
+    Returns the picture (H,W,3) uint8 sRGB, and its wrap modes along u and v: REPEAT, CLAMP or MIRROR. Raises UserError
+    if it is given in an unknown format only, or its picture is missing or damaged.
     """
     texture = gltf.item("textures", index)
     others = [read_extension(texture, name) for name, reader in READERS.items() if reader is _other_source]

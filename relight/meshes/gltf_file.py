@@ -164,19 +164,8 @@ class Gltf:
     ) -> np.ndarray:
         """Returns values as an array that shares the memory of `data`.
 
-        Args:
-            data: of a buffer view.
-            start: where the values begin, bytes.
-            type: of one component.
-            count: number of rows.
-            width: components of a row.
-            stride: bytes from one row to the next; None if they are tightly packed.
-
-        Returns:
-            (count,width).
-
-        Raises:
-            UserError: if the data end before.
+        It is (count,width); `start` and `stride`, from row to row, are in bytes, and a stride of None means tightly
+        packed rows. Raises UserError if the data end before.
         """
         row = type.itemsize * width
         stride = stride or row
@@ -187,14 +176,7 @@ class Gltf:
         return np.ndarray((count, width), type, data, start, (stride, type.itemsize))
 
     def _sparse(self, sparse: dict[str, Any], values: np.ndarray, type: np.dtype, width: int) -> np.ndarray:
-        """Returns a copy of values (N,width) with those of a sparse accessor replaced.
-
-        Args:
-            sparse: its description: count, indices and values.
-            values: (N,width) before.
-            type: of one component.
-            width: components of a row.
-        """
+        """Returns a copy of values (N,width) with those of a sparse accessor replaced."""
 
         def read(part: dict[str, Any], type: np.dtype, width: int) -> np.ndarray:
             data, _ = self.view(part["bufferView"])  # the standard allows no stride here

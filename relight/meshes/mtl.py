@@ -84,13 +84,8 @@ def read_libraries(
 def _library_files(path: Path, statement: bytes, missing: list[UserError]) -> list[Path]:
     """Finds the libraries of a `mtllib` line: of its whole text as one name, else of each of its words.
 
-    Args:
-        path: of the .obj file.
-        statement: the line without its keyword; names may be in quotes.
-        missing: gets an error for each file that is not found.
-
-    Returns:
-        The files that are found.
+    `statement` is the line without its keyword; names may be in quotes. `missing` gets an error for each file that is
+    not found.
     """
     whole = statement.strip().strip(b'"')
     try:
@@ -196,9 +191,8 @@ def _parse_color(path: Path, text: bytes) -> tuple[np.ndarray, list[str]]:
 def _parse_map(text: bytes) -> tuple[bytes, np.ndarray, bool]:
     """Parses a map statement: options and a file, whose name may hold blanks.
 
-    Returns:
-        The file's name as written; the placement (4,), scale u v and offset u v of texture coordinates; whether the
-        texture is clamped at its edges.
+    Returns the file's name as written; the placement (4,), scale u v and offset u v of texture coordinates; and whether
+    the texture is clamped at its edges.
     """
     placement, clamp, rest = NO_PLACEMENT.copy(), False, text.decode("latin-1")
     while match := OPTION.match(rest):

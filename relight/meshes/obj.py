@@ -67,12 +67,8 @@ def read_obj(path: Path) -> RawMesh:
 def _colors(vertices: np.ndarray, widest: int) -> tuple[np.ndarray | None, list[str]]:
     """Returns the colors that follow the coordinates of `v` lines.
 
-    Args:
-        vertices: (V,columns), as many columns as all lines have.
-        widest: columns of the longest line.
-
-    Returns:
-        (V,3) linear float32, or None; and warnings (sentences).
+    `vertices` (V,columns) has as many columns as all lines have, and `widest` is the number of columns of the longest
+    line. Returns (V,3) linear float32, or None if some vertices have no color; and warnings (sentences).
     """
     columns = vertices.shape[1]
     if columns < 6:
@@ -126,19 +122,9 @@ def _placed_uv(
 ) -> np.ndarray | None:
     """Returns the texture coordinates of each face's corners, scaled and moved as its material says (-s and -o).
 
-    Args:
-        path: for error messages.
-        uv: (T,1|2), the texture coordinates.
-        corner: (F,3) the texture coordinate of each corner, -1 for none; it counts on textured faces only.
-        material: (F,) of the faces.
-        names: of the materials.
-        surfaces: of the materials.
-
-    Returns:
-        (F,3,2), zeros on faces without a texture; None if all are without.
-
-    Raises:
-        UserError: if textured faces have no coordinates.
+    `corner` (F,3) holds indices into `uv` (T,1|2), -1 for none, and `material` (F,) indices into `names` and
+    `surfaces`. Returns (F,3,2) with zeros on faces without a texture, or None if all are without; raises UserError if
+    textured faces have no coordinates.
     """
     has_texture = [surface.material is not None and surface.material.texture is not None for surface in surfaces]
     textured = np.array(has_texture)[material]

@@ -73,12 +73,8 @@ def _normals(vertex: Block) -> np.ndarray | None:
 def _color(block: Block, warnings: list[str]) -> np.ndarray | None:
     """Returns the colors of vertices or faces.
 
-    Args:
-        block: columns of the element; colors are sRGB of any type.
-        warnings: gets sentences about what is unusual in them.
-
-    Returns:
-        (N,3) linear float32, or None if there are no colors.
+    Colors in the file are sRGB of any type. Returns (N,3) linear float32, or None if there are no colors; `warnings`
+    gets sentences about what is unusual in them.
     """
     for names in COLORS:
         if all(name in block and not isinstance(block[name], ListColumn) for name in names):
@@ -94,13 +90,8 @@ def _color(block: Block, warnings: list[str]) -> np.ndarray | None:
 def _texture_numbers(path: Path, face: Block, materials: list[Material | None]) -> np.ndarray:
     """Returns the number of the texture of each face before polygons are cut, (F,).
 
-    Args:
-        path: for error messages.
-        face: columns of the faces.
-        materials: one for each texture; gets a further one, without color, if a face has the number -1, none.
-
-    Raises:
-        UserError: if faces have no number, or one that no texture has.
+    `materials` has one for each texture, and gets a further one, None, if a face has the number -1: no texture. Raises
+    UserError if faces have no number, or one that no texture has.
     """
     numbers = face.get("texnumber")
     if numbers is None or isinstance(numbers, ListColumn):
@@ -119,19 +110,8 @@ def _texture_coordinates(
 ) -> np.ndarray:
     """Returns uv from MeshLab's list per face (u v of each corner) or from coordinates per vertex.
 
-    Args:
-        path: for error messages.
-        vertex: columns of the vertices.
-        face: columns of the polygons.
-        counts: (P,) corners of each polygon.
-        position: (F,3) of the triangles' corners in the list of the polygons' corners.
-        faces: (F,3) vertices of the triangles.
-
-    Returns:
-        (F,3,2).
-
-    Raises:
-        UserError: if there are no coordinates, or too few.
+    `counts` (P,) is the number of corners of each polygon, and `position` (F,3) the place of the triangles' corners in
+    the list of all polygons' corners. Returns (F,3,2); raises UserError if there are no coordinates, or too few.
     """
     if "texcoord" in face:
         if not np.array_equal(face["texcoord"].lengths, 2 * counts):

@@ -154,14 +154,8 @@ def _header(path: Path, head: bytes) -> Header:
 def _binary_blocks(path: Path, data: bytes, start: int, byte_order: str, elements: list[Element]) -> dict[str, Block]:
     """Parses binary data to columns by element.
 
-    In nearly all files, the lists of a property have one length, and an element is a table of equal rows.
-
-    Args:
-        path: for error messages.
-        data: of the file.
-        start: where the elements begin, bytes.
-        byte_order: "<" or ">".
-        elements: in the file's order.
+    In nearly all files, the lists of a property have one length, and an element is a table of equal rows. `start` is in
+    bytes, `byte_order` is "<" or ">", and `elements` are in the file's order.
     """
     blocks = {}
     for element in elements:
@@ -209,18 +203,8 @@ def _first_lengths(path: Path, data: bytes, start: int, byte_order: str, element
 def _list_length(path: Path, data: bytes, start: int, type: str, element: Element) -> tuple[int, int]:
     """Reads the number before a list.
 
-    Args:
-        path: for error messages.
-        data: of the file.
-        start: position of the number, bytes.
-        type: of the number, with its byte order, such as "<i4".
-        element: of which the list is, for error messages.
-
-    Returns:
-        The length of the list, and the position of its first value.
-
-    Raises:
-        UserError: if the list would be longer than the data.
+    `start` is in bytes, and `type` has its byte order, such as "<i4". Returns the length of the list and the position
+    of its first value; raises UserError if the list would be longer than the data.
     """
     length = _unpack(path, data, start, type, 1, element)[0]
     if not 0 <= length <= len(data):  # also refuses NaN, in ascii files
@@ -239,15 +223,7 @@ def _unpack(path: Path, data: bytes, start: int, type: str, count: int, element:
 def _ragged(path: Path, data: bytes, start: int, byte_order: str, element: Element) -> tuple[Block, int]:
     """Parses an element whose rows have lists of different lengths, row by row.
 
-    Args:
-        path: for error messages.
-        data: of the file.
-        start: where the element begins, bytes.
-        byte_order: "<" or ">".
-        element: to parse.
-
-    Returns:
-        Its columns, and where it ends, bytes.
+    Returns its columns and where it ends, in bytes as `start`.
     """
     lengths: dict[str, list[int]] = {property.name: [] for property in element.properties}
     values: dict[str, list[Any]] = {property.name: [] for property in element.properties}

@@ -69,13 +69,8 @@ def fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _turned_over(counts: np.ndarray, index: np.ndarray, vertices: np.ndarray) -> np.ndarray:
     """Returns the polygons whose fans leave them: triangles of such a fan face both ways.
 
-    Args:
-        counts: (P,) of the polygons' corners, which are in one flat list.
-        index: (N,) the vertex of each corner.
-        vertices: (V,3).
-
-    Returns:
-        Their numbers, ascending.
+    `counts` (P,) is the number of corners of each polygon, and `index` (N,) the vertex of each corner, in one flat
+    list. The polygons are returned by their numbers, ascending.
     """
     start, bad = np.cumsum(counts) - counts, [np.zeros(0, np.int64)]
     axes = [np.ascontiguousarray(vertices[:, axis]) for axis in range(3)]  # four times as fast as rows of three

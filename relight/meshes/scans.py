@@ -104,9 +104,7 @@ def short_hash(text: str) -> str:
 def _subject(relative: Path, name: str) -> str:
     """Returns the subject of a scan: its subfolder, or the person of a RenderPeople name, else its own name.
 
-    Args:
-        relative: path from the folder of the scans, without suffix.
-        name: of the scan.
+    `relative` is the path from the folder of the scans, without suffix.
     """
     inside = len(relative.parts) > 1 and not relative.is_absolute() and ".." not in relative.parts
     subject = safe_name(relative.parts[0]) if inside else name

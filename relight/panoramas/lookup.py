@@ -51,15 +51,8 @@ def lookup(panorama: Panorama, directions: np.ndarray) -> np.ndarray:
 def _bilinear(pixels: np.ndarray, v: np.ndarray, u: np.ndarray, corners: bool, wrap: bool = False) -> np.ndarray:
     """Interpolates an image.
 
-    Args:
-        pixels: (H,W,C).
-        v: (...) in [0,1] from the top to the bottom of the image.
-        u: (...) in [0,1] from left to right.
-        corners: whether the outermost samples lie on the edges of the image.
-        wrap: whether its left and right edges meet.
-
-    Returns:
-        (...,C) float32.
+    `v` and `u` (...) are in [0,1] from the top and from the left of `pixels` (H,W,C); the result is (...,C) float32.
+    With `corners`, the outermost samples lie on the edges of the image; with `wrap`, its left and right edges meet.
     """
     height, width = pixels.shape[:2]
     row = v * (height - 1) if corners else v * height - 0.5

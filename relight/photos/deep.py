@@ -110,9 +110,7 @@ def write_deep(path: Path, pixels: np.ndarray) -> None:
 def _encoded(pixels: np.ndarray, coder: str) -> bytes:
     """Returns the bytes of a picture of 16 bits.
 
-    Args:
-        pixels: (H,W,3) or (H,W,4) uint16.
-        coder: `png` or `tiff`, an encoder of FFmpeg.
+    `pixels` are (H,W,3) or (H,W,4) uint16; `coder` is an encoder of FFmpeg, `png` or `tiff`.
     """
     import av
 

@@ -133,18 +133,9 @@ def relight_folder(
 def _run(tasks: dict, jobs: int, options: Options, weights: Path | None) -> Iterator[tuple[str, str | None]]:
     """Runs the tasks in processes, in the order in which they end.
 
-    When a process dies, for want of memory for example, its pool dies with it. The remaining tasks are then run one
-    process at a time, and a photo that kills this one has failed. Where processes cannot share a queue, this process
-    runs them all.
-
-    Args:
-        tasks: by the photo's name, its file, the folder of its results, its mask or None, and its fingerprint.
-        jobs: number of processes.
-        options: of the command.
-        weights: of the network; None for its own.
-
-    Yields:
-        The photo's name, and the reason of its failure or None.
+    `tasks` holds, by the photo's name, what `_relight_one` takes after `options`; yields each name with the reason of
+    its failure, or None. When a process dies, for want of memory for example, its pool dies with it: the remaining
+    tasks are then run one process at a time, and a photo that kills this one has failed.
     """
     if not has_semaphores():
         _start(weights, os.cpu_count() or 1, options)
@@ -193,15 +184,8 @@ def _start(weights: Path | None, threads: int, options: Options) -> None:
 def _relight_one(options: Options, photo: Path, out: Path, mask: Path | None, fingerprint: str) -> str | None:
     """Relights one photo in a process that `_start` prepared, and records what its results depend on.
 
-    Args:
-        options: of the command.
-        photo: the file.
-        out: folder of the results.
-        mask: file, or None for the photo's alpha or an automatic mask.
-        fingerprint: written to the record; a later run with the same one skips the photo.
-
-    Returns:
-        The reason of a failure, or None.
+    If `mask` is None, the photo's alpha or an automatic mask is used; a later run with the same `fingerprint` skips the
+    photo. Returns the reason of a failure, or None.
     """
     assert _worker is not None  # `_start` ran before
     relighter, light = _worker
@@ -218,10 +202,7 @@ def _relight_one(options: Options, photo: Path, out: Path, mask: Path | None, fi
 def _fingerprint(options: Options, photo: Path, mask: Path | None, network: str) -> str:
     """Returns a hash of all that the results depend on: version, options, network, and the files' sizes and times.
 
-    Args:
-        options: of the command.
-        photo, mask: files; None for no mask.
-        network: hash of the network.
+    `network` is the hash of the network.
     """
     model = automatic_model(options.mask_model)
     files = [photo, mask, split_place(options.light)[0], options.background, options.light_mask, model]

@@ -110,15 +110,8 @@ def _checked_image(image: np.ndarray) -> np.ndarray:
 def _checked_mask(mask: np.ndarray | Image.Image, shape: tuple[int, ...]) -> tuple[np.ndarray, list[str]]:
     """Converts a mask to coverage.
 
-    Args:
-        mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1], or an image of Pillow.
-        shape: (H,W) of the photo.
-
-    Returns:
-        Coverage (H,W) uint8, and notes on it.
-
-    Raises:
-        UserError: if it is empty or of another size.
+    The mask is (H,W) bool, uint8 of 0 to 255 or float in [0,1], or an image of Pillow. Returns coverage (H,W) uint8 and
+    notes on it; raises UserError if it is empty, covers the whole photo or is of another size.
     """
     values = mask_from_image(mask, (shape[0], shape[1])) if isinstance(mask, Image.Image) else np.asarray(mask)
     if values.ndim != 2:

@@ -197,15 +197,8 @@ def _with_masks(
 ) -> Iterator[LoadedPhoto]:
     """Yields the frames of a clip with their masks.
 
-    Args:
-        clip: video, or folder of frames.
-        frames: of the clip, in order.
-        masks: a video, or a folder: by the frames' names if any has one, else in order. None: a frame's file has its
-            mask beside it, or it is found.
-        options: of the command.
-
-    Raises:
-        UserError: if a mask is missing or is of another size.
+    `masks` is a video, or a folder: by the frames' names if any has one, else in order. If it is None, a frame's file
+    has its mask beside it, or it is found; raises UserError if a mask is missing or is of another size.
     """
     if masks is None:
         for photo in frames:  # those of a folder have the names of their files
@@ -282,10 +275,7 @@ def windows(items: Iterable[T], radius: int) -> Iterator[tuple[list[T], int]]:
 def _gaussian(count: int, centre: int, radius: int) -> np.ndarray:
     """Returns the weights of frames around one of them: (count,), with a sum of 1.
 
-    Args:
-        count: number of frames.
-        centre: index of the frame with the largest weight.
-        radius: frames at which the Gaussian has 2 standard deviations.
+    At `radius` frames from `centre`, the Gaussian has 2 standard deviations.
     """
     weights = np.exp(-2 * ((np.arange(count) - centre) / radius) ** 2)
     return weights / weights.sum()

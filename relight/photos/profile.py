@@ -80,16 +80,8 @@ def to_srgb(
 def _by_coding(pixels: np.ndarray, coding: tuple[int, int], what: str) -> tuple[np.ndarray, list[str]]:
     """Converts by the codes of ITU-T H.273. Curves for broadcasting are shown as sRGB, as browsers do.
 
-    Args:
-        pixels: (H,W,3) uint8 or uint16.
-        coding: ColourPrimaries and TransferCharacteristics.
-        what: name of the picture in messages.
-
-    Returns:
-        Pixels of the same type in sRGB, and a note if they were converted.
-
-    Raises:
-        UserError: for a display of high dynamic range, or other primaries or curves.
+    `pixels` (H,W,3), uint8 or uint16, keep their type; raises UserError for displays of high dynamic range, and for
+    primaries or curves that are not known here.
     """
     primaries, transfer = coding
     if transfer in HDR_TRANSFERS:
@@ -117,16 +109,7 @@ def _is_adobe(image: Image.Image) -> bool:
 def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarray, list[str]]:
     """Converts by an ICC profile; one that is not of RGB pictures is left out with a note, as browsers do.
 
-    Args:
-        pixels: (H,W,3) uint8 or uint16.
-        profile: the bytes of the ICC profile.
-        what: name of the picture in messages.
-
-    Returns:
-        Pixels of the same type in sRGB, and a note if the profile was left out.
-
-    Raises:
-        UserError: for 16 bits with a profile of tables.
+    `pixels` (H,W,3), uint8 or uint16, keep their type. Raises UserError for 16 bits with a profile of tables.
     """
     try:
         source, target = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
@@ -155,13 +138,8 @@ def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarr
 def _by_curves(pixels: np.ndarray, curves: Sequence[Curve], matrix: np.ndarray) -> np.ndarray:
     """Converts pixels (H,W,3) uint8 or uint16 by a curve for each channel and a matrix.
 
-    Args:
-        pixels: (H,W,3), any type of unsigned integers.
-        curves: from codes in [0,1] to linear values, of red, green and blue.
-        matrix: (3,3) from linear values to those of Rec. 709.
-
-    Returns:
-        (H,W,3) sRGB of the same type.
+    Curves take codes in [0,1] to linear values, and the matrix (3,3) takes these to those of Rec. 709. The result is
+    sRGB of the same type.
     """
     largest = np.iinfo(pixels.dtype).max
     codes = np.arange(largest + 1) / largest
@@ -214,12 +192,8 @@ def _curve(profile: bytes, name: bytes) -> Curve | None:
 def _parametric(kind: int, given: np.ndarray, code: np.ndarray) -> np.ndarray:
     """Returns the linear values of codes by a parametric curve (ICC.1:2022, section 10.18).
 
-    It is (a x + b)^g + offset from x = start on, and slope x + constant below.
-
-    Args:
-        kind: type of the function, 0 to 4.
-        given: its parameters, the first of g, a, b, c, d, e, f.
-        code: in [0,1].
+    It is (a x + b)^g + offset from x = start on, and slope x + constant below. `kind` is the type of the function, 0 to
+    4, and `given` has the first of its parameters g, a, b, c, d, e, f.
     """
     g, a, b, c, d, e, f = np.pad(given, (0, 7 - len(given))).tolist()
     a = a if kind else 1.0

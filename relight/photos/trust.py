@@ -87,12 +87,8 @@ def assess(person: Person, training: np.ndarray | None = None, stops: float = 0.
 def _distance(light: np.ndarray, training: np.ndarray) -> tuple[float, float]:
     """Compares a light with those of a training, by the distance of normalised coefficients of irradiance.
 
-    Args:
-        light: (K,3).
-        training: (N,K',3); the bands that both have count.
-
-    Returns:
-        The distance to the nearest light of the training, and the 95 % quantile of that distance among these.
+    Only the bands that both `light` (K,3) and `training` (N,K',3) have count. Returns the distance to the nearest light
+    of the training, and the 95 % quantile of that distance among the training's lights.
     """
     count = min(len(light), training.shape[1])
     weight = per_coefficient(cosine_factors(order_of(count)))[:, None]
@@ -111,14 +107,8 @@ def _distance(light: np.ndarray, training: np.ndarray) -> tuple[float, float]:
 def _light_warnings(light: np.ndarray, gain: float = 1.0) -> list[str]:
     """Returns what is unusual about a light, by the rules for the lights of the training (docs/lights.md).
 
-    A dim light is not unusual: the photo may be underexposed.
-
-    Args:
-        light: (K,3).
-        gain: largest factor by which the training made its lights brighter.
-
-    Returns:
-        Sentences.
+    A dim `light` (K,3) is not unusual: the photo may be underexposed. `gain` is the largest factor by which the
+    training made its lights brighter.
     """
     light = light[None] / gain
     stats = measure(light)

@@ -53,15 +53,7 @@ def write_video(path: Path | str, frames: Iterable[np.ndarray], fps: float = FPS
 def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: str, options: dict[str, str]) -> None:
     """Writes a video with a codec of FFmpeg, in BT.709; odd sizes are padded by a border pixel.
 
-    Args:
-        path: .mp4 or .webm.
-        frames: (H,W,3) uint8 sRGB, all of one size.
-        fps: frames per second.
-        codec: its name in FFmpeg.
-        options: of the codec.
-
-    Raises:
-        UserError: if there is no frame.
+    The path is .mp4 or .webm, and frames are (H,W,3) uint8 sRGB, all of one size. Raises UserError if there is none.
     """
     import av
 
@@ -89,13 +81,7 @@ def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: st
 def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
     """Writes a GIF with one palette for all frames, made from four of them, so that colors do not flicker.
 
-    Args:
-        path: .gif.
-        frames: (H,W,3) uint8 sRGB.
-        fps: frames per second.
-
-    Raises:
-        UserError: if there is no frame.
+    Frames are (H,W,3) uint8 sRGB. Raises UserError if there is none.
     """
     images = [Image.fromarray(np.ascontiguousarray(f)) for f in frames]
     if not images:

@@ -101,11 +101,8 @@ class Stage:
     def _call(self, cfg: DictConfig) -> None:
         """Calls the function with the settings that it reads, once for each position of the lists of files.
 
-        Args:
-            cfg: the composed settings, with the ports under `io`.
-
-        Raises:
-            UserError: if a port is missing, lists differ in length, a setting is invalid, or the function raises it.
+        `cfg` has the ports under `io`. Raises UserError if a port is missing, lists differ in length, a setting is
+        invalid, or the function raises it.
         """
         ports = self.ports
         missing = [f"io.{port}=<{what}>" for port, what in ports.items() if OmegaConf.is_missing(cfg.io, port)]

@@ -126,10 +126,8 @@ class TrainingRun:
     def _send(self, steps: Mapping[int, Mapping[str, float]]) -> None:
         """Sends the values of the steps that the store lacks.
 
-        A training that was killed logs the steps since its last state again.
-
-        Args:
-            steps: number of a step -> column of the curve -> value.
+        A training that was killed logs the steps since its last state again. `steps` has the values of each step by
+        column of the curve.
         """
         self.open()
         if self.is_finished:

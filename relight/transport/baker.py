@@ -187,13 +187,9 @@ class Baker:
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Averages the samples of the P pixels whose centres hit the mesh.
 
-        Args:
-            camera: of the view.
-            centres: where the rays through the pixels' centres hit the mesh.
-            supersample: samples per pixel in each direction.
-
-        Returns:
-            Means (P,...) of `_surface_values` in the mesh's axes; coverage (size^2,), the share of samples that hit.
+        `centres` are hits of the rays through the pixels' centres; a pixel has `supersample` samples in each direction.
+        Returns means (P,...) of `_surface_values` in the mesh's axes, and coverage (size^2,), the share of samples that
+        hit.
         """
         column, row = pixel_corners(camera.size)
         azimuth = random_azimuths(len(centres.ray), self.seed)
@@ -222,16 +218,9 @@ class Baker:
     ) -> dict[str, np.ndarray]:
         """Computes the values of N points of the surface.
 
-        Args:
-            camera: to which normals are turned.
-            face: (N,) of the points.
-            weights: (N,3) barycentric.
-            azimuth: (N,) of the rays, radians.
-            subset: (j, m) casts every m-th of the rays from the j-th on; (0, 1) casts all.
-
-        Returns:
-            `transport` (N,K), `normal` (N,3), `albedo` (N,O,3) of O outfits; `gloss` (N,O,2) for glossy meshes;
-            `bounced` (N,K,3) with bounces.
+        `weights` (N,3) are barycentric, `azimuth` (N,) is that of the rays in radians, and `subset` (j, m) casts every
+        m-th of the rays from the j-th on. Returns `transport` (N,K), `normal` (N,3) turned to the camera, and `albedo`
+        (N,O,3) of O outfits; `gloss` (N,O,2) for glossy meshes; `bounced` (N,K,3) with bounces.
         """
         points, geometric = self.caster.points(face, weights), self.caster.normals[face]
         normals = shading_normals(self.normals, self.mesh.faces, face, weights, geometric)
@@ -274,13 +263,8 @@ class Baker:
     ) -> list[Maps]:
         """Returns the maps of each outfit: images of the pixels' means, with the settings as `info`.
 
-        Args:
-            means: (P,...) by name in the camera's axes, as of `_surface_values`.
-            coverage: (size^2,) share of each pixel's samples that hit the mesh.
-            centres: where the rays through the centres of the P pixels hit the mesh.
-            camera: of the view.
-            supersample: for `info`.
-            view: for `info`.
+        `means` (P,...) are those of `_surface_values` in the camera's axes, at the P pixels whose `centres` hit the
+        mesh. `coverage` (size^2,) is the share of each pixel's samples that hit it.
         """
         size = camera.size
         points = self.caster.points(centres.face, centres.weights)

@@ -142,11 +142,8 @@ def bake(
 def _cleaned_and_aligned(mesh: "Mesh", up: str, front: str, padding: float) -> "Mesh":
     """Cleans and aligns a mesh as the workflow does, and reports the repairs on stderr.
 
-    Args:
-        mesh: as read from a file.
-        up: the file's axis that points up, such as "+y", or "auto".
-        front: the file's axis toward the camera, or "auto".
-        padding: empty share of the image at top and bottom.
+    `up` and `front`, which is toward the camera, are axes of the file such as "+y", or "auto". `padding` is the empty
+    share of the image at top and bottom.
     """
     from relight.config import Align, read_preset
     from relight.meshes import align, clean

@@ -115,14 +115,7 @@ def _first_faces(caster: RayCaster, rays: np.ndarray) -> tuple[np.ndarray, np.nd
 def _gather(radiosity: np.ndarray, face: np.ndarray, front: np.ndarray, rays: int) -> np.ndarray:
     """Averages radiosity over the rays of each point; rays that hit no front face count as zero.
 
-    Args:
-        radiosity: (F,M) of the faces.
-        face: (P * rays,) that each ray hits.
-        front: (P * rays,) bool, whether the ray hits the face's front.
-        rays: per point.
-
-    Returns:
-        (P,M) float32.
+    `radiosity` is (F,M), `face` and `front` are (P * rays,), and the result is (P,M) float32.
     """
     from scipy.sparse import csr_array  # takes .1 s to import, and only bounces need it
 

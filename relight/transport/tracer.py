@@ -159,14 +159,8 @@ class PathTracer:
     def _render(self, sky: np.ndarray, samples: int, integrator: dict[str, Any], seed: int) -> np.ndarray:
         """Renders the scene once.
 
-        Args:
-            sky: (H,W,3) radiance, not negative, at `sky_directions`.
-            samples: per pixel.
-            integrator: Mitsuba's settings of it.
-            seed: random seed of the samples.
-
-        Returns:
-            (S,S,C) float32, the C channels of the integrator: radiance (3), then its further outputs.
+        `sky` (H,W,3) is radiance at `sky_directions`, not negative. Returns (S,S,C) float32, the C channels of the
+        integrator: radiance (3), then its further outputs.
         """
         scene = self.mi.load_dict(
             {

@@ -144,10 +144,7 @@ def bake_vertices(
 def _color_notes(faces: np.ndarray, chosen: np.ndarray, albedo: np.ndarray) -> list[str]:
     """Returns a note if vertices have faces of several colors, or an empty list.
 
-    Args:
-        faces: (F,3).
-        chosen: (V,3) albedo of the vertices.
-        albedo: (3F,3) of the corners of the faces.
+    `chosen` (V,3) is the albedo of the vertices, and `albedo` (3F,3) that of the corners of the faces.
     """
     vertex = faces.reshape(-1)
     count = len(np.unique(vertex[(np.abs(albedo - chosen[vertex]) > COLOR_STEP).any(axis=1)]))
@@ -163,15 +160,9 @@ def _shifted_into_faces(caster: RayCaster, used: np.ndarray, normals: np.ndarray
     """Returns positions of vertices, moved into their faces, off the other surfaces that pass through them.
 
     The sum over a vertex's faces of the integral of the unit directions inside the face's angle vanishes where faces
-    surround the vertex in a plane, and points inward from where they end.
-
-    Args:
-        caster: of the mesh.
-        used: (U,) the vertices, all those that faces use, ascending.
-        normals: (U,3) unit normals.
-
-    Returns:
-        (U,3) positions in the mesh's frame, above each of the vertex's faces once `caster.offset` is added.
+    surround the vertex in a plane, and points inward from where they end. `used` (U,) are all vertices that faces use,
+    ascending; their positions (U,3) in the mesh's frame are above each of the vertex's faces once `caster.offset` is
+    added.
     """
     vertex = np.searchsorted(used, caster.faces)  # (F,3)
     points = np.empty((len(used), 3))

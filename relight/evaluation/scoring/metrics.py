@@ -142,11 +142,7 @@ def explained_variance(picture: np.ndarray, albedo: np.ndarray) -> np.ndarray:
 def _widen_to_window(start: int, stop: int) -> tuple[int, int]:
     """Widens a side of the bounding box to at least one window, the same at both ends.
 
-    Args:
-        start, stop: half-open range of rows or columns, pixels.
-
-    Returns:
-        The start, which can be negative, and the length of the widened side, pixels.
+    The side is a half-open range of pixels. Returns its new start, which can be negative, and its new length.
     """
     padding = max(0, WINDOW - (stop - start))
     return start - padding // 2, stop - start + padding

@@ -192,12 +192,8 @@ def _readings(
 ) -> dict[str, np.ndarray]:
     """Returns the READINGS of a quantity by column, (N,) each.
 
-    Args:
-        quantity: a key of RANGE.
-        error: (N,) RMSE of the vector norm.
-        channels: C, by whose root the RMSE over elements is smaller.
-        pictures: the inferred and the true ones, (N,H,W,C).
-        window: side of the windows of SSIM, pixels.
+    `error` (N,) is the RMSE of the vector norm; over elements, it is smaller by the root of `channels`. `pictures` are
+    the inferred and the true ones, (N,H,W,C).
     """
     spans = (RANGE[quantity], OLD_RANGE)
     similarity = {span: ssim(*pictures, span=span, window=window) for span in set(spans)}  # once if both are equal

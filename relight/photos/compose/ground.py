@@ -152,13 +152,8 @@ def ground_under(coverages: Sequence[np.ndarray], order: int = 2) -> Ground | No
 def _transport(points: np.ndarray, balls: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns the transport that balls occlude at points that face up.
 
-    Args:
-        points: (P,3).
-        balls: (N,4) centres and radii in the same unit.
-        order: of the harmonics.
-
-    Returns:
-        The occluded transport (P,K), and the transport (K,) of the open sky.
+    `points` are (P,3); `balls` (N,4) are centres and radii in the same unit. Returns the occluded transport (P,K), and
+    the transport (K,) of the open sky.
     """
     directions = vogel_directions(RAYS)[:, [1, 2, 0]].astype(np.float32)  # about +y
     values = basis(directions, order) * (np.pi / RAYS)
@@ -178,13 +173,8 @@ def _transport(points: np.ndarray, balls: np.ndarray, order: int) -> tuple[np.nd
 def _fill_with_balls(coverage: np.ndarray, box: tuple[int, int, int, int], camera: Camera) -> np.ndarray:
     """Fills a person with balls, the largest first.
 
-    Args:
-        coverage: (H,W) uint8 of the person.
-        box: top, bottom, left and right of it in pixels, half-open.
-        camera: of the photo.
-
-    Returns:
-        Centres and radii (N,4) in the camera's frame; feet stand on the ground, the rest is above them.
+    `coverage` is (H,W) uint8; `box` is the person's top, bottom, left and right in pixels, half-open. Returns centres
+    and radii (N,4) in the camera's frame: feet stand on the ground, the rest is above them.
     """
     top, bottom, left, right = box
     scale = min(COARSE / (bottom - top), 1)

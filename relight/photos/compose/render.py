@@ -228,14 +228,8 @@ def compose(
 def _relight(pixels: PersonPixels, fits: tuple[FittedMap, ...], factor: np.float32, scene: bool) -> np.ndarray:
     """Relights the person's own color: by the gain, or as albedo times shading.
 
-    Args:
-        pixels: the N pixels.
-        fits: the gain; or square roots of albedo, and shading.
-        factor: of the exposure.
-        scene: whether the photo is linear; otherwise highlights are rolled off.
-
-    Returns:
-        (N,3) linear.
+    `fits` is the gain alone, or the square root of albedo, then shading. The result (N,3) is linear; highlights are
+    rolled off unless the photo is linear, too (`scene`).
     """
     *albedo, last = fits
     crop = pixels.person.crop

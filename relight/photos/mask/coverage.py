@@ -67,16 +67,8 @@ def coverage_of(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
 def _areas(values: np.ndarray, kinds: np.ndarray, what: str) -> list[str]:
     """Returns notes on areas of a value between black and white. Soft edges have many values, and no area of one.
 
-    Args:
-        values: (H,W) of the mask.
-        kinds: its distinct values, ascending.
-        what: name of the mask in messages.
-
-    Returns:
-        One note if there are areas of one such value, else none.
-
-    Raises:
-        UserError: if areas have several such values, as a map of labels has.
+    `kinds` are the distinct `values` (H,W), ascending; raises UserError if areas have several such values, as a map of
+    labels has.
     """
     if len(kinds) > MOST_LABELS:
         return []
@@ -98,15 +90,8 @@ def _top(values: np.ndarray, high: float) -> float:
 def _of_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
     """Converts a mask that is not grey.
 
-    Args:
-        values: (H,W,3) uint8.
-        what: name of the mask in messages.
-
-    Returns:
-        Coverage (H,W) uint8, and one note on what was taken for the person.
-
-    Raises:
-        UserError: if no color is clearly that of the person.
+    From `values` (H,W,3) uint8, it returns coverage (H,W) uint8 and one note on what was taken for the person. Raises
+    UserError if no color is clearly that of the person.
     """
     codes = (values.astype(np.int32) << [16, 8, 0]).sum(-1)
     used = np.unique(codes)

@@ -94,13 +94,8 @@ def is_soft(coverage: np.ndarray) -> bool:
 def _combine(values: np.ndarray, side: int, how: np.ufunc) -> np.ndarray:
     """Combines the pixels of each cell.
 
-    Args:
-        values: (h,w). The last cells are completed by border pixels.
-        side: of a cell, pixels.
-        how: such as `np.minimum` or `np.add`.
-
-    Returns:
-        (h / side, w / side), rounded up.
+    Cells are `side` pixels wide, and border pixels complete the last ones: (h,w) becomes (h / side, w / side), rounded
+    up.
     """
     height, width = values.shape
     values = np.pad(values, ((0, -height % side), (0, -width % side)), mode="edge")

@@ -177,9 +177,7 @@ def count_heads(solid: np.ndarray) -> int:
 def _is_the_photo(mask: np.ndarray, pixels: np.ndarray) -> bool:
     """Returns whether a mask is a grey version of the photo, saved by mistake: grey in places, and like its brightness.
 
-    Args:
-        mask: (H,W) uint8.
-        pixels: (H,W,3) of the photo.
+    `mask` is (H,W) uint8, and `pixels` (H,W,3) are those of the photo.
     """
     part = np.s_[:: max(len(mask) // 256, 1), :: max(mask.shape[1] // 256, 1)]
     mask, grey = mask[part].astype(np.float64), pixels[part].astype(np.float64) @ [0.299, 0.587, 0.114]

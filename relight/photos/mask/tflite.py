@@ -253,12 +253,8 @@ def _name(code: _Record) -> str:
 def _options(name: str, record: _Record) -> dict[str, int]:
     """Reads the options of an operation.
 
-    Args:
-        name: of the operation.
-        record: the operation in the file.
-
-    Returns:
-        Values by the names of OPTIONS; what the file leaves out is 0, and 1 for a dilation. Empty if it has none.
+    They are by the names of OPTIONS, and empty if the operation has none. What the file leaves out is 0, and 1 for a
+    dilation.
     """
     if name == "Convolution2DTransposeBias":  # MediaPipe's own
         _, stride_w, stride_h = struct.unpack("<3i", record.numbers(5, np.uint8).tobytes())
