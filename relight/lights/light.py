@@ -1,6 +1,8 @@
 """The light record and its files."""
 
 import json
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypedDict
@@ -98,6 +100,27 @@ class Light:
             "another convention, or sharpened"
         )
         return replace(self, notes=[*self.notes, note])
+
+
+def parts_of(text: str) -> list[str]:
+    """Returns the names of the lights whose sum `text` names, such as "room:7 + key:#ffffff@90,0"; mostly one."""
+    return [text] if Path(text).exists() else re.split(r"\s+\+\s+", text)
+
+
+def total(lights: Sequence[Light], source: str) -> Light:
+    """Adds lights of one order.
+
+    Args:
+        lights: in any unit that they share.
+        source: of the sum.
+
+    Returns:
+        Their sum, with the notes of all, and the panorama of the one that has one, if others have none.
+    """
+    panoramas = [light.panorama for light in lights if light.panorama is not None]
+    coefficients = np.sum([light.coefficients for light in lights], 0)
+    notes = [note for light in lights for note in light.notes]
+    return Light(coefficients, source, panoramas[0] if len(panoramas) == 1 else None, notes)
 
 
 def direction(azimuth: float, elevation: float, name: str) -> np.ndarray:

@@ -12,7 +12,7 @@ from relight import extensions
 from relight.errors import UserError
 from relight.files import existing_file
 from relight.lights.chain import GENERATORS
-from relight.lights.light import Light, direction
+from relight.lights.light import Light, direction, parts_of, total
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import read_light_set
 from relight.npz import read_npy
@@ -23,6 +23,7 @@ from relight.srgb import decode
 from relight.text import read_text
 
 GENERATED = re.compile(r"(room|sky|lamps):(\d{1,9})(?::([-+.0-9]+))?")
+KIND = re.compile(r"([a-z]{2,}):")  # Windows has drives of one letter
 COLOR = re.compile(r"[0-9a-fA-F]{6}")
 IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})")
 FILL = 0.2  # default irradiance of the fill, relative to the key light's
@@ -69,6 +70,7 @@ def load_light(
                                     degrees up, with a constant fill of 0.2 times its irradiance (at least 0)
     place:street.jpg                an estimate from a photograph of a place (relight.photos.place)
     mine:text                       the light that the extension `mine` returns for the text
+    room:7 + key:#ffeedd@45,30      the sum of lights
 
     Args:
         text: as above.
@@ -100,6 +102,9 @@ def load_light(
         raise UserError(f"exposure={exposure}, yaw={yaw}: exposure must be positive, yaw a number of degrees")
     if convention is not None and convention not in CONVENTIONS:
         raise UserError(f"convention {convention!r}: must be one of {', '.join(CONVENTIONS)}")
+    if len(parts := parts_of(text)) > 1:
+        options = (order, layout, yaw, flip, exposure, convention, repair, upside_down)
+        return total([load_light(part, *options) for part in parts], text)
     kind = None  # of the file, by which options have an effect
     if match := GENERATED.fullmatch(text):
         pixels = GENERATORS[match[1]](int(match[2])) * np.float32(exposure)
@@ -116,6 +121,9 @@ def load_light(
         light = answer if isinstance(answer, Light) else Light(as_table(answer, text), text)
     elif text.startswith(("room:", "sky:", "lamps:")):
         raise UserError(f"{text} is malformed: a generated light is named like room:7, sky:3 or lamps:5")
+    elif (match := KIND.match(text)) and not Path(text).exists():
+        kinds = ", ".join(["room", "sky", "lamps", "key", "probe", *extensions.OWN, *extensions.names()])
+        raise UserError(f"{text}: there is neither such a file nor a kind of light {match[1]!r}; kinds are {kinds}")
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):
         kind = "coefficients"
         light = read_coefficients(existing_file(text, "light"), convention)
@@ -123,8 +131,9 @@ def load_light(
         raise UserError(f"{text} is a set of lights: name one of them, such as {text}:0")
     else:
         kind = "a panorama"
+        path = find_panorama(text)
         panorama = read_panorama(
-            find_panorama(text),
+            path,
             layout=layout,
             yaw=yaw,
             flip=flip,
@@ -133,9 +142,10 @@ def load_light(
             upside_down=upside_down,
         )
         coefficients = project(panorama, order)
-        light = Light(coefficients, text, panorama, panorama.repairs + notes_below(text, coefficients, upside_down))
-    options = {"layout": layout != "auto", "upside_down": upside_down, "repair": repair, "convention": convention}
-    for name, is_given in options.items():
+        repairs = panorama.repairs if path == text else []  # docs/lab/lights.md tells those of Poly Haven's
+        light = Light(coefficients, text, panorama, repairs + notes_below(text, coefficients, upside_down))
+    given = {"layout": layout != "auto", "upside_down": upside_down, "repair": repair, "convention": convention}
+    for name, is_given in given.items():
         needed = "coefficients" if name == "convention" else "a panorama"
         if is_given and kind != needed:
             raise UserError(f"{text}: {name.replace('_', '-')} has an effect on a file of {needed} only")

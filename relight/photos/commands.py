@@ -60,7 +60,10 @@ def option(text: str, *names: str, panel: str | None = None, metavar: str | None
 
 
 LIGHT, BEHIND, PANORAMA = "Light", "Background", "How a light's file is read"
-LightText = Annotated[str, option("The new light; see above.", "--light", "-l", panel=LIGHT, metavar="LIGHT")]
+LightTexts = Annotated[
+    list[str] | None,
+    option("The new light; see above. Several lights add up.", "--light", "-l", panel=LIGHT, metavar="LIGHT"),
+]
 MaskPath = Annotated[Path | None, option("White on the people, as large as the photo.", "--mask", "-m", metavar="FILE")]
 LightMask = Annotated[
     Path | None, option("Mask of the photo that --light names.", "--light-mask", panel=LIGHT, metavar="FILE")
@@ -85,18 +88,18 @@ WhiteBalance = Annotated[
         metavar="WORD",
     ),
 ]
+BACKGROUND = {"panel": BEHIND, "metavar": "WORD"}
 BackgroundText = Annotated[
-    str,
-    option(
-        "keep, transparent, panorama, a color (#334455) or a picture.",
-        "--background",
-        "-b",
-        panel=BEHIND,
-        metavar="WORD",
-    ),
+    str, option("keep, transparent, panorama, a color (#334455) or a picture.", "--background", "-b", **BACKGROUND)
+]
+BackgroundOfTwo = Annotated[
+    str, option("keep, transparent, a color (#334455) or a picture.", "--background", "-b", **BACKGROUND)
 ]
 Blur = Annotated[
-    float, option("Blur of the panorama behind, degrees.", "--blur", panel=BEHIND, metavar="DEGREES", min=0, max=60)
+    float,
+    option(
+        "Blur of the panorama or picture behind, degrees.", "--blur", panel=BEHIND, metavar="DEGREES", min=0, max=60
+    ),
 ]
 Shadow = Annotated[
     bool, option("Cast shadows on the ground of a new background.", "--shadow/--no-shadow", panel=BEHIND)
@@ -151,7 +154,7 @@ DEFAULT = "auto"  # relight.photos.infer.AUTO, whose module needs numpy
 
 
 def relighting_options(
-    light: LightText = DEFAULT,
+    light: LightTexts = None,
     mode: Mode = "ratio",
     white_balance: WhiteBalance = "keep",
     background: BackgroundText = "keep",
@@ -172,7 +175,7 @@ def relighting_options(
     from relight.photos.photo import Options
 
     return Options(
-        light=light,
+        light=" + ".join(light or [DEFAULT]),
         mode=mode,
         white_balance=white_balance,
         background=background,
@@ -280,7 +283,7 @@ def transfer(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the two results.")] = Path("transfer"),
     mode: Mode = "ratio",
     white_balance: WhiteBalance = "keep",
-    background: BackgroundText = "keep",
+    background: BackgroundOfTwo = "keep",
     shadow: Shadow = True,
     stops: Stops = 0.0,
     mask_model: MaskModel = None,

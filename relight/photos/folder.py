@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from relight import __version__
 from relight.errors import UserError
 from relight.files import writable_folder
+from relight.lights.light import parts_of
 from relight.photos.mask.find import automatic_model
 from relight.photos.photo import Options, relight_file
 from relight.photos.place import split_place
@@ -205,7 +206,8 @@ def _fingerprint(options: Options, photo: Path, mask: Path | None, network: str)
     `network` is the hash of the network.
     """
     model = automatic_model(options.mask_model)
-    files = [photo, mask, split_place(options.light)[0], options.background, options.light_mask, model]
+    lights = [split_place(part)[0] for part in parts_of(options.light)]
+    files = [photo, mask, *lights, options.background, options.light_mask, model]
     stamps = []
     for path in files:
         stat = Path(path).stat() if path and Path(path).is_file() else None

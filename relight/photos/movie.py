@@ -216,6 +216,8 @@ def _with_masks(
             if mask is None:
                 raise UserError(f"folder {masks} holds {number - 1} masks, but the clip has more frames")
             yield load_photo(photo, mask)
+        if not named and next(files, None) is not None:
+            raise UserError(f"folder {masks} holds more masks than the clip has frames: in order, each has its own")
         return
     if not is_video(masks):
         raise UserError(f"mask {masks}: for a clip give a folder of masks or a video of them")

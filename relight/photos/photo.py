@@ -17,6 +17,7 @@ from relight.photos.compose.render import render
 from relight.photos.infer import AUTO, Person, mean_light, opposite_lamp
 from relight.photos.load import LoadedPhoto, load_photo, mask_notes, photo_notes
 from relight.photos.place import default_light, is_of_person
+from relight.photos.read import is_picture
 from relight.photos.write import (
     write_before_after,
     write_inference,
@@ -41,7 +42,7 @@ class Options:
         mode: ratio | full.
         white_balance: keep | scene, as `Relighter.infer` takes it.
         background: as `read_background` takes it.
-        blur: of a panorama behind, degrees.
+        blur: of a panorama or picture behind, degrees.
         shadow: whether people cast shadows on a new background.
         turn: of the light about the vertical axis, its front toward +x, degrees.
         stops: exposure, as a power of two.
@@ -84,8 +85,8 @@ class Options:
             raise UserError(f"layout {self.layout!r} is none of auto, {', '.join(LAYOUTS)}")
         if self.convention not in (None, *CONVENTIONS):
             raise UserError(f"convention {self.convention!r} is none of {', '.join(CONVENTIONS)}")
-        if self.blur and self.background != "panorama":
-            raise UserError(f"a blur is that of the panorama behind, and the background is {self.background}")
+        if self.blur and not (self.background == "panorama" or is_picture(self.background)):
+            raise UserError(f"a panorama or a picture behind can be blurred, not the background {self.background}")
         light = self.light_name
         is_photo = is_of_person(light)
         if self.light_mask and not is_photo:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from relight.errors import UserError
 from relight.lights import Light
-from relight.lights.light import direction
+from relight.lights.light import direction, parts_of
 from relight.lights.load import parse_number
 from relight.lights.place import place_light
 from relight.photos.infer import AUTO
@@ -22,7 +22,7 @@ ELEVATION = 45  # degrees, where none is stated; the median of 18 real places is
 
 def is_of_person(light: str) -> bool:
     """Returns whether the name of a light is that of a photo of somebody, whose light it is."""
-    return is_picture(light) and not light.startswith(PREFIX)
+    return is_picture(light) and not light.startswith(PREFIX) and len(parts_of(light)) == 1
 
 
 def default_light(background: str) -> str:

@@ -126,7 +126,7 @@ def _checked(photo: Photo) -> Photo:
     """Returns the photo, with a note if it is grey; raises UserError if a side has fewer than 8 pixels."""
     checked_size(photo.pixels, photo.what)
     if np.array_equal(photo.pixels[..., 1:], photo.pixels[..., :2]):
-        photo.notes.append("it is grey: a colored light tints all of it")
+        photo.notes.append("the photo is grey: a colored light tints the people as a whole")
     return photo
 
 

@@ -79,6 +79,20 @@ def test_a_key_light_comes_from_the_given_direction():
     assert irradiance(load_light("key:ffffff@0,90,0.3").coefficients, [0, 1, 0])[0] == pytest.approx(1.3625)
 
 
+def test_lights_add_up(tmp_path):
+    parts = "room:7", "key:#ffeedd@45,30", "sky:2"
+    apart = [load_light(part, 3, yaw=20.0, flip=True, exposure=2) for part in parts]
+    both = load_light(f"{parts[0]} + {parts[1]}", 3, yaw=20.0, flip=True, exposure=2)
+    np.testing.assert_allclose(both.coefficients, apart[0].coefficients + apart[1].coefficients)
+    np.testing.assert_array_equal(both.panorama.pixels, apart[0].panorama.pixels)
+    assert load_light(" + ".join(parts)).panorama is None, "neither of two shows the whole light"
+    with pytest.raises(UserError, match=r"^key:#ff@1,2: the color 'ff'"):
+        load_light("room:7 + key:#ff@1,2")
+    file = tmp_path / "a + b.json"
+    write_light(apart[1], file)
+    np.testing.assert_array_equal(load_light(file, 3).coefficients, apart[1].coefficients)
+
+
 @pytest.mark.parametrize("suffix", [".json", ".npy"])
 @pytest.mark.parametrize("convention", ["relight", "kanamori2018", "ramamoorthi2001", "dpr", "irradiance"])
 def test_written_lights_name_their_convention_and_can_be_read_back(tmp_path, suffix, convention):
@@ -194,6 +208,11 @@ def test_broken_files_are_named(tmp_path, name):
 def test_invalid_names_of_lights_are_refused(text):
     with pytest.raises(UserError):
         load_light(text)
+
+
+def test_an_unknown_kind_of_light_names_those_there_are():
+    with pytest.raises(UserError, match=r"nosuch:3: .* kind of light 'nosuch'; kinds are room, sky, lamps, key, "):
+        load_light("nosuch:3")
 
 
 def test_a_pickle_is_never_opened(tmp_path):

@@ -106,6 +106,8 @@ def test_doubts_about_a_mask_are_said_wherever_one_is_used(run, photo_files, wei
     shutil.copy(me, folder / "you.png")
     Image.fromarray(255 - np.asarray(Image.open(mask).convert("L"))).save(inverted)
     doubt = "the mask may be inverted"
+    two = run("photo", me, "-m", mask, "-l", "room:3", "-l", "key:#ffffff@9,9", "-o", tmp_path / "two", "-w", weights)
+    assert "in the light of room:3 + key:#ffffff@9,9" in two
     lit = ["photo", me, "-m", mask, "-l", folder / "you.png", "--out", tmp_path / "lit", "--weights", weights]
     assert f"note: you.png: {doubt}" in run(*lit)
     assert doubt in (tmp_path / "lit" / "photo.json").read_text()
@@ -168,7 +170,7 @@ def bad(tmp_path, weights):
     yield [me, "--light", "key:red@45,30"], "color 'red' must have six hexadecimal digits"
     yield [me, "--layout", "foo"], "layout 'foo' is none of auto, latlong"
     yield [me, "--convention", "foo"], "convention 'foo' is none of relight"
-    yield [me, "--blur", "3"], "a blur is that of the panorama behind, and the background is keep"
+    yield [me, "--blur", "3"], "a panorama or a picture behind can be blurred, not the background keep"
     yield [me, "--light-mask", me], "a mask of the light is that of a photo of somebody, and the light is auto"
     yield [me, "--light-mask", me, "--light", f"place:{me}"], "and the light is place:"
     yield [me, "--layout", "cross"], "the light auto takes no layout"

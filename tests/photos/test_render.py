@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from relight.crop import Crop, crop_around
 from relight.errors import UserError
@@ -265,6 +266,10 @@ def test_backgrounds(relighter, tmp_path, draw):
     Image.fromarray(rng.integers(0, 256, (90, 70, 3)).astype(np.uint8)).resize((140, 180), 0).save(tmp_path / "b.png")
     behind = render(pixels, figures, OTHER, "ratio", replace(read_background(str(tmp_path / "b.png")), shadow=False))
     assert np.array_equal(behind[away], np.asarray(Image.open(tmp_path / "b.png"))[away])
+    soft = read_background(str(tmp_path / "b.png"), blur=3).linear((180, 140))
+    sigma = np.radians(3) * 90 / np.tan(np.radians(25))
+    expected = gaussian_filter(LINEAR[np.asarray(Image.open(tmp_path / "b.png"))], (sigma, sigma, 0), mode="nearest")
+    assert np.abs(soft - expected)[30:-30, 30:-30].max() < 0.02 and soft.std() < 0.5 * LINEAR[behind].std()
     clear = render(pixels, figures, OTHER, "ratio", read_background("transparent"))
     assert clear.shape[2] == 4 and np.array_equal(clear[..., 3], mask)
     with pytest.raises(UserError, match="no panorama"):

@@ -10,7 +10,7 @@ from PIL import Image, ImageColor
 from relight.errors import UserError
 from relight.panoramas import Panorama, luminance
 from relight.photos.compose.color import apply_gain, roll_off
-from relight.photos.compose.environment import camera_view
+from relight.photos.compose.environment import blurred, camera_view
 from relight.photos.read import is_picture, read_photo
 from relight.srgb import LINEAR
 
@@ -26,7 +26,7 @@ class Background:
         panorama: in the unit of the light that it was projected to.
         gain: factor on the panorama's radiance.
         tint: (3,) factor on the picture's linear values.
-        blur: of the panorama, degrees.
+        blur: of the panorama or picture, degrees.
         shadow: whether people cast shadows on a background that is not the photo's own.
     """
 
@@ -78,7 +78,8 @@ class Background:
             return np.broadcast_to(LINEAR[self.color], (*shape, 3))
         if self.kind == "picture" and self.picture is not None:
             gain = np.float32(self.tint) * np.ones(3, np.float32) * 2**stops
-            return apply_gain(LINEAR[resize_to_cover(self.picture, shape)], gain)
+            behind = LINEAR[resize_to_cover(self.picture, shape)]
+            return apply_gain(blurred(behind, self.blur) if self.blur else behind, gain)
         assert self.panorama is not None  # the one kind that is left
         view = camera_view(self.panorama, shape, turn=turn, blur=self.blur)
         return roll_off(view * np.float32(np.pi * self.gain * 2**stops))
@@ -90,7 +91,7 @@ def read_background(text: str, panorama: Panorama | None = None, blur: float = 0
     Args:
         text: keep, transparent, panorama, a color (#223344, white) or a picture file.
         panorama: that of the light, if it has one.
-        blur: of the panorama, degrees.
+        blur: of the panorama or picture, degrees.
 
     Raises:
         UserError: if it is none of these.
@@ -106,7 +107,7 @@ def read_background(text: str, panorama: Panorama | None = None, blur: float = 0
             )
         return Background("panorama", panorama=panorama, blur=blur)
     if is_picture(text):
-        return Background("picture", picture=read_photo(text, "background").codes)
+        return Background("picture", picture=read_photo(text, "background").codes, blur=blur)
     try:
         return Background("color", color=np.array(ImageColor.getrgb(text)[:3], np.uint8))
     except ValueError:

@@ -28,7 +28,7 @@ def camera_view(panorama: Panorama, shape: tuple[int, int], turn: float = 0.0, b
         (H,W,3) float32, linear, in the panorama's unit.
     """
     height, width = shape
-    focal = max(shape) / 2 / np.tan(np.radians(FIELD_OF_VIEW / 2))  # in pixels of the photo
+    focal = focal_length(shape)
     sigma = max(np.radians(blur), 0.5 * pixel_angle(panorama)) * focal
     step = max(1, int(sigma / 3))  # a blurred view has no detail: fewer pixels will do
     y, x = np.meshgrid(
@@ -41,10 +41,30 @@ def camera_view(panorama: Panorama, shape: tuple[int, int], turn: float = 0.0, b
     if sigma > 1:
         view = gaussian_filter(view, (sigma / step, sigma / step, 0), mode="nearest")
     if step > 1:
-        box = (0, 0, width / step, height / step)
-        channels = [Image.fromarray(np.ascontiguousarray(view[..., c])) for c in range(3)]
-        view = np.stack([np.asarray(c.resize((width, height), Image.Resampling.BICUBIC, box)) for c in channels], -1)
+        view = resized(view, shape, (width / step, height / step))
     return np.maximum(view, 0)
+
+
+def blurred(view: np.ndarray, blur: float) -> np.ndarray:
+    """Returns a view (H,W,3) float32 of a photo's camera, linear, blurred by a standard deviation in degrees."""
+    height, width, _ = view.shape
+    sigma = np.radians(blur) * focal_length((height, width))
+    step = max(1, int(sigma / 3))  # a blurred view has no detail: fewer pixels will do
+    small = resized(view, (-(-height // step), -(-width // step)))
+    small = gaussian_filter(small, (sigma / step, sigma / step, 0), mode="nearest")
+    return np.maximum(resized(small, (height, width)), 0)
+
+
+def resized(view: np.ndarray, shape: tuple[int, int], extent: tuple[float, float] | None = None) -> np.ndarray:
+    """Resizes a view (h,w,3) float32, or the upper left part of this `extent` (width, height), to `shape` (H, W)."""
+    box = (0, 0, *extent) if extent else None
+    channels = (Image.fromarray(np.ascontiguousarray(view[..., c])) for c in range(3))
+    return np.stack([np.asarray(c.resize(shape[::-1], Image.Resampling.BICUBIC, box)) for c in channels], -1)
+
+
+def focal_length(shape: tuple[int, int]) -> float:
+    """Returns the focal length of a photo (H,W), pixels."""
+    return float(max(shape) / 2 / np.tan(np.radians(FIELD_OF_VIEW / 2)))
 
 
 def pixel_angle(panorama: Panorama) -> float:

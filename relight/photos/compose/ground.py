@@ -17,7 +17,7 @@ from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter, label
 
 from relight.crop import MASK_THRESHOLD, extent
-from relight.photos.compose.environment import FIELD_OF_VIEW
+from relight.photos.compose.environment import focal_length
 from relight.sh import basis
 from relight.transport.sampling import vogel_directions
 
@@ -127,7 +127,7 @@ def ground_under(coverages: Sequence[np.ndarray], order: int = 2) -> Ground | No
         return None
     tops, bottoms, lefts, rights = zip(*(box for _, box in standing))
     tall = max(bottom - top for top, bottom in zip(tops, bottoms))
-    focal = max(height, width) / 2 / np.tan(np.radians(FIELD_OF_VIEW / 2))
+    focal = focal_length((height, width))
     camera = Camera(focal, min(height / 2, min(bottoms) - RISE * tall), width / 2)
     balls = np.concatenate([_fill_with_balls(coverage, box, camera) for coverage, box in standing])
     reach = REACH * tall * camera.ground_depth(max(bottoms)) / focal

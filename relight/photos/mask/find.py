@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 MIN_SIZE = 8  # pixels; a person smaller than this in both directions is dirt
 HEAD_WIDTH, HEAD_HEIGHT = 0.085, 0.06  # least, of a person's height; a raised arm is thinner
 AUTOMATIC = (
-    "the mask is automatic, and misses hands, hats and bags at times: `relight mask draw` writes it for correction"
+    "the mask is automatic: at times it misses hands and hats, takes in what is behind, or takes a thing for a person; "
+    "`relight mask draw` writes it for correction"
 )
 BY_HAND = "draw a mask, white on the person (me_mask.png beside me.jpg), or give a PNG with an alpha channel"
 SIDES: dict[str, tuple[int | slice, ...]] = {

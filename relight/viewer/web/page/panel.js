@@ -42,7 +42,8 @@ function listLights(openers) {
     const ball = document.createElement("canvas"), text = document.createElement("span");
     Object.assign(input, { type: "radio", name: "light", value: i });
     Object.assign(ball, { width: 96, height: 96 });
-    label.title = text.textContent = name;
+    label.title = name;
+    text.textContent = name.replace(/([:@,/])(?=\S)/g, "$1\u200b"); // may break after these
     input.addEventListener("change", () => set({ light: i }));
     drawBall(ball, values);
     label.append(input, ball, text);
