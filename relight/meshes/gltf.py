@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relight.errors import UserError
-from relight.meshes.gltf_file import READERS, Gltf, read_extension, reads_extension
+from relight.meshes.gltf_file import PICTURE_FORMATS, Gltf
 from relight.meshes.mesh import CLAMP, MIRROR, REPEAT, Material
 from relight.meshes.raw import MAX_FACES, RawMesh, read_texture, unit_colors
 
@@ -234,51 +234,42 @@ def _surface(gltf: Gltf, number: int | None, notes: list[str]) -> Surface:
         return Surface(None, placement, 0)
     entry = gltf.item("materials", number)
     base = entry.get("pbrMetallicRoughness", {})
-    given = (read_extension(entry, "KHR_materials_pbrSpecularGlossiness") or {}) | base
+    extensions = entry.get("extensions", {})
+    given = _legacy_base(extensions.get("KHR_materials_pbrSpecularGlossiness", {})) | base
     factor, slot = given.get("baseColorFactor"), given.get("baseColorTexture")
     if factor is None and slot is None:
         return Surface(None, placement, 0)
     color, name = np.array((factor or (1, 1, 1))[:3], np.float32), str(entry.get("name", ""))
     if color.max() > 1 or color.min() < 0:
         notes.append(f"the color of the material {name or number!r} is outside 0 to 1: it is clipped")
-    gloss = read_extension(entry, "KHR_materials_specular", base) or {}
+    specular = extensions.get("KHR_materials_specular")
+    gloss: dict[str, Any] = {} if specular is None else _gloss(specular, base)
     if slot is None:
         return Surface(Material(color, name=name, **gloss), placement, 0)
-    placement, channel = read_extension(slot, "KHR_texture_transform") or (placement, None)
+    placement, channel = _placement(slot.get("extensions", {}).get("KHR_texture_transform", {}))
     texture, wrap = _texture(gltf, slot["index"])
     channel = slot.get("texCoord", 0) if channel is None else channel
     return Surface(Material(color, texture, name, **gloss, wrap=wrap), placement, channel)
 
 
-@reads_extension("KHR_materials_pbrSpecularGlossiness")
 def _legacy_base(extension: dict[str, Any]) -> dict[str, Any]:
     """Returns diffuse color and texture of the older extension under the names of pbrMetallicRoughness."""
     names = {"diffuseFactor": "baseColorFactor", "diffuseTexture": "baseColorTexture"}
     return {new: extension[old] for old, new in names.items() if old in extension}
 
 
-@reads_extension("KHR_materials_specular")
 def _gloss(extension: dict[str, Any], base: dict[str, Any]) -> dict[str, float]:
     """Returns roughness and specular of a `Material`, in [0,1]; `base` is the entry's pbrMetallicRoughness."""
     gloss = {"roughness": base.get("roughnessFactor", 1.0), "specular": extension.get("specularFactor", 1.0)}
     return {key: min(1.0, max(0.0, float(value))) for key, value in gloss.items()}
 
 
-@reads_extension("KHR_texture_transform")
 def _placement(extension: dict[str, Any]) -> tuple[np.ndarray, int | None]:
     """Returns the transform (2,3) of texture coordinates, and the number of their set, None if it is the slot's own."""
     c, s = np.cos(extension.get("rotation", 0)), np.sin(extension.get("rotation", 0))
     turned = np.array([[c, s], [-s, c]]) * np.array(extension.get("scale", (1, 1)))
     offset = np.array(extension.get("offset", (0, 0)))[:, None]
     return np.concatenate([turned, offset], axis=1), extension.get("texCoord")
-
-
-@reads_extension("EXT_texture_webp")
-@reads_extension("EXT_texture_avif")
-@reads_extension("MSFT_texture_dds")
-def _other_source(extension: dict[str, Any]) -> int | None:
-    """Returns the number of the image in another format than PNG and JPEG."""
-    return extension.get("source")
 
 
 def _texture(gltf: Gltf, index: int) -> tuple[np.ndarray, tuple[str, str]]:
@@ -288,7 +279,7 @@ def _texture(gltf: Gltf, index: int) -> tuple[np.ndarray, tuple[str, str]]:
     if it is given in an unknown format only, or its picture is missing or damaged.
     """
     texture = gltf.item("textures", index)
-    others = [read_extension(texture, name) for name, reader in READERS.items() if reader is _other_source]
+    others = [texture.get("extensions", {}).get(name, {}).get("source") for name in PICTURE_FORMATS]
     source = next((image for image in (texture.get("source"), *others) if image is not None), None)
     if source is None:
         forms = ", ".join(texture.get("extensions", {})) or "no picture"

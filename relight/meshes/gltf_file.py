@@ -4,9 +4,8 @@ import base64
 import binascii
 import json
 import struct
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 from urllib.parse import unquote_to_bytes
 
 import numpy as np
@@ -24,33 +23,9 @@ WITHOUT_EFFECT = {f"KHR_materials_{name}" for name in (
     "anisotropy", "clearcoat", "diffuse_transmission", "dispersion", "emissive_strength", "ior", "iridescence", "sheen",
     "transmission", "unlit", "variants", "volume",
 )} | {"EXT_lights_image_based", "KHR_lights_punctual", "KHR_mesh_quantization", "KHR_xmp_json_ld"}  # fmt: skip
-Read = TypeVar("Read", bound=Callable[..., Any])
-READERS: dict[str, Callable[..., Any]] = {}  # of extensions, by name
-
-
-def reads_extension(name: str) -> Callable[[Read], Read]:
-    """Returns a decorator of the function that reads the extension `name`, so that files may require it."""
-
-    def mark(function: Read) -> Read:
-        READERS[name] = function
-        return function
-
-    return mark
-
-
-def read_extension(entry: dict[str, Any], name: str, *arguments: Any) -> Any:
-    """Reads an extension of an entry.
-
-    Args:
-        entry: of the file's description, such as a material.
-        name: of the extension.
-        *arguments: further ones of its reader.
-
-    Returns:
-        What the function marked by `reads_extension(name)` returns; None if the entry has no such extension.
-    """
-    extension = entry.get("extensions", {}).get(name)
-    return None if extension is None else READERS[name](extension, *arguments)
+PICTURE_FORMATS = ("EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds")
+# Those that `gltf` reads.
+READ = {"KHR_materials_pbrSpecularGlossiness", "KHR_materials_specular", "KHR_texture_transform", *PICTURE_FORMATS}
 
 
 class Gltf:
@@ -75,7 +50,7 @@ class Gltf:
             raise UserError(f"{path}: the glTF description is not whole JSON") from None
         if not isinstance(self.json, dict) or not str(self.json.get("asset", {}).get("version", "")).startswith("2"):
             raise UserError(f"{path} is not glTF 2.0")
-        required = set(self.json.get("extensionsRequired", [])) - WITHOUT_EFFECT - READERS.keys()
+        required = set(self.json.get("extensionsRequired", [])) - WITHOUT_EFFECT - READ
         if required:
             raise UserError(f"{path} needs {', '.join(sorted(required))}; save it without compression or extensions")
         self.buffers: dict[int, bytes] = {}

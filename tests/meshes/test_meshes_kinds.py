@@ -12,7 +12,7 @@ from PIL import Image
 
 from relight.errors import UserError
 from relight.meshes import Mesh, align, list_scans, read_mesh
-from relight.meshes.gltf_file import READERS, WITHOUT_EFFECT
+from relight.meshes.gltf_file import READ, WITHOUT_EFFECT
 from relight.meshes.polygons import clip_ears, fan, triangulate
 from relight.transport.surface import sample_albedo
 
@@ -440,7 +440,7 @@ def test_gltf_may_require_what_is_read(tmp_path, name):
 
 
 def test_gltf_each_extension_that_is_read_may_be_required():
-    assert READERS.keys() | WITHOUT_EFFECT == REQUIRED.keys()
+    assert READ | WITHOUT_EFFECT == REQUIRED.keys()
 
 
 def test_gltf_of_a_texture_in_a_form_that_is_not_read(tmp_path):
