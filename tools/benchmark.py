@@ -30,7 +30,7 @@ def main() -> None:
     args = parser.parse_args()
     benchmark = BenchmarkSet(args.truth)
     entries = [entry for entry in benchmark.entries if not entry.of]
-    order = np.argsort(read_scores(args.answers)["full"])
+    order = np.argsort(read_scores(args.answers)["full"].to_numpy())
     columns = []
     for rank in np.linspace(0, len(entries) - 1, COUNT).round().astype(int):
         entry = entries[order[rank]]
