@@ -393,10 +393,10 @@ def mask_draw(
     from relight.photos.read import read_photo
     from relight.photos.write import write_picture
 
-    default = path.with_name(f"{path.stem}_mask.png")
-    if out is None and default.exists():  # it may have been corrected
-        raise UserError(f"{default} exists: delete it for a new one, or give --out FILE")
-    out = writable_file(out or default, "--out")
+    out = out or path.with_name(f"{path.stem}_mask.png")
+    if out.exists():  # it may have been corrected, or be the photo
+        raise UserError(f"{out} exists: delete it for a new one, or give another --out")
+    out = writable_file(out, "--out")
     write_picture(out, automatic_mask(read_photo(path), mask_model))
     print(out)
 

@@ -210,4 +210,4 @@ def opposite_lamp(people: Sequence[Person]) -> str:
     So everybody sees at once what has changed.
     """
     from_right = float(luminance(mean_light(people).astype(np.float64))[3]) > 0
-    return f"key:#ffb070@{-65 if from_right else 65},20,0.08"
+    return f"key:#ffc890@{-65 if from_right else 65},20,0.08"

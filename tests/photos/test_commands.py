@@ -310,6 +310,6 @@ def test_opposite_lamp_is_on_the_side_from_which_no_light_comes(relighter, draw)
     for x, side in ((0.5, -65), (-0.5, 65)):
         light = np.zeros((9, 3), np.float32)
         light[0], light[3] = 1, x
-        assert opposite_lamp([replace(person, light=light)]) == f"key:#ffb070@{side},20,0.08"
+        assert opposite_lamp([replace(person, light=light)]) == f"key:#ffc890@{side},20,0.08"
     named = relighter.relight(pixels, mask, opposite_lamp([person]))
     np.testing.assert_array_equal(relighter.relight(pixels, mask), named)

@@ -159,10 +159,12 @@ def test_photo_without_a_mask(run, wheel, weights, tmp_path):
     assert run("mask", "draw", tmp_path / "me.png").strip() == str(tmp_path / "me_mask.png")
     drawn = np.asarray(Image.open(tmp_path / "me_mask.png"))
     assert np.array_equal(drawn, alpha)
-    assert "hands, hats" not in run(*words)
+    assert "the mask is automatic" not in run(*words)
     Image.fromarray(alpha // 2).save(tmp_path / "me_mask.png")  # by a paint program
     with pytest.raises(UserError, match=r"me_mask\.png exists: delete it"):
         run("mask", "draw", tmp_path / "me.png")
+    with pytest.raises(UserError, match="me.png exists"):
+        run("mask", "draw", tmp_path / "me.png", "--out", tmp_path / "me.png")
     assert np.array_equal(np.asarray(Image.open(tmp_path / "me_mask.png")), alpha // 2)
     selfie.network_file().write_bytes(b"cut short")
     selfie.load_network.cache_clear()
