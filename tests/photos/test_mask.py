@@ -163,7 +163,7 @@ def test_photo_without_a_mask(run, wheel, weights, tmp_path):
     Image.fromarray(alpha // 2).save(tmp_path / "me_mask.png")  # by a paint program
     with pytest.raises(UserError, match=r"me_mask\.png exists: delete it"):
         run("mask", "draw", tmp_path / "me.png")
-    with pytest.raises(UserError, match="me.png exists"):
+    with pytest.raises(UserError, match=r"me\.png exists"):
         run("mask", "draw", tmp_path / "me.png", "--out", tmp_path / "me.png")
     assert np.array_equal(np.asarray(Image.open(tmp_path / "me_mask.png")), alpha // 2)
     selfie.network_file().write_bytes(b"cut short")
