@@ -434,7 +434,7 @@ def test_read_photo_of_grey_pictures(tmp_path, name):
     np.testing.assert_allclose(photo.pixels, np.dstack([expected] * 3), rtol=1e-6, atol=atol)
     assert photo.pixels.dtype == {"a.exr": np.float32, "deep.png": np.uint16, "deep.tif": np.uint16}.get(name, np.uint8)
     assert (photo.alpha is not None) == (name == "alpha.png")
-    assert ["it is grey" in note for note in photo.notes] == [True]
+    assert ["the photo is grey" in note for note in photo.notes] == [True]
 
 
 def test_read_photo_of_openexr_with_alpha_that_is_not_a_number(tmp_path):
