@@ -96,7 +96,8 @@ def numbers(
         repair=repair,
         upside_down=upside_down,
     )
-    table = Table("l, m", "R", "G", "B", title=f"{loaded.source}, convention {to}", title_justify="left")
+    channels = "BGR" if to == "kanamori2018" else "RGB"
+    table = Table("l, m", *channels, title=f"{loaded.source}, convention {to}", title_justify="left")
     for k, (l, row) in enumerate(zip(bands(loaded.order), from_relight(loaded.coefficients, to))):
         name = str(k) if to == "kanamori2018" else f"{l}, {k - l * l - l}"
         table.add_row(name, *(f"{value: .6f}" for value in row))

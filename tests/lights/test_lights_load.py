@@ -263,6 +263,7 @@ def test_the_command_prints_writes_and_draws(tmp_path):
         app, ["room:12", "--out", str(tmp_path / "a.json"), "-o", str(tmp_path / "a.npy"), "--to", "kanamori2018"]
     )
     assert done.exit_code == 0, done.output
+    assert re.search(r"B\s.*G\s.*R\s", done.output), "kanamori2018 has blue first"
     np.testing.assert_allclose(
         load_light(tmp_path / "a.kanamori2018.npy").coefficients, load_light("room:12").coefficients
     )
