@@ -324,3 +324,13 @@ def test_a_table_of_scans_belongs_to_scans(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert Plan({"hydra": "scale=smoke"}).table == []
     assert Plan({"hydra": ["figures=scans", f"figures.folder={tmp_path}"]}).table == [f"{tmp_path}/scans.csv"]
+
+
+def test_both_snakefiles_plan_the_same_jobs():
+    """`snakemake all` finds the one at the root; the catalogue and other repositories take the one in workflow/."""
+    plans = []
+    for snakefile in ("Snakefile", "workflow/Snakefile"):
+        command = [sys.executable, "-m", "snakemake", "-s", snakefile, "all", "-n", "--config", "hydra=scale=smoke"]
+        run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+        plans.append(sorted(re.findall(r"^\w+ +\d+$", run.stdout, re.M)))
+    assert plans[0] == plans[1] and any(line.startswith("train ") for line in plans[0])

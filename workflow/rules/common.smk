@@ -5,7 +5,7 @@ import shlex
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(workflow.basedir).parent))
+sys.path.insert(0, str(Path(workflow.current_basedir).parents[1]))
 
 from snakemake.exceptions import WorkflowError
 
