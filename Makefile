@@ -17,7 +17,7 @@ define install
 	@$(PIP) --require-hashes --no-deps --requirement .venv/requirements.txt
 endef
 
-.PHONY: all env system run test test-fast fuzz chaos coverage smoke ui docs dist notebook settings lint format lock licences clean help
+.PHONY: all env system run test test-fast fuzz chaos coverage smoke ui docs dist notebook lint format lock clean help
 .DEFAULT_GOAL := all
 
 all: run  ## install what is missing, then run the whole workflow on the embedded data
@@ -88,12 +88,6 @@ lock: $(STAMP)  ## write uv.lock anew from pyproject.toml
 
 notebook: $(STAMP)  ## run docs/first_hour.md, and write its outputs and pictures anew
 	@$(BIN)/python tools/notebook.py
-
-settings: $(STAMP)  ## write docs/settings.md anew from the schema and conf/
-	@$(BIN)/python tools/settings.py
-
-licences: $(STAMP)  ## write docs/licences.md anew from what is installed
-	@$(BIN)/python tools/licences.py
 
 clean:  ## remove results and runs (not .venv)
 	rm -rf results build .snakemake mlflow.db mlruns .mlflow.lock .coverage*

@@ -1,18 +1,16 @@
-"""Writes docs/licences.md: the licence of each package that `make` installs, from its metadata."""
+"""Makes the site's page of licences: that of each package that `make` installs, from its metadata (tools/hooks.py)."""
 
 import re
 import subprocess
 import sys
 from importlib import metadata
-from pathlib import Path
 
 HEAD = """\
 # Licences of what is installed
 
 relight's own code is Apache-2.0. These are the packages that `make` installs (the extra `dev` of `uv.lock`, and torch),
-with the licence that each states in its metadata, or else in its licence file; written by `make licences`. CUDA builds
-of torch bring NVIDIA's libraries (`nvidia-*`, under NVIDIA's own terms) and triton (MIT). **pymeshlab is GPL-3**: see
-`NOTICE`.
+with the licence that each states in its metadata, or else in its licence file. CUDA builds of torch bring NVIDIA's
+libraries (`nvidia-*`, under NVIDIA's own terms) and triton (MIT). **pymeshlab is GPL-3**: see `NOTICE`.
 
 | package | version | licence | home |
 |---|---|---|---|
@@ -59,8 +57,8 @@ def locked() -> set[str]:
     return {*re.findall(r"^([\w.-]+)==", text, re.M), *TORCH}
 
 
-def main() -> None:
-    """Writes the page."""
+def page() -> str:
+    """Returns the text of the page."""
     rows, not_installed = [], []
     for name in sorted(locked(), key=str.lower):
         try:
@@ -71,8 +69,4 @@ def main() -> None:
         version = package.version.partition("+")[0]  # without the part of local builds, such as +cpu
         rows.append(f"| {package.metadata['Name']} | {version} | {licence(package)} | {home(package)} |\n")
     footer = f"\nOn other platforms or versions of Python only: {', '.join(not_installed)}.\n" if not_installed else ""
-    Path("docs/licences.md").write_text(HEAD + "".join(rows) + footer)
-
-
-if __name__ == "__main__":
-    main()
+    return HEAD + "".join(rows) + footer

@@ -1,4 +1,4 @@
-"""Writes docs/settings.md: all settings, from the schema and the presets in conf/."""
+"""Makes the site's page of all settings, from the schema and the presets in conf/ (tools/hooks.py)."""
 
 from dataclasses import Field, fields, is_dataclass
 from typing import Any, get_origin
@@ -6,15 +6,14 @@ from typing import Any, get_origin
 import yaml
 from omegaconf import MISSING, DictConfig, OmegaConf
 
-from relight.config import CONF, READS, ROOT, Config, Experiment, composed, flat, presets
+from relight.config import CONF, READS, Config, Experiment, composed, flat, presets
 from relight.config.schema import EXPERIMENT, FIELDS
 from relight.config.setting import domain_in_words, setting_of, type_in_words
 
-PAGE = ROOT / "docs" / "settings.md"
 HEAD = """\
 # Settings
 
-All settings of `relight run` and its stages, written by `make settings` from `relight/config/schema.py` and `conf/`.
+All settings of `relight run` and its stages, from `relight/config/schema.py` and `conf/`.
 [The workflow](workflow.md) says how to give them. The defaults are those of a run without overrides, `scale=demo`.
 """
 
@@ -138,7 +137,3 @@ def markdown(head: list[str], rows: list[list[str]]) -> str:
     """Returns a table in Markdown."""
     lines = [head, ["---"] * len(head), *([cell.replace("|", "\\|") for cell in row] for row in rows)]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
-
-
-if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")

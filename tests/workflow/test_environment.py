@@ -71,10 +71,10 @@ def test_conda_has_a_python_that_relight_supports():
 
 def test_licences_of_all_packages_are_told():
     """And that of pymeshlab, which binds who passes it on, where one looks first."""
-    listed = re.findall(r"^\| ([\w.-]+) \| \S+ \| (.+?) \|", (ROOT / "docs" / "licences.md").read_text(), re.M)
-    told = {canonical(name): licence for name, licence in listed}
-    others = (ROOT / "docs" / "licences.md").read_text().rpartition("\n\n")[2]
-    names = runpy.run_path(str(ROOT / "tools" / "licences.py"))["locked"]()
+    tool = runpy.run_path(str(ROOT / "tools" / "licences.py"))
+    page, names = tool["page"](), tool["locked"]()
+    told = {canonical(name): licence for name, licence in re.findall(r"^\| ([\w.-]+) \| \S+ \| (.+?) \|", page, re.M)}
+    others = page.rpartition("\n\n")[2]
     assert len(names) > 150
     assert not [name for name in names if canonical(name) not in told and name not in others]
     assert told["torch"] and told["pymeshlab"].startswith("GPL") and "not stated" not in told.values()

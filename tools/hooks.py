@@ -1,10 +1,14 @@
-"""MkDocs hooks that embed the page of `relight web` in the site, if it has been built.
+"""MkDocs hooks that add what is made: the pages of settings and licences, and the page of `relight web` if it is built.
 
-`make docs` builds it into the folder `extra.demo` of tools/mkdocs.yml.
+`make docs` builds the latter into the folder `extra.demo` of tools/mkdocs.yml.
 """
 
 import shutil
 from pathlib import Path
+
+import licences
+import settings
+from mkdocs.structure.files import File
 
 PAGE = "viewer.md"
 FRAME = """
@@ -18,6 +22,12 @@ FRAME = """
 def _folder(config) -> Path:
     """Returns the folder of the demo from MkDocs' configuration."""
     return Path(config.config_file_path).parent / config.extra["demo"]
+
+
+def on_files(files, *, config, **_) -> None:
+    """Adds the pages of settings and licences (MkDocs' event for the list of files)."""
+    for made in (settings, licences):
+        files.append(File.generated(config, f"{made.__name__}.md", content=made.page()))
 
 
 def on_page_markdown(markdown: str, *, page, config, **_) -> str:
