@@ -13,7 +13,7 @@ from relight.learning.networks import NORMS
 
 BETA2 = 0.999  # decay of Adam's mean of squared gradients
 # Learning rate of Muon over that of Adam. Muon spreads each step over all directions of a matrix, so it takes steps of
-# a larger RMS than Adam; docs/lab/training.md has the measurement.
+# a larger RMS than Adam; docs/lab/tried.md has the measurement.
 MUON_LR = 5.0
 MOMENTUM = 0.95  # decay of Muon's mean of gradients
 RMS = 0.2  # root mean square of Muon's steps over its learning rate, about that of Adam's (Liu et al. 2025)
