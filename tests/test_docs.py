@@ -78,6 +78,26 @@ def test_the_method_page_names_every_equation_section_figure_and_table():
     assert numbers == set(range(1, 14)) and "| Table 1" in text and "| Table 2" in text
 
 
+def words(page: str) -> str:
+    return " ".join((ROOT / page).read_text().split())
+
+
+def test_numbers_that_stand_on_two_pages_agree():
+    """The orderings of the README are those of the results, and the errors of the weights those of their card."""
+    told = re.search(
+        r"(\d+) of the (\d+) orderings .*? hold, (\d+) are reversed, (\d+) .*? and (\d+) open", words("README.md")
+    )
+    found = re.search(
+        r"prints (\d+) orderings .*?\*\*(\d+) hold here, (\d+) are reversed, (\d+) are .*? and (\d+) are open",
+        words("docs/lab/results.md"),
+    )
+    assert sorted(told.groups()) == sorted(found.groups())
+    card = dict(re.findall(r"name: (\w+), value: ([\d.]+)", words("relight/weights/README.md")))
+    assert len(card) == 4
+    for name, value in card.items():
+        assert re.search(rf"{name} (has an error of )?{value}\b", words("docs/lab/weights.md")), name
+
+
 @pytest.mark.slow
 def test_the_first_hour_runs_and_prints_what_its_page_says(tmp_path, monkeypatch):
     """Words as they are, and numbers to a tenth, since the last digits are those of a machine."""

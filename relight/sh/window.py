@@ -20,7 +20,7 @@ def deringed(light: np.ndarray) -> np.ndarray:
 
     All channels and all bands above 0 have the same factor. So the mean color stays; soft light stays as it is, and so
     does light that was windowed before. Other windows, which damp high bands more, keep less of a lamp and are not
-    nearer to the true irradiance (docs/lab/photos.md). A distant lamp alone gets the factor 0.82; a surface that faces
+    nearer to the true irradiance (docs/lab/tried.md). A distant lamp alone gets the factor 0.82; a surface that faces
     it keeps 0.86 of its irradiance.
 
     Args:
