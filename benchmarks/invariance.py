@@ -1,6 +1,6 @@
 """Measures errors and invariances of networks for photographs: to framing, mask, exposure, white balance, mirroring.
 
-    python benchmarks/invariance.py relight/weights/photo.onnx [other.safetensors ...]
+    python benchmarks/invariance.py relight/weights/photo.onnx [other.onnx ...]
 
 Prints a table with a column for each network: the measures of `relight.benchmark.measures`, without a path tracer. The
 figures (seeds 9000 to 9005, and one person in 12 poses: 9600 to 9611) and the six rooms are in no training set; they
@@ -22,12 +22,12 @@ from scipy.ndimage import binary_erosion
 from relight.benchmark.measures import INVARIANCES, LEAKS, Intrinsics, errors, invariances, leaks
 from relight.benchmark.picture import on_square
 from relight.benchmark.shots import variants
-from relight.crop import Crop, crop_around
 from relight.evaluation.scoring import metrics
 from relight.figures.dress import GENERATOR
 from relight.lights import Light
 from relight.lights.chain import generated_light
 from relight.maps import Maps, read_maps, write_maps
+from relight.maps.square import Crop, crop_around
 from relight.photos.api import Relighter, load
 from relight.progress import progress
 from relight.sh import basis

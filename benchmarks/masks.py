@@ -25,10 +25,10 @@ from PIL import Image
 
 from relight.lights import load_light
 from relight.maps import read_maps
-from relight.photos.compose.color import roll_off, to_srgb8
-from relight.photos.compose.environment import camera_view
-from relight.photos.compose.render import over
+from relight.photos.camera import camera_view
+from relight.photos.color import roll_off, to_srgb8
 from relight.photos.mask import selfie
+from relight.photos.render import over
 from relight.srgb import to_bytes
 
 SHAPE = 1250, 1000  # height and width of a picture, pixels

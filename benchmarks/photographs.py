@@ -1,6 +1,6 @@
 """Measures errors of networks for photographs on test figures: on relit pictures, and on augmented ones.
 
-    python benchmarks/photographs.py results/photo relight/weights/photo.onnx [other.safetensors ...]
+    python benchmarks/photographs.py results/photo relight/weights/photo.onnx [other.onnx ...]
     python benchmarks/photographs.py results/held ... --all
 
 The first argument is a folder of `relight run experiment=photo`: its packed set, lights and split. Each test figure

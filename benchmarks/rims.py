@@ -18,18 +18,18 @@ from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 import relight
-from relight.crop import MASK_THRESHOLD, crop_around, figure_means, fill_outside
 from relight.maps import read_maps
+from relight.maps.square import MASK_THRESHOLD, crop_around, figure_means, fill_outside
 from relight.panoramas import luminance, polyhaven
 from relight.photos.api import Relighter, match_exposure
-from relight.photos.compose.background import read_background
-from relight.photos.compose.color import roll_off, to_srgb8
-from relight.photos.compose.environment import camera_view
-from relight.photos.compose.render import over, render
-from relight.photos.infer import infer_person
+from relight.photos.background import read_background
+from relight.photos.camera import camera_view
+from relight.photos.color import roll_off, to_srgb8
 from relight.photos.load import LoadedPhoto
 from relight.photos.mask import selfie
 from relight.photos.mask.edge import fit_edge
+from relight.photos.person import infer_person
+from relight.photos.render import over, render
 
 PLACES = "park", "hall", "esplanade", "lobby", "sunset", "apartment"
 LAMPS = "key:#ffb070@80,20,0.08", "key:#b0d0ff@-70,30,0.3"
@@ -84,7 +84,7 @@ class Case:
         return to_srgb8(linear.clip(0, 1)).astype(np.float64)
 
     def infer(self, image: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Stands for a network (`relight.inference.PhotoNetwork.infer`): returns the truth on the square `crop`.
+        """Stands for a network (`relight.photos.network.PhotoNetwork.infer`): returns the truth on the square `crop`.
 
         Args:
             image, mask: (S,S,3) and (S,S), of which only the mask is used.

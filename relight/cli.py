@@ -10,6 +10,7 @@ from relight import __version__
 from relight.benchmark.commands import app as benchmark
 from relight.errors import UserError, out_of_memory
 from relight.figures.commands import app as figures
+from relight.learning.commands import app as learning
 from relight.lights.commands import app as lights
 from relight.meshes.commands import app as scans
 from relight.photos.commands import app as photos
@@ -51,7 +52,7 @@ app = typer.Typer(
 )
 
 
-for tool in (photos, viewer, transport, figures):
+for tool in (photos, viewer, learning, transport, figures):
     app.add_typer(tool)
 app.add_typer(lights, name="light")
 app.add_typer(scans, name="scans")

@@ -416,7 +416,7 @@ class Plan:
         Baselines have those that ship with relight, since `mean_light` is the mean of their training lights.
         """
         from relight.benchmark.methods import FIXED
-        from relight.photos.api import WEIGHTS
+        from relight.photos.network import WEIGHTS
 
         trainings = [training for row in self.requested["benchmark"].rows for training in self.trainings_of(row)]
         return {training: self.network(training) for training in trainings} | dict.fromkeys(FIXED, str(WEIGHTS))

@@ -10,7 +10,6 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires
 from pathlib import Path
 
-import numpy as np
 import pytest
 from packaging.requirements import Requirement
 from PIL import Image
@@ -146,7 +145,6 @@ LACKING = {  # command -> the extra that it lacks
     "export a.safetensors a.onnx": "train",
     "bake MESH": "scans",
     "figures --seeds 0 --export glb": "figures",
-    "photo PHOTO --weights NETWORK": "train",
     "movie PHOTO --out a.mp4": "video",
     "run scale=smoke": "workflow",
     "ui": "tracking|workflow",
@@ -158,8 +156,7 @@ def lacking(core, photo, tmp_path_factory):
     """How each of the commands of LACKING ends."""
     folder = tmp_path_factory.mktemp("lacking")
     (folder / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    (folder / "a.safetensors").write_bytes(np.zeros(8, np.uint8).tobytes())
-    files = {"PHOTO": str(photo), "MESH": str(folder / "a.obj"), "NETWORK": str(folder / "a.safetensors")}
+    files = {"PHOTO": str(photo), "MESH": str(folder / "a.obj")}
     commands = [[files.get(word, word) for word in line.split()] for line in LACKING]
     return dict(zip(LACKING, ends(core(json.dumps(commands), program=COMMANDS)), strict=True))
 
@@ -188,6 +185,6 @@ def test_no_module_of_the_core_imports_more(core):
         for path in sorted(Path(ROOT / "relight" / package).rglob("*.py"))
         if path.stem != "__init__"
     ]
-    imports = "; ".join(f"import {name}" for name in [*names, "relight.inference", "relight.cli", "relight.npz"])
+    imports = "; ".join(f"import {name}" for name in [*names, "relight.photos.network", "relight.cli", "relight.npz"])
     done = core(program=imports)
     assert done.returncode == 0, done.stderr

@@ -1,7 +1,7 @@
 """Draws docs/images/photo.jpg: a photograph (NASA, by scikit-image), its inferred maps, and the relit photograph.
 
 python tools/portrait.py
-python tools/portrait.py --weights old.safetensors new.safetensors --out both.jpg   # a row for each
+python tools/portrait.py --weights old.onnx new.onnx --out both.jpg   # a row for each
 """
 
 import argparse
@@ -11,9 +11,9 @@ import numpy as np
 from PIL import Image
 from skimage import data
 
-from relight.crop import fill_outside
+from relight.maps.square import fill_outside
 from relight.photos.api import Relighter, load
-from relight.photos.compose.background import read_background
+from relight.photos.background import read_background
 from relight.srgb import encode, to_bytes
 from relight.viewer.source import PORTRAIT_MASK
 

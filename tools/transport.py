@@ -13,10 +13,10 @@ from omegaconf import OmegaConf
 
 from relight import srgb
 from relight.config import ROOT, composed
-from relight.crop import extent
 from relight.figures.dress import make_figure
 from relight.lights import lit_ball, load_light
 from relight.maps import Maps
+from relight.maps.square import extent
 from relight.meshes import align, clean
 from relight.sh import basis
 from relight.transport import bake

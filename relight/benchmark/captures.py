@@ -14,13 +14,13 @@ from relight.benchmark.recipes import draw_recipe
 from relight.benchmark.shots import Shot, variants
 from relight.captures.capture import Capture, list_captures, read_capture
 from relight.captures.maps import measure_maps, to_image
-from relight.crop import MASK_THRESHOLD, crop_around
 from relight.files import writable_folder
+from relight.maps.square import MASK_THRESHOLD, crop_around
 from relight.panoramas import Panorama, project
 from relight.panoramas.lookup import lookup
 from relight.panoramas.projection import latlong_directions
 from relight.panoramas.radiosity import HEIGHT, WIDTH
-from relight.photos.compose.environment import camera_view
+from relight.photos.camera import camera_view
 from relight.srgb import encode, to_bytes
 
 SET = "captures"

@@ -59,9 +59,7 @@ def answer(
     out: Annotated[Path, typer.Argument(help="Folder for the answers.", metavar="FOLDER")],
     truth: SetFolder = BENCHMARK,
     method: Annotated[str, typer.Option(help="network, as_it_is, mean_light or true_maps.")] = "network",
-    weights: Annotated[
-        Path | None, typer.Option("--weights", "-w", help="A checkpoint (.safetensors) of relight, for a network.")
-    ] = None,
+    weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A network (.onnx) of relight.")] = None,
 ) -> None:
     """Write relight's own answers to a set: by a network, a trivial baseline, or the true maps."""
     from relight.benchmark.methods import answer as write

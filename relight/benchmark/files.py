@@ -11,9 +11,9 @@ from PIL import Image
 
 from relight.benchmark.measures import Intrinsics
 from relight.benchmark.shots import Shot
-from relight.crop import MASK_THRESHOLD, Crop, crop_around
 from relight.errors import UserError
 from relight.files import atomic_write, existing_file, file_hash
+from relight.maps.square import MASK_THRESHOLD, Crop, crop_around
 from relight.npz import read_npz
 
 INDEX = "index.json"

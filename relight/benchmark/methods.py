@@ -9,16 +9,16 @@ import numpy as np
 from PIL import Image
 
 from relight.benchmark.files import BenchmarkSet, Entry, square_mask, write_arrays
-from relight.crop import fill_outside
 from relight.errors import UserError
 from relight.files import atomic_write, file_hash, writable_folder
 from relight.maps import read_maps
+from relight.maps.square import fill_outside
 from relight.panoramas import project, read_panorama
 from relight.photos.api import Relighter, load
-from relight.photos.compose.color import apply_gain, to_srgb8
-from relight.photos.compose.render import render
-from relight.photos.compose.shading import gain, shading
-from relight.photos.infer import Person
+from relight.photos.color import apply_gain, to_srgb8
+from relight.photos.person import Person
+from relight.photos.render import render
+from relight.photos.shading import gain, shading
 from relight.progress import progress
 from relight.srgb import LINEAR, decode
 
@@ -121,7 +121,7 @@ def mean_light() -> Method:
 
     It is the mean of the lights that the package's network was trained on.
     """
-    lights = load().lights
+    lights = load().network.lights
     assert lights is not None  # the package's weights hold them
     light = lights[:, :9].mean(0).astype(np.float64)
 

@@ -11,7 +11,7 @@ from relight.errors import UserError
 from relight.evaluation.scoring.metrics import MaskBox, best_scale, psnr, rmse
 from relight.evaluation.scoring.scores import read_table
 from relight.files import atomic_write
-from relight.photos.infer import OPAQUE
+from relight.photos.person import OPAQUE
 from relight.progress import progress
 from relight.srgb import LINEAR, encode
 

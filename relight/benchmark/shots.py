@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import binary_dilation, binary_erosion
 
-from relight.crop import MASK_THRESHOLD, Crop, crop_around, extent
+from relight.maps.square import MASK_THRESHOLD, Crop, crop_around, extent
 
 SHIFTS = (4, 8)  # pixels of the square
 LARGER, SMALLER = 1.15, 0.93  # factors on the side of the square

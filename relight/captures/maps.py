@@ -9,9 +9,9 @@ from relight.captures.camera import Pinhole
 from relight.captures.capture import Capture, read_capture
 from relight.captures.lightstage import LightStage
 from relight.captures.measure import Measured, Radiance, measure
-from relight.crop import MASK_THRESHOLD, crop_around, figure_means, fill_outside
 from relight.errors import UserError
 from relight.maps import Maps
+from relight.maps.square import MASK_THRESHOLD, crop_around, figure_means, fill_outside
 from relight.meshes import read_mesh
 from relight.progress import progress
 from relight.sh import UNOCCLUDED_T00

@@ -20,8 +20,8 @@ from torch import nn
 from relight.config import Model
 from relight.errors import UserError
 from relight.files import atomic_write, existing_file
-from relight.inference import read_onnx
 from relight.learning.networks import Network, build
+from relight.photos.network import read_network
 
 PREFIX = "network."  # of the weights' names in an .onnx file
 HALF = ".half"  # after the name of a constant of an .onnx file that is stored in half precision
@@ -51,7 +51,7 @@ def read_config(path: Path | str) -> dict[str, Any]:
     """
     path = existing_file(path, "network")
     if path.suffix == ".onnx":
-        return read_onnx(path).config
+        return read_network(path).config
     try:
         with safe_open(path, "np") as file:
             metadata = file.metadata() or {}

@@ -18,11 +18,11 @@ from torch import Tensor, nn
 from torch.export import Dim
 
 from relight.errors import UserError
-from relight.files import atomic_write, file_hash
-from relight.inference import INPUTS, METADATA, OUTPUTS, PhotoNetwork, read_onnx
-from relight.learning.checkpoint import HALF, PREFIX, load_network
+from relight.files import atomic_write
+from relight.learning.checkpoint import HALF, PREFIX
 from relight.learning.harmonics import mirror_signs
 from relight.learning.networks import STRIDE, InstanceNorm, Network, Refinement, with_transport
+from relight.photos.network import INPUTS, METADATA, OUTPUTS, read_network
 
 TOLERANCE = 5e-3  # largest difference between the file and torch, of values of about 1: weights are rounded
 LARGE = 256  # numbers in a constant from which it is stored in half precision
@@ -129,29 +129,6 @@ def _thinning(height: int, width: int) -> Tensor:
     return (rows % every == 0).float()[:, None] * (columns % every == 0).float()
 
 
-def photo_network(path: Path, threads: int = 0) -> PhotoNetwork:
-    """Reads a network (.safetensors or .onnx) for photos; torch runs it.
-
-    Args:
-        path: the file.
-        threads: of torch; 0 leaves its own number.
-
-    Raises:
-        UserError: if the file does not exist or holds no network of this version.
-    """
-    network, config = load_network(path)
-    graph = PhotoGraph(network)
-    if threads:
-        torch.set_num_threads(threads)
-
-    @torch.inference_mode()
-    def run(image: np.ndarray, mask: np.ndarray) -> list[np.ndarray]:
-        """Returns albedo, transport and light for an image (B,3,H,W) and a mask (B,1,H,W)."""
-        return [values.numpy() for values in graph(torch.from_numpy(image), torch.from_numpy(mask))]
-
-    return PhotoNetwork(network.size, config, file_hash(path), run)
-
-
 def export(network: Network, path: Path | str, config: dict[str, Any]) -> float:
     """Writes a network as .onnx with batch, height and width left open.
 
@@ -211,7 +188,7 @@ def check(network: Network, path: Path) -> float:
     Raises:
         RuntimeError: if it is above TOLERANCE.
     """
-    graph, run = PhotoGraph(network), read_onnx(path).run
+    graph, run = PhotoGraph(network), read_network(path).run
     worst, size = 0.0, smallest_side(network)
     for shape in ((1, size, size), (3, size + STRIDE, size)):
         image, mask = sample_inputs(*shape)

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.crop import extent
 from relight.files import atomic_write
 from relight.maps.exr import Maps
+from relight.maps.square import extent
 from relight.srgb import encode, to_bytes
 
 LIGHT_DIRECTION = np.array([0.5, 0.6, 0.62])  # toward the light of the shaded view: upper right, in front

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from relight.config import Align
-from relight.crop import PADDING
 from relight.errors import UserError
 from relight.files import existing_file
+from relight.maps.square import PADDING
 from relight.meshes.axes import AXES, find_axes, flat_side
 from relight.meshes.mesh import Mesh
 from relight.sh import rotation_about_y

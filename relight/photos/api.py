@@ -13,14 +13,14 @@ from typing import Unpack
 import numpy as np
 from PIL import Image
 
-from relight.crop import Crop
 from relight.errors import UserError
-from relight.files import existing_file
-from relight.inference import PhotoNetwork, read_onnx
 from relight.lights import Light, LightOptions, load_light
-from relight.photos.compose.background import Background, read_background
-from relight.photos.compose.render import render
-from relight.photos.infer import (
+from relight.maps.square import Crop
+from relight.photos.background import Background, read_background
+from relight.photos.load import LoadedPhoto, Picture, load_photo, photo_notes
+from relight.photos.mask.find import split_people
+from relight.photos.network import PhotoNetwork, read_network
+from relight.photos.person import (
     AUTO,
     Person,
     balanced,
@@ -29,15 +29,13 @@ from relight.photos.infer import (
     mean_light,
     opposite_lamp,
 )
-from relight.photos.load import LoadedPhoto, Picture, load_photo, photo_notes
-from relight.photos.mask.find import split_people
 from relight.photos.place import PREFIX, default_light, is_of_person
 from relight.photos.read import Photo, as_codes
+from relight.photos.render import render
 from relight.photos.trust import Trust, assess
 from relight.sh import deringed, rotate_y
 from relight.sh.conventions import as_table
 
-WEIGHTS = Path(__file__).parent.parent / "weights" / "photo.onnx"
 MODES = ("ratio", "full")
 WHITE_BALANCES = ("keep", "scene")
 MAX_STOPS = 8
@@ -93,13 +91,10 @@ class Relighter:
 
     Attributes:
         network: that infers.
-        lights: (N,K,3) of its training, or None if unknown.
     """
 
     def __init__(self, network: PhotoNetwork):
         self.network = network
-        lights = network.config.get("lights")
-        self.lights = np.asarray(lights, np.float32).reshape(-1, (self.order + 1) ** 2, 3) if lights else None
 
     def __repr__(self) -> str:
         return f"Relighter({self.network.size} x {self.network.size} pixels, order {self.order})"
@@ -123,7 +118,7 @@ class Relighter:
             mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1]; an image of Pillow, or a file. By default the file
                 beside the photo, its alpha, or an automatic mask.
             split: whether people who do not touch are inferred one by one.
-            white_balance: `keep` takes the photo's light to be white on average (relight.photos.infer.balanced),
+            white_balance: `keep` takes the photo's light to be white on average (relight.photos.person.balanced),
                 `scene` to have the color that the network infers.
 
         Returns:
@@ -267,7 +262,7 @@ class Relighter:
 
     def trust(self, person: Person) -> Trust:
         """Assesses how far an inference can be trusted."""
-        return assess(person, self.lights, self.network.config.get("augment", {}).get("exposure", [0.0])[-1])
+        return assess(person, self.network.lights, self.network.config.get("augment", {}).get("exposure", [0.0])[-1])
 
 
 def _warn(notes: Iterable[str]) -> None:
@@ -306,24 +301,10 @@ def load(path: Path | str | None = None, threads: int = 0) -> Relighter:
     """Loads a network.
 
     Args:
-        path: an .onnx file that `relight export` wrote, a checkpoint (.safetensors), or a model in MLflow, such as
-            models:/relight@photo; by default the network that comes with the package. All but .onnx need torch.
+        path: an .onnx file that `relight export` wrote; by default the network that comes with the package.
         threads: of the inference; 0 for one per core.
 
     Raises:
         UserError: if it is no such network.
     """
-    if path is None and not WEIGHTS.is_file():
-        raise UserError("this installation has no weights: give a network with --weights FILE")
-    if str(path).startswith("models:/"):
-        from relight.tracking.registry import download_network
-
-        path = download_network(str(path))
-    path = existing_file(path or WEIGHTS, "network")
-    if path.suffix == ".onnx":
-        return Relighter(read_onnx(path, threads))
-    if path.suffix != ".safetensors":
-        raise UserError(f"{path} is no network of relight: give an .onnx or .safetensors file")
-    from relight.learning.export import photo_network
-
-    return Relighter(photo_network(path, threads))
+    return Relighter(read_network(path, threads))

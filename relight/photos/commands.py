@@ -1,4 +1,4 @@
-"""The commands `photo`, `transfer`, `movie`, `export` and `mask`."""
+"""The commands `photo`, `transfer`, `movie` and `mask`."""
 
 import functools
 import inspect
@@ -139,18 +139,13 @@ Convention = Annotated[
 ]
 Weights = Annotated[
     Path | None,
-    option(
-        "A network: .onnx or .safetensors, or models:/relight@photo after `relight run experiment=photo`.",
-        "--weights",
-        "-w",
-        metavar="FILE",
-    ),
+    option("A network (.onnx); `relight export` writes one of a training.", "--weights", "-w", metavar="FILE"),
 ]
 Size = Annotated[
     int,
     option("Largest length of the longer side.", "--size", metavar="PIXELS", min=16, max=4096),
 ]
-DEFAULT = "auto"  # relight.photos.infer.AUTO, whose module needs numpy
+DEFAULT = "auto"  # relight.photos.person.AUTO, whose module needs numpy
 
 
 def relighting_options(
@@ -345,23 +340,6 @@ def movie(
 
     notes = write_movie(load(weights), path, mask, out, options, seconds, fps, turns, size)
     print("\n".join([str(out), *(f"note: {note}" for note in notes)]))
-
-
-@app.command()
-def export(
-    checkpoint: Annotated[Path, typer.Argument(help="A network that a training wrote (.safetensors).")],
-    out: Annotated[Path, typer.Argument(help="The .onnx file to write.")],
-) -> None:
-    """Write a trained network as one graph (.onnx) for `relight photo -w` and other programs.
-
-    It takes pictures of any size whose sides are multiples of 64.
-    """
-    from relight.learning.checkpoint import load_network
-    from relight.learning.export import export as write
-
-    network, config = load_network(checkpoint)
-    difference = write(network, out, config)
-    print(f"{out}: differs from torch by {difference:.1e} at most")
 
 
 @mask_app.command("setup")

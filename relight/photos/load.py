@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image
 
-from relight.crop import MASK_THRESHOLD
 from relight.errors import UserError
+from relight.maps.square import MASK_THRESHOLD
 from relight.photos.mask.coverage import coverage_of
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import AUTOMATIC, find_mask, mask_warnings
@@ -24,7 +24,7 @@ from relight.photos.read import (
 )
 
 if TYPE_CHECKING:
-    from relight.photos.infer import Person
+    from relight.photos.person import Person
 
 Picture = np.ndarray | Image.Image | Path | str
 

@@ -14,19 +14,19 @@ from typing import TypeVar
 
 import numpy as np
 
-from relight.crop import Crop, crop_around
 from relight.errors import UserError
 from relight.lights import Light
+from relight.maps.square import Crop, crop_around
 from relight.photos.api import Relighter, match_exposure
-from relight.photos.compose.background import Background
-from relight.photos.compose.color import to_srgb8
-from relight.photos.compose.render import compose, fit_maps, ground_of, render, split_layers
-from relight.photos.infer import Person, balanced, opposite_lamp
+from relight.photos.background import Background
+from relight.photos.color import to_srgb8
 from relight.photos.load import LoadedPhoto, load_photo, photo_notes
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import AUTOMATIC, mask_warnings
+from relight.photos.person import Person, balanced, opposite_lamp
 from relight.photos.photo import Options
 from relight.photos.read import Photo, list_photos, list_pictures, mask_beside, mask_in
+from relight.photos.render import compose, fit_maps, ground_of, render, split_layers
 from relight.photos.video import FPS, is_video, read_frames, write_video
 from relight.progress import progress
 from relight.sh import rotate_y

@@ -11,13 +11,13 @@ from relight.files import writable_folder
 from relight.lights import Light, LightOptions
 from relight.panoramas.panorama import LAYOUTS
 from relight.photos.api import MODES, Relighter, match_exposure, require_white_balance
-from relight.photos.compose.background import Background, read_background
-from relight.photos.compose.color import DISPLAY_STOPS, KNEE
-from relight.photos.compose.render import render
-from relight.photos.infer import AUTO, Person, mean_light, opposite_lamp
+from relight.photos.background import Background, read_background
+from relight.photos.color import DISPLAY_STOPS, KNEE
 from relight.photos.load import LoadedPhoto, load_photo, mask_notes, photo_notes
+from relight.photos.person import AUTO, Person, mean_light, opposite_lamp
 from relight.photos.place import default_light, is_of_person
 from relight.photos.read import is_picture
+from relight.photos.render import render
 from relight.photos.write import (
     write_before_after,
     write_inference,

@@ -12,7 +12,7 @@ from relight.lights import Light
 from relight.lights.light import direction, parts_of
 from relight.lights.load import parse_number
 from relight.lights.place import place_light
-from relight.photos.infer import AUTO
+from relight.photos.person import AUTO
 from relight.photos.read import is_picture, read_photo
 
 PREFIX = "place:"

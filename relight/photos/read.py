@@ -10,7 +10,7 @@ from PIL import ExifTags, Image, ImageOps
 
 from relight.errors import UserError
 from relight.files import PHOTO_SUFFIXES, existing_file, require_readable
-from relight.photos.compose.color import to_srgb8
+from relight.photos.color import to_srgb8
 from relight.photos.deep import is_exr, read_16_bits, read_linear
 from relight.photos.mask.coverage import coverage_of
 from relight.photos.opening import bits_of, coding_of, decoding_errors, open_picture, require_still

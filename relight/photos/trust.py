@@ -6,7 +6,7 @@ import numpy as np
 
 from relight.lights import measure
 from relight.lights.select import RULES, broken_rules
-from relight.photos.infer import Person
+from relight.photos.person import Person
 from relight.sh import cosine_factors, order_of, per_coefficient
 
 ERROR = 0.10  # reconstruction error, linear, above which albedo and light do not explain the photo

@@ -13,13 +13,13 @@ from relight.files import atomic_write
 from relight.lights import Light, lit_ball, write_light
 from relight.maps import coefficient_names
 from relight.maps.exr import CONVENTION, FRAME
-from relight.photos.compose.color import display_shading, to_srgb8
-from relight.photos.compose.render import strips, total_coverage
-from relight.photos.compose.shading import shading
-from relight.photos.compose.upsample import FittedMap, luma
+from relight.photos.color import display_shading, to_srgb8
 from relight.photos.deep import write_deep
-from relight.photos.infer import Person
+from relight.photos.guide import FittedMap, luma
+from relight.photos.person import Person
 from relight.photos.read import as_codes
+from relight.photos.render import strips, total_coverage
+from relight.photos.shading import shading
 from relight.sh import mean_direction, order_of
 from relight.srgb import to_bytes, to_linear
 

@@ -38,7 +38,7 @@ def view(
             min=0.1, max=100, help="Largest size of the page, MB: 6 by default, and 2.5 for each further figure."
         ),
     ] = None,
-    weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A network (.onnx, .safetensors).")] = None,
+    weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A network (.onnx).")] = None,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
     """Write one self-contained .html page: drag to turn the light, choose lights, drop your own .hdr."""
@@ -90,7 +90,8 @@ def web_build(
 ) -> None:
     """Write the site to the folder DIR, for any static web server."""
     from relight.errors import UserError
-    from relight.photos.api import WEIGHTS, load
+    from relight.photos.api import load
+    from relight.photos.network import WEIGHTS
     from relight.progress import progress
     from relight.viewer.site import build_site
     from relight.viewer.source import figure_of, named_lights, portrait

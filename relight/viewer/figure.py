@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from relight.crop import extent, fill_outside
 from relight.errors import UserError
 from relight.maps import Maps
 from relight.maps.octahedral import octahedral
-from relight.photos.compose.color import CLIPPING, chroma, clipping_excess
-from relight.photos.compose.render import estimate_foreground
-from relight.photos.compose.shading import shading, shading_floor
+from relight.maps.square import extent, fill_outside
+from relight.photos.color import CLIPPING, chroma, clipping_excess
+from relight.photos.render import estimate_foreground
+from relight.photos.shading import shading, shading_floor
 from relight.sh import UNOCCLUDED_T00, coefficient_count
 from relight.srgb import LINEAR
 from relight.srgb import encode as encode_srgb
@@ -76,7 +76,7 @@ def differences(codes: np.ndarray) -> np.ndarray:
 def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[dict, bytes]:
     """Codes a figure as bytes, which `page/figure.js` decodes.
 
-    Where a soft mask covers more than the maps, these are carried outward (relight.crop.fill_outside).
+    Where a soft mask covers more than the maps, these are carried outward (relight.maps.square.fill_outside).
 
     Args:
         figure: the figure.

@@ -11,7 +11,7 @@ from relight.errors import UserError
 from relight.files import existing_file
 from relight.lights import load_light, reference_brightness
 from relight.maps import Maps
-from relight.photos.compose.upsample import luma
+from relight.photos.guide import luma
 from relight.sh import UNOCCLUDED_T00
 from relight.srgb import LINEAR
 from relight.viewer.figure import Figure
@@ -120,9 +120,9 @@ def photo_figure(relighter: "Relighter", photo: "LoadedPhoto") -> Figure:
     Raises:
         UserError: for a network of `train.color=paper`, whose shading acts on coded values.
     """
-    from relight.photos.compose.render import total_coverage
-    from relight.photos.infer import mean_light
     from relight.photos.load import photo_notes
+    from relight.photos.person import mean_light
+    from relight.photos.render import total_coverage
 
     people, pixels = relighter.infer(photo), photo.pixels
     coverage = total_coverage(people)

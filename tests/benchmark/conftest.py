@@ -83,19 +83,3 @@ def drawn(tmp_path_factory):
         patch.setattr(making, "render_picture", paint_picture)
         making.make(folder, "report", 3, SETTINGS)
     return folder
-
-
-@pytest.fixture(scope="session")
-def weights(tmp_path_factory):
-    """A network of random weights at another size than the square's."""
-    import torch
-
-    from relight.config import Model, composed
-    from relight.learning.checkpoint import save_network
-    from relight.learning.networks import build
-
-    torch.manual_seed(0)
-    model = Model(**{**dict(composed().model), "width": 0.125, "norm": "instance"})
-    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
-    save_network(path, build(model, 64), model, train={"color": "photo"})
-    return path

@@ -17,7 +17,7 @@ from relight.benchmark.score import COLUMNS, KEYS, mean_scores, read_scores, sco
 from relight.config import ROOT, Benchmark
 from relight.config_folder import ConfigFolder
 from relight.errors import UserError
-from relight.photos.api import WEIGHTS
+from relight.photos.network import WEIGHTS
 from relight.plan import Plan
 from relight.stages.benchmark_scores import main as benchmark_scores
 from relight.stages.report import main as report

@@ -18,7 +18,7 @@ from relight.benchmark.score import COLUMNS, read_scores, score
 from relight.benchmark.tables import MethodComparison
 from relight.cli import app
 from relight.errors import UserError
-from relight.photos.infer import OPAQUE
+from relight.photos.person import OPAQUE
 
 
 @pytest.fixture

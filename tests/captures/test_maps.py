@@ -14,10 +14,10 @@ from scipy.ndimage import binary_erosion
 
 from relight.captures.maps import WHITE_ALBEDO, training_maps
 from relight.config import composed
-from relight.crop import crop_around
 from relight.errors import UserError
 from relight.learning.checkpoint import load_network
 from relight.maps import PackedMaps, read_info, read_maps
+from relight.maps.square import crop_around
 from relight.plan import Plan
 from relight.sh import basis, sphere_quadrature
 from relight.srgb import to_bytes

@@ -7,7 +7,6 @@ import torch
 from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter
 
 from relight.errors import UserError
-from relight.inference import read_onnx
 from relight.learning.checkpoint import load_network
 from relight.learning.export import (
     NEIGHBOURHOOD,
@@ -15,12 +14,12 @@ from relight.learning.export import (
     check,
     clamp_rim,
     export,
-    photo_network,
     sample_inputs,
     smallest_side,
 )
 from relight.learning.networks import build
 from relight.learning.predict import predict
+from relight.photos.network import read_network
 
 
 @pytest.fixture(scope="module", params=["ours", "unet"])
@@ -34,25 +33,24 @@ def exported(request, exported_network):
 def test_export_runs_at_other_batches_and_sizes(exported):
     _, _, path = exported
     image, mask = sample_inputs(4, 256, 192)
-    albedo, transport, light = read_onnx(path).run(image.numpy(), mask.numpy())
+    albedo, transport, light = read_network(path).run(image.numpy(), mask.numpy())
     assert albedo.shape == (4, 3, 256, 192) and transport.shape == (4, 9, 256, 192) and light.shape == (4, 9, 3)
     assert (transport[:, :, :8] == 0).all()
 
 
-def test_onnx_and_checkpoint_infer_the_mean_over_the_mirror_image(exported):
+def test_the_file_infers_the_mean_over_the_mirror_image(exported):
     """Twin: `predict` averages by itself; what it says inside, away from the rim, is what the graph says."""
-    network, checkpoint, path = exported
+    network, _, path = exported
     image, mask = (values[0].numpy() for values in sample_inputs(1, 128, 128))
     image, mask = np.moveaxis(image, 0, -1), mask[0]
     expected = predict(network, image, mask, mirrored=True)
     inside = binary_erosion(mask > 0)
-    for read in (read_onnx, photo_network):
-        graph = read(path if read is read_onnx else checkpoint)
-        albedo, transport, light = graph.infer(image, mask)
-        assert np.abs(albedo - expected["albedo"])[inside].max() < 2e-3
-        assert np.abs(transport - expected["transport"])[inside].max() < 2e-3
-        assert np.abs(light - expected["light"]).max() < 2e-3
-        assert graph.size == 128 and graph.order == 2 and graph.config["train"] == {"color": "photo"}
+    graph = read_network(path)
+    albedo, transport, light = graph.infer(image, mask)
+    assert np.abs(albedo - expected["albedo"])[inside].max() < 2e-3
+    assert np.abs(transport - expected["transport"])[inside].max() < 2e-3
+    assert np.abs(light - expected["light"]).max() < 2e-3
+    assert graph.size == 128 and graph.order == 2 and graph.config["train"] == {"color": "photo"}
 
 
 def test_a_training_can_start_from_the_file(exported):
@@ -91,7 +89,7 @@ def test_export_refuses_other_suffixes(model, tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"\x80\x04pickle", None], ids=["empty", "pickle", "of others"])
-def test_read_onnx_refuses_other_files(content, tmp_path):
+def test_read_network_refuses_other_files(content, tmp_path):
     path = tmp_path / "a.onnx"
     if content is None:
         value = onnx.helper.make_tensor_value_info("x", 1, [1])
@@ -102,7 +100,7 @@ def test_read_onnx_refuses_other_files(content, tmp_path):
     else:
         path.write_bytes(content)
     with pytest.raises(UserError, match="network"):
-        read_onnx(path)
+        read_network(path)
 
 
 def clamped(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:

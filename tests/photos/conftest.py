@@ -1,4 +1,4 @@
-"""A tiny network with random weights, a photo and its soft mask: enough for all that is not about quality."""
+"""A photo and its soft mask, and the commands."""
 
 import flatbuffers
 import numpy as np
@@ -9,44 +9,6 @@ from typer.testing import CliRunner
 from relight.photos.mask import selfie
 
 SET_UP = selfie.network_file()  # of the user who runs the tests
-
-
-@pytest.fixture(scope="session")
-def small():
-    """The function that makes small model settings out of the paper's."""
-    from relight.config import Model, composed
-
-    ours = dict(composed().model)
-
-    def settings(**changes):
-        return Model(**{**ours, "width": 0.125, "norm": "instance", **changes})
-
-    return settings
-
-
-@pytest.fixture(scope="session")
-def weights(tmp_path_factory, small):
-    import torch
-
-    from relight.learning.checkpoint import save_network
-    from relight.learning.networks import build
-
-    torch.set_num_threads(1)
-    torch.manual_seed(3)
-    model = small(albedo="sigmoid")
-    network = build(model, 64)
-    bias = torch.zeros(9)
-    bias[:3] = torch.tensor([0.8, 0.2, 0.3])  # a transport like that of a surface, so that shadings are positive
-    with torch.no_grad():
-        network.decoders["transport"].last.bias.copy_(bias)
-        light = torch.zeros(9, 3)
-        light[0], light[1], light[2], light[3] = 0.8, 0.15, 0.2, -0.1
-        network.light.last.bias.copy_(light.flatten())
-    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
-    rng = np.random.default_rng(5)
-    lights = light.numpy() * rng.uniform(0.5, 1.5, (12, 9, 3))
-    save_network(path, network, model, train={"color": "photo"}, lights=lights.ravel().round(4).tolist())
-    return path
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ from PIL import Image
 import relight
 from relight.errors import UserError
 from relight.lights import Light, load_light
-from relight.photos.compose.background import Background
+from relight.photos.background import Background
 from relight.photos.load import load_photo
 from relight.photos.read import Photo
 

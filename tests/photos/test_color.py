@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relight.photos.compose.color import KNEE, apply_gain, chroma, clipping_excess, display_shading, roll_off, to_srgb8
+from relight.photos.color import KNEE, apply_gain, chroma, clipping_excess, display_shading, roll_off, to_srgb8
 from relight.srgb import LINEAR, encode
 
 CODES = np.arange(256)

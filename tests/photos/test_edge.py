@@ -7,9 +7,9 @@ import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from relight.photos.compose.render import estimate_foreground, over
 from relight.photos.load import load_photo
 from relight.photos.mask.edge import fit_edge
+from relight.photos.render import estimate_foreground, over
 from relight.srgb import LINEAR, encode
 
 BLACK_CLOTH, WHITE_CLOTH = (0.010, 0.011, 0.016), (0.9, 0.88, 0.8)

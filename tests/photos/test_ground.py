@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relight.crop import extent
 from relight.lights import load_light
+from relight.maps.square import extent
 from relight.panoramas import Panorama
 from relight.photos.api import match_exposure
-from relight.photos.compose.background import Background, estimate_white, read_background
-from relight.photos.compose.color import to_srgb8
-from relight.photos.compose.ground import Camera, _fill_with_balls, _transport, ground_under
-from relight.photos.compose.render import render
+from relight.photos.background import Background, estimate_white, read_background
+from relight.photos.color import to_srgb8
+from relight.photos.ground import Camera, _fill_with_balls, _transport, ground_under
 from relight.photos.movie import turn_light
 from relight.photos.photo import Options
+from relight.photos.render import render
 from relight.sh import basis, rotate_y, unoccluded
 from relight.srgb import LINEAR
 
@@ -58,7 +58,7 @@ def test_a_ball_hides_what_it_should(centre, radius, monkeypatch):
     found, whole = hidden(radius)
     assert found[0, 0] / Y00 == pytest.approx(exact(radius), rel=0.08)
     assert np.abs(whole - unoccluded(np.array([0.0, 1, 0]), 2)).max() < 0.02
-    monkeypatch.setattr("relight.photos.compose.ground.RAYS", 40_000)
+    monkeypatch.setattr("relight.photos.ground.RAYS", 40_000)
     assert np.abs(hidden(0.1)[0][0] / exact(0.1) - basis(direction, 2)).max() < 0.02
 
 

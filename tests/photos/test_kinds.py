@@ -11,7 +11,7 @@ import tifffile
 from PIL import ExifTags, Image, ImageCms
 
 from relight.errors import UserError
-from relight.photos.compose.color import to_codes
+from relight.photos.color import to_codes
 from relight.photos.deep import UPRIGHT
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import find_mask

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from relight.crop import crop_around
 from relight.errors import UserError
+from relight.maps.square import crop_around
 from relight.photos.api import match_exposure
-from relight.photos.compose.background import Background
-from relight.photos.infer import Person
+from relight.photos.background import Background
 from relight.photos.load import LoadedPhoto
 from relight.photos.movie import _with_masks, smooth_over_time, turn_light, windows
+from relight.photos.person import Person
 from relight.photos.photo import Options
 from relight.photos.read import mask_in
 from relight.photos.video import read_frames, write_video

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from relight.crop import Crop, crop_around
 from relight.errors import UserError
-from relight.photos.compose import render as rendering
-from relight.photos.compose.background import Background, read_background
-from relight.photos.compose.color import apply_gain, to_srgb8
-from relight.photos.compose.render import estimate_foreground, over, render, strips
-from relight.photos.compose.shading import (
+from relight.maps.square import Crop, crop_around
+from relight.photos import render as rendering
+from relight.photos.background import Background, read_background
+from relight.photos.color import apply_gain, to_srgb8
+from relight.photos.person import Person, balanced
+from relight.photos.render import estimate_foreground, over, render, strips
+from relight.photos.shading import (
     ANGLES,
     DARK,
     FLOOR,
@@ -23,7 +24,6 @@ from relight.photos.compose.shading import (
     shading_floor,
     steady,
 )
-from relight.photos.infer import Person, balanced
 from relight.sh import UNOCCLUDED_T00, rotate_y, rotation_matrix, unoccluded
 from relight.srgb import LINEAR, LUMINANCE, encode
 
@@ -303,7 +303,7 @@ def test_python_interface_says_what_is_wrong(relighter, draw):
 @pytest.mark.slow
 def test_paper_networks_see_coded_values(relighter, weights, draw):
     """A network trained with color=paper gets the 8-bit values as they are."""
-    from relight.photos.infer import infer_person
+    from relight.photos.person import infer_person
 
     pixels, mask = draw()
     paper, photo = (

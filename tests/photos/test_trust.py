@@ -24,7 +24,7 @@ def lamp(azimuth, elevation=30, fill=1.0, color=(1, 1, 1)):
 
 @pytest.mark.slow
 def test_words(figure, relighter):
-    quiet = assess(replace(figure, light=lamp(20)), relighter.lights).warnings
+    quiet = assess(replace(figure, light=lamp(20)), relighter.network.lights).warnings
     assert not [w for w in quiet if "behind" in w or "colored" in w or "real light" in w]
     says = {
         "from behind": lamp(180, 0, 0.3),

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 import relight
 from relight import srgb
 from relight.config import composed
-from relight.photos.api import WEIGHTS
+from relight.photos.network import WEIGHTS
 from relight.photos.trust import ERROR
 from relight.viewer.source import PORTRAIT_MASK
 
@@ -45,7 +45,7 @@ def test_shading_goes_with_the_truth(figure):
     from relight.lights import load_light
 
     relighter = relight.load()
-    assert relighter.lights is not None and relighter.lights.shape[1:] == (9, 3)
+    assert relighter.network.lights is not None and relighter.network.lights.shape[1:] == (9, 3)
     found = []
     for seed in (5003, 5004, 5005):
         photo, truth = photo_of(figure, load_light(f"room:{seed}").normalised(0.8).coefficients)

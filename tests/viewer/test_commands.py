@@ -7,14 +7,14 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
-from relight.crop import crop_around
 from relight.errors import UserError
-from relight.inference import PhotoNetwork
 from relight.lights import load_light, write_light
 from relight.maps import write_left_out, write_maps
+from relight.maps.square import crop_around
 from relight.photos.api import Relighter
-from relight.photos.compose.render import total_coverage
-from relight.photos.infer import Person, network_input
+from relight.photos.network import PhotoNetwork
+from relight.photos.person import Person, network_input
+from relight.photos.render import total_coverage
 from relight.sh import basis, irradiance, unoccluded
 from relight.viewer.build import build_viewer
 from relight.viewer.commands import app

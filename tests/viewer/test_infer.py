@@ -11,17 +11,17 @@ import pytest
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from relight.inference import PhotoNetwork
 from relight.lights.place import STATISTICS, place_light
 from relight.photos.api import Relighter
-from relight.photos.compose.background import Background, estimate_white
-from relight.photos.compose.color import chroma, clipping_excess
-from relight.photos.compose.render import estimate_foreground
+from relight.photos.background import Background, estimate_white
+from relight.photos.color import chroma, clipping_excess
 from relight.photos.load import load_photo
 from relight.photos.mask import selfie
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import automatic_mask, split_people
+from relight.photos.network import PhotoNetwork
 from relight.photos.read import Photo
+from relight.photos.render import estimate_foreground
 from relight.srgb import LINEAR, encode, to_bytes
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import EXCESS_STEPS, QUALITIES, pack

@@ -11,17 +11,17 @@ from PIL import Image
 from scipy.ndimage import binary_fill_holes, gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from relight.crop import Crop
 from relight.lights.load import key_light
 from relight.lights.place import place_light
 from relight.maps import Maps
+from relight.maps.square import Crop
 from relight.panoramas import Panorama, project
-from relight.photos.compose.background import Background
-from relight.photos.compose.color import apply_gain, chroma, clipping_excess, display_shading, roll_off
-from relight.photos.compose.render import render
-from relight.photos.compose.shading import exposure_factor, gain, shading, steady
-from relight.photos.infer import Person as Inferred
-from relight.photos.infer import mean_exposure_factor
+from relight.photos.background import Background
+from relight.photos.color import apply_gain, chroma, clipping_excess, display_shading, roll_off
+from relight.photos.person import Person as Inferred
+from relight.photos.person import mean_exposure_factor
+from relight.photos.render import render
+from relight.photos.shading import exposure_factor, gain, shading, steady
 from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
 from relight.srgb import LINEAR, decode, encode
 from relight.viewer.build import build_viewer
@@ -209,7 +209,7 @@ def test_ratio_keeps_the_photo_and_relights_it(page, photo_html, maps, lights, p
 
 @pytest.mark.slow
 def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photograph):
-    """Against relight.photos.compose.render, soft edges, extended maps, exposure and backgrounds included."""
+    """Against relight.photos.render, soft edges, extended maps, exposure and backgrounds included."""
     photo, own = photograph
     coverage = np.rint(255 * gaussian_filter(maps.mask.astype(np.float32), 1.5)).astype(np.uint8)
     soft = replace(maps, coverage=coverage / np.float32(255))
@@ -690,7 +690,7 @@ def opened_place(page, pixels, is_behind):
 
 @pytest.mark.slow
 def test_a_place_lights_the_figure_before_its_picture_as_in_python(page, photo_html, maps, photograph, street):
-    """Against relight.photos.compose.render with the light and the background of `relight photo --background`."""
+    """Against relight.photos.render with the light and the background of `relight photo --background`."""
     page.open(photo_html)
     photo, own = photograph
     before = page.run("relight.state.background")

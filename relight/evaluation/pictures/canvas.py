@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from relight.crop import extent
 from relight.files import atomic_write
 from relight.lights import lit_ball
+from relight.maps.square import extent
 from relight.sh import unoccluded
 
 PAPER, CELL, INK, FAINT = (255, 255, 255), (243, 243, 240), (28, 28, 30), (120, 120, 124)

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.crop import fill_outside
 from relight.errors import UserError
 from relight.evaluation.pictures.canvas import (
     CELL,
@@ -20,6 +19,7 @@ from relight.evaluation.pictures.canvas import (
 from relight.evaluation.scoring.metrics import shade
 from relight.lights import measure
 from relight.maps import LeftOut, Maps, read_info, read_maps
+from relight.maps.square import fill_outside
 from relight.progress import progress
 from relight.srgb import encode
 

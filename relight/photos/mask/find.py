@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import distance_transform_edt, label
 
-from relight.crop import MASK_THRESHOLD, extent
 from relight.errors import UserError
+from relight.maps.square import MASK_THRESHOLD, extent
 from relight.photos.mask import selfie, u2net
 from relight.photos.mask.edge import fit_edge
 from relight.photos.read import Photo, read_mask
 
 if TYPE_CHECKING:
-    from relight.photos.infer import Person
+    from relight.photos.person import Person
 
 MIN_SIZE = 8  # pixels; a person smaller than this in both directions is dirt
 HEAD_WIDTH, HEAD_HEIGHT = 0.085, 0.06  # least, of a person's height; a raised arm is thinner

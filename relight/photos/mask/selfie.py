@@ -19,10 +19,10 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, label, uniform_filter
 
-from relight.crop import extent
 from relight.errors import UserError
 from relight.files import atomic_write, data_folder, existing_file
-from relight.inference import open_session
+from relight.maps.square import extent
+from relight.photos.network import open_session
 
 PACKAGE, VERSION = "mediapipe", "0.10.21"
 WHEEL = ("--python-version", "3.11", "--platform", "manylinux_2_28_x86_64", "--only-binary", ":all:")  # unpacked only

@@ -11,7 +11,7 @@ from PIL import Image
 
 from relight.errors import UserError
 from relight.files import existing_file
-from relight.inference import open_session
+from relight.photos.network import open_session
 
 MODEL = "u2net_human_seg"
 SIDE = 320  # pixels of its input

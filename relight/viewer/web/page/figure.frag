@@ -2,7 +2,7 @@ precision highp float;
 precision highp sampler2D;
 
 // One pixel of the stage: what is behind the figure, the figure under a light, or both at its edge. Colors as in
-// relight/photos/compose/color.py. render.js defines the constants PART, VIEW, BACKGROUND, USE_RATIO and IS_CLIPPED, one program
+// relight/photos/color.py. render.js defines the constants PART, VIEW, BACKGROUND, USE_RATIO and IS_CLIPPED, one program
 // for each case: in software, a GPU's stand-in computes all branches that the compiler leaves.
 uniform sampler2D transportA, transportB, transportC, surface, photo, front, excess, panorama, picture;
 struct Light { mat4x3 first, second; vec3 last; }; // nine coefficients of red, green and blue
@@ -53,7 +53,7 @@ vec3 relit(vec3 own, vec3 gain, vec3 above) {
 // Shading by nine coefficients of transport: a, b and c. (A macro: in software a function copies the light.)
 #define SHADING(L, a, b, c) max(L.first * (a) + L.second * (b) + L.last * (c), 0.0)
 
-// Dark shading in the color of its light as a whole (`mean`: coefficient 0): relight/photos/compose/shading.py.
+// Dark shading in the color of its light as a whole (`mean`: coefficient 0): relight/photos/shading.py.
 vec3 steady(vec3 lit, vec3 mean, float least) {
   mean = max(mean, 0.0);
   float brightness = max(dot(LUMA, mean), 1e-6), level = dot(LUMA, lit);
@@ -103,7 +103,7 @@ vec3 studio(vec2 onStage) {
 // Coded values behind the figure. Of a light without a panorama the light as blurred by a cosine lobe, since nine
 // coefficients alone ring below 0 and would leave black holes. Pictures are albedo times irradiance, so radiance is shown
 // times pi: a white figure in even light is as bright as what is behind it. The camera sees 50 degrees along the longer
-// side, as in relight/photos/compose/background.py.
+// side, as in relight/photos/background.py.
 vec3 behind(vec2 at, vec2 onStage) {
   if (BACKGROUND == STUDIO) return studio(onStage);
   if (BACKGROUND == COLOR) return backdrop;

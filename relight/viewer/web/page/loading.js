@@ -12,7 +12,7 @@ import { app, element, embedded, page, set, state } from "./state.js";
 const LONGEST = 2048; // pixels of a place's picture: what every texture can hold
 
 // The factor for a light that gives the figure the brightness it has under `reference`: the mean luminance of its
-// shading at the turn about the vertical where it is largest (relight.photos.compose.shading.exposure_factor).
+// shading at the turn about the vertical where it is largest (relight.photos.shading.exposure_factor).
 function matched(reference, light) {
   const brightest = (values) => {
     const luminances = Array.from({ length: 72 }, (_, step) => {

@@ -1,5 +1,5 @@
 // The light of a place, from a photograph of it, and that photograph behind a figure: relight/lights/place.py and
-// relight/photos/compose/background.py. A picture is { pixels, width, height }, RGBA bytes in sRGB.
+// relight/photos/background.py. A picture is { pixels, width, height }, RGBA bytes in sRGB.
 
 import { decodeSRGB } from "./figure.js";
 import { box, resample } from "./resample.js";

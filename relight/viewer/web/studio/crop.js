@@ -1,4 +1,4 @@
-// The square that the network sees of a photo, and the way back: relight/crop.py.
+// The square that the network sees of a photo, and the way back: relight/maps/square.py.
 
 import { bicubic, bilinear, resample } from "../page/resample.js";
 import { extent } from "./regions.js";

@@ -1,4 +1,4 @@
-// Maps of the network's square at the photo's pixels, with the photo as guide: relight/photos/compose/upsample.py. Maps and
+// Maps of the network's square at the photo's pixels, with the photo as guide: relight/photos/guide.py. Maps and
 // guides are lists of planes, one a channel.
 
 import { extremes, means } from "./filters.js";

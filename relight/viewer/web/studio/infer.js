@@ -1,4 +1,4 @@
-// From a photo and its mask to a figure for the viewer: relight/photos/infer.py and relight/viewer/source.py. A photo is
+// From a photo and its mask to a figure for the viewer: relight/photos/person.py and relight/viewer/source.py. A photo is
 // {pixels, width, height} with RGBA bytes; coverage has a byte per pixel.
 
 import { textures } from "../page/figure.js";
@@ -57,7 +57,7 @@ async function inferPerson(image, width, coverage, run, size) {
   return { coverage, crop, square, mask, albedo, transport, light, scale };
 }
 
-// The mean color of the light over the people, at luminance 1: white in the photo (balanced in relight/photos/infer.py).
+// The mean color of the light over the people, at luminance 1: white in the photo (balanced in relight/photos/person.py).
 function meanColor(people) {
   const total = [0, 0, 0];
   for (const { mask, transport, light, scale } of people) {

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from relight.crop import Crop, crop_around, figure_means, fill_outside
 from relight.errors import UserError
+from relight.maps.square import Crop, crop_around, figure_means, fill_outside
 
 
 def figure(height, width, top, left, bottom, right):

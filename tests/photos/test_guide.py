@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.ndimage import zoom
 
-from relight.crop import Crop
-from relight.photos.compose.upsample import SMOOTH, Guide, fit_map, square_root
+from relight.maps.square import Crop
+from relight.photos.guide import SMOOTH, Guide, fit_map, square_root
 
 SIDE, SCALE = 48, 8
 LARGE = SIDE * SCALE

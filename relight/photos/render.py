@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter, uniform_filter1d
 
-from relight.crop import extent
-from relight.photos.compose.background import Background
-from relight.photos.compose.color import CLIPPING, apply_gain, clipping_excess, roll_off, to_codes
-from relight.photos.compose.ground import Ground, ground_under
-from relight.photos.compose.upsample import FittedMap, luma
-from relight.photos.infer import Person
+from relight.maps.square import extent
+from relight.photos.background import Background
+from relight.photos.color import CLIPPING, apply_gain, clipping_excess, roll_off, to_codes
+from relight.photos.ground import Ground, ground_under
+from relight.photos.guide import FittedMap, luma
+from relight.photos.person import Person
 from relight.sh import order_of
 from relight.srgb import to_linear
 

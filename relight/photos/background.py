@@ -9,8 +9,8 @@ from PIL import Image, ImageColor
 
 from relight.errors import UserError
 from relight.panoramas import Panorama, luminance
-from relight.photos.compose.color import apply_gain, roll_off
-from relight.photos.compose.environment import blurred, camera_view
+from relight.photos.camera import blurred, camera_view
+from relight.photos.color import apply_gain, roll_off
 from relight.photos.read import is_picture, read_photo
 from relight.srgb import LINEAR
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter, uniform_filter
 
-from relight.crop import Crop
+from relight.maps.square import Crop
 from relight.srgb import LUMINANCE
 
 RADIUS = 2  # of a window, pixels of the square

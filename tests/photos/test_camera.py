@@ -5,7 +5,7 @@ import pytest
 
 from relight.panoramas import Panorama, project
 from relight.panoramas.lookup import lookup
-from relight.photos.compose.environment import camera_view
+from relight.photos.camera import camera_view
 from relight.sh import basis, sphere_quadrature
 
 SHAPES = {

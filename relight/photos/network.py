@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from relight.files import existing_file, file_hash
 INPUTS = ["image", "mask"]
 OUTPUTS = ["albedo", "transport", "light"]
 METADATA = "relight"  # key of the config in the file's metadata
+WEIGHTS = Path(__file__).parent.parent / "weights" / "photo.onnx"
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,12 @@ class PhotoNetwork:
         """The order of the spherical harmonics of transport and light: K = (order + 1)^2."""
         return int(self.config["model"]["order"])
 
+    @cached_property
+    def lights(self) -> np.ndarray | None:
+        """(N,K,3) of its training, or None if unknown."""
+        lights = self.config.get("lights")
+        return np.asarray(lights, np.float32).reshape(-1, (self.order + 1) ** 2, 3) if lights else None
+
     def infer(self, image: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Infers the maps of one image.
 
@@ -53,17 +61,25 @@ class PhotoNetwork:
         return np.moveaxis(albedo[0], 0, -1), np.moveaxis(transport[0], 0, -1), light[0]
 
 
-def read_onnx(path: Path | str, threads: int = 0) -> PhotoNetwork:
+def read_network(path: Path | str | None = None, threads: int = 0) -> PhotoNetwork:
     """Reads a network that `relight export` wrote.
 
     Args:
-        path: the .onnx file.
+        path: the .onnx file; by default the network that comes with the package.
         threads: number of threads of the inference; 0 for one per core.
 
     Raises:
         UserError: if there is no such file, or it holds no network of relight.
     """
-    path = existing_file(path, "network")
+    if path is None and not WEIGHTS.is_file():
+        raise UserError("this installation has no weights: give a network with --weights FILE")
+    path = existing_file(path or WEIGHTS, "network")
+    if path.suffix == ".safetensors":
+        raise UserError(
+            f"{path} is a checkpoint: `relight export {path.name} {path.stem}.onnx` writes the network of it"
+        )
+    if path.suffix != ".onnx":
+        raise UserError(f"{path} is no network of relight: give an .onnx file that `relight export` wrote")
     session = open_session(path, threads)
     try:
         config = json.loads(session.get_modelmeta().custom_metadata_map[METADATA])

@@ -6,12 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
-from relight.crop import MASK_THRESHOLD, Crop, crop_around
-from relight.inference import PhotoNetwork
+from relight.maps.square import MASK_THRESHOLD, Crop, crop_around
 from relight.panoramas import luminance
-from relight.photos.compose.color import chroma
-from relight.photos.compose.shading import exposure_factor, gain, shading, steady
-from relight.photos.compose.upsample import FittedMap, Guide, fit_map, luma, square_root
+from relight.photos.color import chroma
+from relight.photos.guide import FittedMap, Guide, fit_map, luma, square_root
+from relight.photos.network import PhotoNetwork
+from relight.photos.shading import exposure_factor, gain, shading, steady
 from relight.srgb import decode, encode, to_linear
 
 AUTO = "auto"  # the light that `opposite_lamp` chooses
@@ -105,7 +105,7 @@ class Person:
 
     @cached_property
     def chroma(self) -> np.ndarray:
-        """(S,S,3): the color around each pixel, by which clipped values are rebuilt (compose.color.chroma)."""
+        """(S,S,3): the color around each pixel, by which clipped values are rebuilt (relight.photos.color.chroma)."""
         return chroma(self._linear(self.image), self.mask)
 
     @cached_property
