@@ -100,7 +100,9 @@ def run(
     ] = None,
     dry: Annotated[bool, typer.Option("--dry-run", "-n", help="Only print what would run.")] = False,
     cfg: Annotated[Literal["job"] | None, typer.Option(help="Print the composed settings and exit.")] = None,
-    target: Annotated[list[str], typer.Option(help="Rule or file to make.")] = ["all"],  # noqa: B006
+    target: Annotated[
+        list[str], typer.Option(help="Rule (lights, pack, tables, sheets, viewer, report) or file to make.")
+    ] = ["all"],  # noqa: B006
     snakemake: Annotated[str, typer.Option(help="Further arguments for Snakemake, in one string.")] = "",
 ) -> None:
     """Run the whole workflow, from figures and panoramas to the report. Makes only what is missing."""

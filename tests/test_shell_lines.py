@@ -26,7 +26,6 @@ NOT_RUN = {
     "uv sync": "it installs packages from the network",
     "torchrun": "it needs several GPUs",
     "snakemake": "by hand; tests/workflow runs Snakemake by the same rules",
-    "pytest": "it is the test runner itself",
     "relight light setup": "it downloads panoramas",
     "relight run experiment=batch": "the page shows how this preset is written",
 }

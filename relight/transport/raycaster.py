@@ -24,8 +24,8 @@ class RayCaster:
         normals: (F,3) float64 unit geometric normals, counter-clockwise outward; zero for faces without area.
         areas: (F,) float64 of the faces.
         low, high, centre: (3,) float64 of the bounding box.
-        diagonal: length of the bounding box's diagonal.
-        offset: distance from the surface at which rays start.
+        diagonal: length of the bounding box's diagonal, in the units of the vertices.
+        offset: distance from the surface at which rays start, in the same units.
         threads: 0 takes every core.
     """
 
