@@ -2,7 +2,6 @@
 
 import json
 import os
-import platform
 import shlex
 import subprocess
 import sys
@@ -331,18 +330,13 @@ class Plan:
             start = self.network(f"{start}.s{name.seed}")
         return {**groups, "train": {**groups["train"], "seed": name.seed, "start": start}}
 
-    @property
-    def clone(self) -> str:
-        """The machine and the folder of this clone."""
-        return f"{platform.node()}:{ROOT}"
-
     def tracking(self) -> dict[str, Any]:
         """Returns what MLflow records of the workflow with each training (`relight.tracking.run.WORKFLOW`).
 
         Returns:
             `track`: the settings of the group `track`. `tags`: row -> name of a tag -> text.
         """
-        tags = {"workflow": self.cfg.name, "settings": shlex.join(self.overrides)[:MAX_TAG], "clone": self.clone}
+        tags = {"workflow": self.cfg.name, "settings": shlex.join(self.overrides)[:MAX_TAG]}
         if commit := git(ROOT, "rev-parse", "HEAD"):
             has_changes = bool(git(ROOT, "status", "--porcelain"))
             tags |= {"mlflow.source.git.commit": commit, "git.dirty": str(has_changes).lower()}
@@ -351,11 +345,6 @@ class Plan:
             names = [name for name, experiment in self.experiments.items() if row in experiment.rows]
             tags_by_row[row] = {**tags, "experiment": ", ".join(names)}
         return {"track": self.shared["track"], "tags": tags_by_row}
-
-    @property
-    def networks(self) -> dict[str, str]:
-        """The files of the networks that the tables compare, by training."""
-        return {training: self.network(training) for training in self.scored}
 
     def network(self, training: str) -> str:
         """Returns the file of a trained network."""

@@ -1,5 +1,4 @@
 """Records trainings in MLflow, by its public API. Its failures are warnings, and never end a training.
 
-store: opens a store; run: the run of a training; model: the network as a model in MLflow; registry: the registered
-model; server: `relight ui`.
+store: opens a store; run: the run of a training; server: `relight ui`.
 """

@@ -13,8 +13,7 @@ import numpy as np
 from relight import __version__
 from relight.config import Track, flat
 from relight.files import file_hash
-from relight.tracking.model import log_network
-from relight.tracking.store import connect, find_run, model_of, warn
+from relight.tracking.store import connect, find_run, warn
 from relight.training_name import TrainingName
 
 # Environment variable of a workflow's stages, as JSON: its `track`, and the `tags` of its runs by row.
@@ -92,7 +91,7 @@ class TrainingRun:
                 self._send({step: values})
 
     def finish(self, network: Path, curve: Path | None = None) -> None:
-        """Sends what the store lacks, adds the network as a model, and ends the run.
+        """Sends what the store lacks, adds the network's file, and ends the run.
 
         Args:
             network: file (.safetensors).
@@ -108,8 +107,7 @@ class TrainingRun:
                 if curve:
                     self._send(read_curve(curve))
                     mlflow.log_artifact(str(curve), "curve")
-                if not model_of(mlflow.get_run(self.id)):
-                    log_network(network)
+                mlflow.log_artifact(str(network), "network")
             mlflow.end_run()
 
     @contextmanager
@@ -240,7 +238,7 @@ def log_scores(
         run = client.get_run(training.id)
         headline = {f"test_{name}": means[name] for name in HEADLINE if condition == "test" and name in means}
         new = {name: value for name, value in headline.items() if run.data.metrics.get(name) != value}
-        metrics = [Metric(name, value, milliseconds, step=0, model_id=model_of(run)) for name, value in new.items()]
+        metrics = [Metric(name, value, milliseconds, step=0) for name, value in new.items()]
         client.log_batch(training.id, metrics)
         table = "\n".join(["score,mean", *(f"{name},{value:.6g}" for name, value in means.items()), ""])
         client.log_text(training.id, table, f"scores/{condition}/means.csv")

@@ -34,14 +34,13 @@ EXPERIMENT_TAGS = {"mlflow.experimentKind": "custom_model_development"}
 
 
 def select_store(uri: str) -> None:
-    """Selects the store of this process, for runs and models; MLflow must not have been imported before."""
+    """Selects the store of this process; MLflow must not have been imported before."""
     for variable, value in DEFAULTS.items():
         os.environ.setdefault(variable, value)
     logging.getLogger("alembic").setLevel(logging.WARNING)
     import mlflow
 
     mlflow.set_tracking_uri(uri)
-    mlflow.set_registry_uri(uri)
 
 
 def connect(track: Track) -> tuple:
@@ -112,12 +111,6 @@ def find_run(client, experiment: str, name: str, fingerprint: str):
     """
     runs = client.search_runs([experiment], f"tags.fingerprint = '{fingerprint}'")
     return next((run for run in runs if run.info.run_name == name), None)
-
-
-def model_of(run) -> str | None:
-    """Returns the id of the model that a run (`mlflow.entities.Run`) has logged, if any."""
-    models = run.outputs.model_outputs if run.outputs else []
-    return models[0].model_id if models else None
 
 
 def warn(name: str, track: Track, error: Exception, reasons: set[str]) -> None:

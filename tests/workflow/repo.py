@@ -143,7 +143,5 @@ def check_mlflow(repo: Path) -> None:
         again = {key: found for key, found in steps.items() if max(Counter(found).values()) > 1}
         assert not again, f"{name}: logged twice in one step"
         artifacts = {path.name for path in (repo / "mlruns" / run.info.run_id / "artifacts").iterdir()}
-        assert artifacts == {"curve", "images", "scores"} and run.outputs.model_outputs
-    version = client.get_model_version_by_alias("relight", "paper")
-    assert client.get_run(version.run_id).info.run_name == "ours_full.s0"
+        assert artifacts == {"curve", "images", "network", "scores"}
     assert not (repo / OUT / "train" / "state").exists(), "no training is under way"

@@ -1,5 +1,5 @@
-"""MLflow: the store is made once under contention, whole or not at all; trainings are recorded, and the best is
-registered, in every kind of store; nothing at all does as well."""
+"""MLflow: the store is made once under contention, whole or not at all; trainings are recorded in every
+kind of store; nothing at all does as well."""
 
 import json
 import multiprocessing
@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from contextlib import chdir
 from importlib.util import find_spec
 from pathlib import Path
-from unittest.mock import Mock
 
 import numpy as np
 import psutil
@@ -28,8 +27,7 @@ from relight.errors import UserError
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
 from relight.plan import Plan
-from relight.tracking import registry, store
-from relight.tracking.registry import download_network, finish_workflow
+from relight.tracking import store
 from relight.tracking.run import WORKFLOW, log_scores, training_run
 
 URI = "sqlite:///mlflow.db"
@@ -38,7 +36,7 @@ NETWORK = Model(
     sees="image",
 )  # fmt: skip
 WRITERS = 4
-TAGS = {"workflow": "demo", "clone": "here", "experiment": "table1, table2"}
+TAGS = {"workflow": "demo", "experiment": "table1, table2"}
 FORKS = multiprocessing.get_context("forkserver")  # to import MLflow once for all writers
 FORKS.set_forkserver_preload(["mlflow", "mlflow.store.tracking.sqlalchemy_store", "relight.tracking.run"])
 HAS_POSTGRES = pytest.mark.skipif(
@@ -186,26 +184,24 @@ def test_training_run_is_found_again_and_has_each_step_once(tmp_path):
 
 def record(track: Track, losses: dict[str, float]) -> None:
     """Records a workflow whose trainings have finished and are scored, given their validation losses."""
-    networks = {}
     for name, loss in losses.items():
-        networks[name] = Path(f"{name}.safetensors")
+        network = Path(f"{name}.safetensors")
         settings = {"train": {"color": "paper"}}
-        save_network(networks[name], build(NETWORK, 64), NETWORK, fingerprint=name.encode().hex(), **settings)
+        save_network(network, build(NETWORK, 64), NETWORK, fingerprint=name.encode().hex(), **settings)
         curve = Path(f"{name}.csv")
         curve.write_text(f"step,loss,validation/loss\n4,0.5,{loss + 1}\n8,0.25,{loss}\n")
-        data = {"lights": networks[name]}
+        data = {"lights": network}
         with training_run(track, name, name.encode().hex(), settings, data) as run:
             run.log({"loss": 0.5, "validation/loss": loss + 1}, 4)
-            run.finish(networks[name], curve)
+            run.finish(network, curve)
             assert not run._warnings
         means = {"shading_rmse": 0.5 - loss, "shading_ssim": 0.75}
         for condition in ("test", "sitting-test", "test"):
-            log_scores(track, networks[name], {"fingerprint": name.encode().hex()}, condition, means, curve)
-    finish_workflow(track, networks, "here")
+            log_scores(track, network, {"fingerprint": name.encode().hex()}, condition, means, curve)
 
 
-def check_record(address: str, best: str = "ours_full.s1") -> None:
-    """The runs of `record` ended, are complete, and the best one is registered."""
+def check_record(address: str) -> None:
+    """The runs of `record` ended, and are complete."""
     store.select_store(address)
     client = MlflowClient()
     for run in runs(client):
@@ -218,16 +214,16 @@ def check_record(address: str, best: str = "ours_full.s1") -> None:
         folders = {f"scores/{name}" for name in ("test", "sitting-test")}
         assert {item.path for item in client.list_artifacts(run.info.run_id, "scores")} == folders
         assert [item.dataset.name for item in run.inputs.dataset_inputs] == ["lights"]
-    version = client.get_model_version_by_alias("relight", "paper")
-    assert client.get_run(version.run_id).info.run_name == best
+        name = f"{run.info.run_name}.safetensors"
+        assert [item.path for item in client.list_artifacts(run.info.run_id, "network")] == [f"network/{name}"]
 
 
 LOSSES = {"ours_full.s0": 0.3, "ours_full.s1": 0.2, "sfsnet.s0": 0.1}
 
 
 @pytest.mark.parametrize(("name", "elsewhere"), [("a b'ü", False), ("a b'ü 50%20#1 {x}", True)])
-def test_finish_workflow_registers_the_best_network_in_sqlite(tmp_path, name, elsewhere, monkeypatch):
-    """In a folder of any name, and in another folder's database: by the validation loss, not by the test."""
+def test_training_run_is_recorded_in_sqlite(tmp_path, name, elsewhere):
+    """In a folder of any name, and in another folder's database."""
     folder, other = tmp_path / name / "clone", tmp_path / name / "other"
     folder.mkdir(parents=True)
     other.mkdir()
@@ -236,67 +232,16 @@ def test_finish_workflow_registers_the_best_network_in_sqlite(tmp_path, name, el
     made = {path.name for path in folder.iterdir() if path.suffix not in (".csv", ".safetensors")}
     assert made == {".mlflow.lock", "mlruns", *([] if elsewhere else ["mlflow.db"])}
     assert {path.name for path in folder.parent.iterdir()} == {"clone", "other"}
-    address = f"sqlite:///{other}/o.db" if elsewhere else f"sqlite:///{folder}/mlflow.db"
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", address)
-    monkeypatch.setattr(registry, "ROOT", folder)
-    check_record(address)
-    assert download_network("models:/relight@paper").read_bytes() == (folder / "ours_full.s1.safetensors").read_bytes()
-    with pytest.raises(UserError, match=r"models:/relight@photo is not in MLflow"):
-        download_network("models:/relight@photo")
-    if "#" not in name:  # which MLflow cannot load from
-        check_model(folder / "ours_full.s1.safetensors")
-
-
-def check_model(network: Path) -> None:
-    """The registered model is the network of a file, as a function and without a pickle."""
-    import mlflow
-
-    from relight.learning.checkpoint import load_network
-    from relight.learning.predict import predict
-
-    served, (own, _) = mlflow.pyfunc.load_model("models:/relight@paper"), load_network(network)
-    rng = np.random.default_rng(0)
-    inputs = {"image": rng.random((2, 64, 64, 3), np.float32), "mask": np.ones((2, 64, 64), np.float32)}
-    found, wanted = served.predict(inputs), predict(own, inputs["image"], inputs["mask"])
-    assert served.metadata.signature.outputs.input_names() == list(found)
-    for name, values in wanted.items():
-        np.testing.assert_array_equal(found[name], values)
-    logged = [path.suffix for path in network.parent.rglob("*")]
-    assert ".safetensors" in logged and not {".pkl", ".pickle", ".pth"} & {*logged}, "no pickle"
+    check_record(f"sqlite:///{other}/o.db" if elsewhere else f"sqlite:///{folder}/mlflow.db")
+    for network in LOSSES:
+        (kept,) = folder.glob(f"mlruns/*/artifacts/network/{network}.safetensors")
+        assert kept.read_bytes() == (folder / f"{network}.safetensors").read_bytes()
 
 
 @HAS_POSTGRES
-def test_finish_workflow_registers_the_best_network_in_a_database_server(postgres, tmp_path):
+def test_training_run_is_recorded_in_a_database_server(postgres, tmp_path):
     in_folder(tmp_path, record, Track(postgres, "test"), LOSSES)
     check_record(postgres)
-
-
-@pytest.mark.parametrize(("color", "best"), [("paper", "b"), ("photo", "f")])
-def test_register_names_the_network_of_its_color_model(color, best):
-    """Of the row that is named so, with a model, by the least validation loss; other rows and colors change nothing."""
-    runs = [
-        fake_run("a", "ours_full", "paper", 0.3),
-        fake_run("b", "ours_full", "paper", 0.2),
-        fake_run("c", "ours_full", "paper", 0.1, model=None),
-        fake_run("d", "ours_full", "photo", 0.1),
-        fake_run("e", "sfsnet", "paper", 0.1),
-        fake_run("f", "photo", "photo", None),
-    ]
-    client = Mock()
-    client.search_model_versions.return_value = [Mock(version="7")]
-    registry.register(client, [run for run in runs if run.data.params["train.color"] == color])
-    client.search_model_versions.assert_called_once_with(f"name = 'relight' and run_id = '{best}'")
-    client.set_registered_model_alias.assert_called_once_with("relight", color, "7")
-
-
-def fake_run(name: str, row: str, color: str, loss: float | None, model: str | None = "m") -> Mock:
-    """A run of MLflow; without a loss its training had no validation."""
-    run = Mock()
-    run.info.run_id = name
-    run.data.tags, run.data.params = {"row": row}, {"train.color": color}
-    run.data.metrics = {} if loss is None else {"loss/validation": loss, "test_shading_rmse": -loss}
-    run.outputs = Mock(model_outputs=[Mock(model_id=model)]) if model else None
-    return run
 
 
 def fail() -> None:
@@ -305,16 +250,10 @@ def fail() -> None:
 
 
 def test_what_did_not_finish_is_not_left_running(tmp_path):
-    """An exception ends a run; the end of the workflow ends those of its clone that were killed, and no others."""
+    """An exception ends a run."""
     in_folder(tmp_path, fail)
     client = MlflowClient(f"sqlite:///{tmp_path}/mlflow.db")
     assert [run.info.status for run in runs(client)] == ["FAILED"]
-    for seed in (2, 3):
-        in_folder(tmp_path, write, URI, seed)
-    client.set_tag(runs(client)[1].info.run_id, "clone", "elsewhere")
-    assert [run.info.status for run in runs(client)] == ["FAILED", "RUNNING", "RUNNING"]
-    in_folder(tmp_path, finish_workflow, Track(URI, "test"), {"ours.s2": tmp_path / "ours.s2.safetensors"}, "here")
-    assert [run.info.status for run in runs(client)] == ["FAILED", "RUNNING", "KILLED"]
 
 
 def test_connect_says_that_a_clone_was_moved(tmp_path, capfd):
@@ -334,7 +273,6 @@ def test_without_an_address_nothing_is_tracked(tmp_path, monkeypatch, capsys):
     with training_run(Track(), "ours.s0", "1" * 64, {"lr": 1}, {}) as run:
         assert run is None
     log_scores(Track(), network, {"fingerprint": "1" * 64}, "test", {"light_rmse": 1.0}, network)
-    finish_workflow(Track(), {"ours.s0": network}, "here")
     assert not list(tmp_path.iterdir()) and capsys.readouterr() == ("", "")
 
 
@@ -358,7 +296,7 @@ def test_plan_tracking_tells_what_was_asked_for():
 
 
 def test_serve_is_one_server_that_ends_with_it_and_takes_runs(tmp_path):
-    """`relight ui` takes overrides and says where the runs are; by http, trainings are recorded and registered, too."""
+    """`relight ui` takes overrides and says where the runs are; by http, trainings are recorded, too."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]

@@ -15,7 +15,6 @@ from relight.errors import UserError
 from relight.files import is_unsafe_name
 from relight.processes import STARTED_BY
 from relight.scheduling import limit_scheduler_timers
-from relight.tracking.registry import finish_workflow
 from relight.tracking.run import WORKFLOW
 from relight.plan import FAILED_VARIABLE, Plan, report_completed
 
@@ -39,11 +38,9 @@ onstart:
 
 onsuccess:
     PLAN.clean_up({str(path) for job in workflow.dag.jobs for path in job.output})
-    finish_workflow(PLAN.cfg.track, PLAN.networks, PLAN.clone)
 
 
 onerror:
-    finish_workflow(PLAN.cfg.track, PLAN.networks, PLAN.clone)
     # Not after Ctrl-C, which only this attribute shows, and only if the whole workflow was requested.
     if not workflow.scheduler._user_kill and any(
         job.rule.name == "all" for job in workflow.dag.jobs
