@@ -47,7 +47,7 @@ class ConfigFolder:
         A stage in `pin` keeps the hash that its file has.
 
         Args:
-            stage: `stage`, `train.<training>`, `inference_time.<training>` or `split.<kind>`.
+            stage: `stage`, `train.<training>` or `split.<kind>`.
 
         Raises:
             UserError: if there is no such training.

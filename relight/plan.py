@@ -91,8 +91,6 @@ class Plan:
         inputs += [*map(Path, self.table), *map(Path, self.panoramas)]
         tables = {"align.table": self.cfg.align.table, "lights.veto": self.cfg.lights.veto}
         inputs += [existing_file(path, key) for key, path in tables.items() if path]
-        if "benchmark" in self.experiments:
-            inputs.append(self.benchmark_index)
         limit = time.time() + MAX_CLOCK_SKEW
         for path in inputs:  # Snakemake ends a job whose outputs are older than its inputs
             if path.exists() and path.stat().st_mtime > limit:
@@ -389,35 +387,8 @@ class Plan:
         files = (f"{self.out}/{path}" for rows in tables for paths in rows.values() for path in paths)
         return list(dict.fromkeys(files))
 
-    @property
-    def benchmark_index(self) -> Path:
-        """The index of the benchmark's set. Raises UserError if there is no complete set."""
-        from relight.benchmark.files import INDEX, BenchmarkSet
-
-        benchmark = BenchmarkSet(self.cfg.benchmark.folder)
-        benchmark.maps(benchmark.entries[0])
-        return benchmark.folder / INDEX
-
-    @cached_property
-    def benchmark_weights(self) -> dict[str, str]:
-        """The file of weights of each method that answers the benchmark, by the name of the training or the method.
-
-        Baselines have those that ship with relight, since `mean_light` is the mean of their training lights.
-        """
-        from relight.benchmark.methods import FIXED
-        from relight.photos.network import WEIGHTS
-
-        trainings = [training for row in self.requested["benchmark"].rows for training in self.trainings_of(row)]
-        return {training: self.network(training) for training in trainings} | dict.fromkeys(FIXED, str(WEIGHTS))
-
     def stage_outputs(self, experiment: str) -> list[str]:
         """Returns the files that the stages of an experiment without a table write for the report."""
-        if experiment == "benchmark":
-            return [f"{self.out}/benchmark_scores/{method}/scores.csv" for method in self.benchmark_weights]
-        if experiment == "inference_time":
-            return [
-                f"{self.out}/{experiment}/{self.trainings_of(row)[0]}.csv" for row in self.requested[experiment].rows
-            ]
         return [f"{self.out}/{experiment}/scores.csv", f"{self.out}/{experiment}/plate.png"]
 
     def missing_results(self, folder: Path | str) -> dict[str, list[str]]:
@@ -437,8 +408,7 @@ class Plan:
         shared = [f"{self.out}/{path}" for path in ("packed.safetensors", "figures.json", "lights/lights.npz")]
         lacking = {}
         for name, experiment in self.experiments.items():
-            rows = () if name == "inference_time" else experiment.rows  # times need no trained networks
-            trained = [self.network(training) for row in rows for training in self.trainings_of(row)]
+            trained = [self.network(training) for row in experiment.rows for training in self.trainings_of(row)]
             # An experiment with figures or lights of its own is scored on these and on the usual ones.
             scores = [path for usual in (False, True) for paths in self.scores(name, usual).values() for path in paths]
             files = [f"{self.out}/{path}" for path in scores] if experiment.table else self.stage_outputs(name)

@@ -15,7 +15,7 @@ from relight.errors import UserError
 from relight.files import atomic_write
 
 # The groups that rows may change; of the split only its kind.
-ROW_GROUPS = ("model", "loss", "train", "augment", "split", "timing", "track")
+ROW_GROUPS = ("model", "loss", "train", "augment", "split", "track")
 CACHE = Path(".snakemake", "relight.settings.json")  # settings of rows, by the hash of their sources
 COMPOSERS = ("hydra-core", "omegaconf", "PyYAML")  # packages whose versions may change what is composed
 

@@ -183,4 +183,3 @@ def relight_by_ratio(benchmark: BenchmarkSet, entry: Entry, light: np.ndarray) -
 
 
 BASELINES: dict[str, Callable[[], Method]] = {"as_it_is": as_it_is, "mean_light": mean_light, "true_maps": true_maps}
-FIXED = ("shipped", *BASELINES)  # methods that no row trains: the package's weights, and the baselines

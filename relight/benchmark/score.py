@@ -136,26 +136,6 @@ def read_scores(answers: Path | str) -> pd.DataFrame:
     return frame
 
 
-def mean_scores(name: str, trainings: list[pd.DataFrame]) -> pd.DataFrame:
-    """Averages the scores of the trainings of a network, picture by picture.
-
-    Args:
-        name: name of the network.
-        trainings: the scores of each (`read_scores`), one or more.
-
-    Returns:
-        The scores of the network.
-
-    Raises:
-        UserError: if the trainings were scored on different sets.
-    """
-    require_one_set(trainings)
-    means = np.mean([training.to_numpy() for training in trainings], axis=0)
-    frame = pd.DataFrame(means, trainings[0].index, trainings[0].columns)
-    frame.attrs["method"] = name
-    return frame
-
-
 def require_one_set(rows: list[pd.DataFrame]) -> None:
     """Raises UserError if not all were scored on the same set."""
     first = rows[0]

@@ -33,19 +33,18 @@ class MethodComparison:
     """Methods that were scored on one set.
 
     Args:
-        rows: the scores of each method (`score.read_scores`, `score.mean_scores`).
-        reference: index of the method from which differences are taken.
+        rows: the scores of each method (`score.read_scores`); differences are taken from the first.
 
     Raises:
         UserError: if the methods were scored on different sets, or two have the same name.
     """
 
-    def __init__(self, rows: list[pd.DataFrame], reference: int = 0):
+    def __init__(self, rows: list[pd.DataFrame]):
         self.scores = {row.attrs["method"]: row for row in rows}
         if len(self.scores) < len(rows):
             raise UserError("two folders of answers have the same name, by which tables tell methods apart: rename one")
         require_one_set(rows)
-        self.reference = list(self.scores)[reference]
+        self.reference = next(iter(self.scores))
         self.sample = f"of set {rows[0].index[0][0]}, ± half the 95 % interval (bootstrap over figures)."
 
     def tables(self) -> dict[str, ComparisonTable]:

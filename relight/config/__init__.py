@@ -8,7 +8,6 @@ from relight.config.schema import (
     Align,
     Augment,
     Bake,
-    Benchmark,
     Clean,
     Config,
     Experiment,
@@ -19,7 +18,6 @@ from relight.config.schema import (
     Panoramas,
     Split,
     Sweep,
-    Timing,
     Trace,
     Track,
     Train,
@@ -28,7 +26,7 @@ from relight.config.stages import READS, view
 
 __all__ = [
     "CONF", "IS_CLONE", "MAX_NAME_LENGTH", "NO_AUGMENTATION", "READS", "ROOT", "STRENGTHS",
-    "Align", "Augment", "Bake", "Benchmark", "Clean", "Config", "Experiment", "Figures", "Lights", "Loss", "Model",
-    "Panoramas", "Split", "Sweep", "Timing", "Trace", "Track", "Train",
+    "Align", "Augment", "Bake", "Clean", "Config", "Experiment", "Figures", "Lights", "Loss", "Model",
+    "Panoramas", "Split", "Sweep", "Trace", "Track", "Train",
     "check", "check_name", "composed", "flat", "presets", "read_preset", "resolved", "view",
 ]  # fmt: skip

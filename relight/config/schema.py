@@ -307,20 +307,6 @@ class Trace:
 
 
 @dataclass
-class Timing:
-    """Inference time, for the experiment `inference_time`."""
-
-    sizes: list[int] = setting("sides of the images, pixels", above=0, multiple=64)
-
-
-@dataclass
-class Benchmark:
-    """The benchmark of path-traced pictures, for the experiment `benchmark`."""
-
-    folder: str = setting("folder of the set that `relight benchmark make` wrote")
-
-
-@dataclass
 class Experiment:
     """A question, the rows that answer it, and its section of the report."""
 
@@ -384,8 +370,6 @@ class Config:
     train: Train = field(default_factory=Train)
     augment: Augment = field(default_factory=Augment)
     trace: Trace = field(default_factory=Trace)
-    timing: Timing = field(default_factory=Timing)
-    benchmark: Benchmark = field(default_factory=Benchmark)
     sweep: Sweep = field(default_factory=Sweep)
     experiments: dict[str, Experiment] = field(default_factory=dict)
     track: Track = field(default_factory=Track)

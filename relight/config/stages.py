@@ -28,8 +28,6 @@ READS: dict[str, tuple[str, ...]] = {
     "trace": ("trace", "panoramas", "bake.order", "bake.rays"),
     "path_traced": (),
     "plate": (),
-    "inference_time": ("model", "timing"),
-    "benchmark_scores": ("benchmark",),
     "report": ("name",),
 }
 

@@ -4,12 +4,10 @@ import csv
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 from PIL import Image
 
 from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, COLUMNS
-from relight.evaluation.experiments.timing import COLUMNS as TIMES
 from relight.evaluation.experiments.transfer import BASELINES, VARIANTS
 from relight.evaluation.report import own, page
 from relight.evaluation.scoring.comparisons import Verdict
@@ -75,14 +73,3 @@ def test_path_traced_section(results):
     assert "<table" in page.section("sections/experiments/path_traced.md", **made)
     for name in ("path_traced", "path_traced_causes"):
         assert (results.folder / f"{name}.tex").stat().st_size > 300
-
-
-def test_inference_time_section(results):
-    (results.folder / "inference_time").mkdir()
-    times = [["ours_full", 0.25, 6_000_000, size, "cpu", t, 0.5 / t, 0.5] for t in (1, 2) for size in (256, 1024)]
-    pd.DataFrame(times, columns=TIMES).to_csv(results.folder / "inference_time" / "ours_full.s0.csv", index=False)
-    made = own.inference_time(results, "inference_time")
-    assert list(made["largest"]["wall"]) == [0.5, 0.25]
-    assert "<table" in page.section("sections/experiments/inference_time.md", **made)
-    with open(results.folder / "inference_time.csv", newline="") as file:
-        assert [float(row["seconds"]) for row in csv.DictReader(file)] == [0.5, 0.5, 0.25, 0.25]

@@ -99,7 +99,7 @@ def test_section_of_every_table_of_trainings(tmp_path, preset):
 def test_setting_tables_shared_and_differing(tmp_path):
     """Files of single rows, and of several splits, say nothing about the run as a whole."""
     made = results(tmp_path, "table1", {})
-    others = {"inference_time.sfsnet": {"model": {"width": 3}}, "split.a": {"split": {"kind": "a"}}}
+    others = {"train.sfsnet": {"model": {"width": 3}}, "split.a": {"split": {"kind": "a"}}}
     for name, settings in {**others, "split.b": {"split": {"kind": "b"}}, "bake": {"bake": {"rays": 256}}}.items():
         (tmp_path / "config" / f"{name}.yaml").write_text(yaml.safe_dump(settings))
     found = costs_and_settings(made)
@@ -368,17 +368,17 @@ def test_build_report_with_failed_sections(tmp_path, capsys):
     (folder / "evaluate" / "test-test" / "no_tv.s0.csv").write_text("a,b\n1,2\n")
     (folder / "lights" / "chain.json").unlink()
     asked = json.loads((folder / "experiments.json").read_text())
-    asked["inference_time"] = {"title": "", "question": "", "table": False, "plates": False}
-    asked["inference_time"] |= {"rows": [], "trainings": {}}
-    asked["inference_time"] |= {"failed": ["inference_time/a.csv"]}
+    asked["light_transfer"] = {"title": "", "question": "", "table": False, "plates": False}
+    asked["light_transfer"] |= {"rows": [], "trainings": {}}
+    asked["light_transfer"] |= {"failed": ["light_transfer/a.csv"]}
     (folder / "experiments.json").write_text(json.dumps(asked))
     out = folder / "report" / "report.html"
     build.build_report("run", folder / "experiments.json", folder, out)
     found = check(out.read_text())
     # The summary needs table2, and so does the chart of the first table.
-    assert found.classes.count("failed") >= 3 and {"table1", "figures", "inference_time"} <= set(found.names)
+    assert found.classes.count("failed") >= 3 and {"table1", "figures", "light_transfer"} <= set(found.names)
     assert "sections could not be made" in out.read_text()
-    assert "inference_time/a.csv" in out.read_text() and "no_tv.s0.csv" in out.read_text()
+    assert "light_transfer/a.csv" in out.read_text() and "no_tv.s0.csv" in out.read_text()
     assert "Traceback" in capsys.readouterr().err
 
 

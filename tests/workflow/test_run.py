@@ -120,11 +120,11 @@ class Again:
 
 @pytest.mark.slow
 def test_what_failed_leaves_the_report_of_the_others(tmp_path, monkeypatch, capsys):
-    """Only inference_time has no results: Snakemake is called again without it, as it was called by whomever."""
+    """Only light_transfer has no results: Snakemake is called again without it, as it was called by whomever."""
     monkeypatch.chdir(tmp_path)
     again = Again()
     monkeypatch.setattr(plan_module, "subprocess", again)
-    config = {"hydra": "scale=smoke experiment=[table1,inference_time] sweep.only=[sfsnet,ours_full]"}
+    config = {"hydra": "scale=smoke experiment=[table1,light_transfer] sweep.only=[sfsnet,ours_full]"}
     plan = plan_module.Plan(config)
     plan_module.report_completed(plan)
     assert not again.calls, "nothing is there: nothing to report"
@@ -134,13 +134,13 @@ def test_what_failed_leaves_the_report_of_the_others(tmp_path, monkeypatch, caps
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text("")
     plan_module.report_completed(plan)
-    failed = {"inference_time": [f"{plan.out}/inference_time/ours_full.s0.csv"]}
+    failed = {"light_transfer": [f"{plan.out}/light_transfer/{name}" for name in ("scores.csv", "plate.png")]}
     assert again.calls == [([*sys.orig_argv, "--nolock"], failed)]
-    assert "failed: inference_time" in capsys.readouterr().err
+    assert "failed: light_transfer" in capsys.readouterr().err
     without = plan_module.Plan(config, failed)
     assert list(without.experiments) == ["table1"] and without.tables == ["table1"]
     found = json.loads(ConfigFolder(without).experiments_json())
-    assert found["inference_time"]["failed"] == failed["inference_time"] and "scores" in found["table1"]
+    assert found["light_transfer"]["failed"] == failed["light_transfer"] and "scores" in found["table1"]
     plan_module.report_completed(without)
     assert len(again.calls) == 1, "a report of the others that fails is not tried again"
 

@@ -103,48 +103,6 @@ rule plate:
         + LOGGED
 
 
-# It requests all cores, so that no other job of this workflow runs at the same time.
-rule inference_time:
-    input:
-        cfg=settings("inference_time.{training}"),
-    output:
-        f"{OUT}/inference_time/{{training}}.csv",
-    log:
-        f"{OUT}/log/inference_time/{{training}}.log",
-    threads: workflow.cores
-    resources:
-        mem_mb=8000,
-        gpu=PLAN.gpus,
-    params:
-        row=lambda wildcards: PLAN.trainings[wildcards.training].row,
-    shell:
-        command("inference_time")
-        + named("io.row", "params.row")
-        + "io.out={output:q}"
-        + LOGGED_TRAINING
-
-
-# Each of the networks, the shipped weights and the baselines answers the set; a set that was made again is scored again.
-rule benchmark_scores:
-    input:
-        cfg=settings("benchmark_scores"),
-        index=lambda wildcards: files([PLAN.benchmark_index]),
-        weights=lambda wildcards: PLAN.benchmark_weights[wildcards.method],
-    output:
-        f"{OUT}/benchmark_scores/{{method}}/scores.csv",
-    log:
-        f"{OUT}/log/benchmark_scores/{{method}}.log",
-    benchmark:
-        f"{OUT}/benchmark/benchmark_scores/{{method}}.tsv"
-    resources:
-        mem_mb=8000,
-    shell:
-        command("benchmark_scores")
-        + named("io.method", "wildcards.method")
-        + "io.weights={input.weights:q} io.out={output:q}"
-        + LOGGED
-
-
 STAGE_OUTPUTS = [
     path
     for name, experiment in PLAN.experiments.items()

@@ -2,7 +2,7 @@
 
 import sys
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,7 +20,6 @@ from relight.evaluation.scoring.tables import PRINTED
 from relight.files import atomic_write
 
 T = TypeVar("T")
-Makers = Mapping[str, Callable[[Results, str], dict]]
 
 # Endings of the files of an experiment.
 FILE_ENDS = (".csv", ".md", ".tex", *(f"_{kind}.png" for kind in ("plates", "relit", "overview", "extremes")))
@@ -43,7 +42,7 @@ class Section:
     failed: bool = False
 
 
-def build_report(name: str, experiments: Path, folder: Path, out: Path, makers: Makers = own.OWN) -> None:
+def build_report(name: str, experiments: Path, folder: Path, out: Path) -> None:
     """Writes the page of a run, its charts, and the tables of experiments with stages of their own.
 
     Tables and pictures of earlier runs with other experiments stay if the data set is still the same, and else are
@@ -54,7 +53,6 @@ def build_report(name: str, experiments: Path, folder: Path, out: Path, makers: 
         experiments: the experiments of the run (experiments.json, `ConfigFolder.experiments_json`).
         folder: results/<name>.
         out: the page (.html).
-        makers: experiment with stages of its own -> the function that computes the numbers of its section.
 
     Raises:
         UserError: if no section could be made.
@@ -65,7 +63,7 @@ def build_report(name: str, experiments: Path, folder: Path, out: Path, makers: 
     if has_printed_tables(results):
         parts.append(make_section("what-came-out", "What came out", "summary.md", sections.summary, results))
     parts.append(Section("how-to-read", "How to read this page", page.section("sections/reading.md")))
-    parts += [experiment(results, name, makers) for name in results.experiments]
+    parts += [experiment(results, name) for name in results.experiments]
     if results.tables:
         parts.append(make_section("training", "Training", "training.md", data.training, results))
     parts += [
@@ -99,20 +97,19 @@ def remove_outdated(results: Results) -> None:
                 table.with_name(f"{table.stem}{end}").unlink(missing_ok=True)
 
 
-def experiment(results: Results, name: str, makers: Makers = own.OWN) -> Section:
+def experiment(results: Results, name: str) -> Section:
     """Makes the section of an experiment.
 
     Args:
         results: results of the run.
         name: name of the experiment.
-        makers: experiment with stages of its own -> the function that computes the numbers of its section.
     """
     if failed := results.experiments[name].get("failed"):
         missing = ", ".join(failed)
         return failed_section(
             name, results.title(name), f"Its jobs failed: {missing} was not made. {results.folder}/log says why."
         )
-    make = makers.get(name, sections.experiment)
+    make = own.OWN.get(name, sections.experiment)
     template = f"experiments/{name}.md" if page.exists(f"sections/experiments/{name}.md") else "experiment.md"
     return make_section(name, results.title(name), template, lambda results: make(results, name), results)
 

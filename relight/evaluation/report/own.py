@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from relight.evaluation.experiments import timing, transfer
+from relight.evaluation.experiments import transfer
 from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, COLUMNS, KEYS
-from relight.evaluation.report.formats import TextTable, comparison_grid, count, write_tables
+from relight.evaluation.report.formats import TextTable, comparison_grid, write_tables
 from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import Comparison, Verdict, compare_estimates, correct
 from relight.evaluation.scoring.labels import label
-from relight.evaluation.scoring.paper import SECONDS
 from relight.evaluation.scoring.scores import gather, read_table
 from relight.evaluation.scoring.statistics import estimate
 from relight.evaluation.scoring.tables import estimates
@@ -143,44 +142,6 @@ def traced_tables(path: Path) -> dict[str, TextTable]:
     }
 
 
-def inference_time(results: Results, name: str) -> Numbers:
-    """Computes the inference time of each network at each size.
-
-    Args:
-        results: results of the run.
-        name: name of the experiment.
-
-    Returns:
-        The context of templates/sections/experiments/inference_time.md. `largest`: the times at the largest size;
-        `printed`: the paper's, seconds; `grid`: all times.
-    """
-    trainings = [trainings[0] for trainings in results.experiments[name]["trainings"].values()]
-    folder = results.folder / "inference_time"
-    times = pd.concat([timing.read_times(folder / f"{training}.csv") for training in trainings])
-    times["on"] = ["a GPU" if time.device == "cuda" else count(time.threads, "thread") for time in times.itertuples()]
-    rows = [
-        [
-            label(time.row),
-            f"{time.width:g}",
-            f"{time.parameters / 1e6:.1f} M",
-            time.size,
-            time.on,
-            time.wall,
-            None if time.device == "cuda" else time.cpu,
-        ]
-        for time in times.itertuples()
-    ]
-    heads = ["network", "width", "parameters", "px", "on", "seconds", "CPU seconds"]
-    digits = {"seconds": 4, "CPU seconds": 4}
-    grid = TextTable.of(heads, rows, digits=digits)
-    made = {
-        "largest": times[times["size"] == times["size"].max()],
-        "printed": SECONDS,
-        "grid": grid,
-    }
-    return write_grids(results, name, {name: grid}, made)
-
-
 def write_grids(results: Results, name: str, grids: dict[str, TextTable], made: Numbers) -> Numbers:
     """Writes the tables of an experiment, and returns the context of its section.
 
@@ -199,5 +160,4 @@ def write_grids(results: Results, name: str, grids: dict[str, TextTable], made: 
 OWN: dict[str, Callable[[Results, str], Numbers]] = {
     "light_transfer": light_transfer,
     "path_traced": traced,
-    "inference_time": inference_time,
 }

@@ -32,8 +32,6 @@ LABELS = {
     "no_occlusion": "true light, true normals without occlusion",
     "ao_occlusion": "true light, true normals and AO",
     "as_it_is": "the picture as it is",
-    "true_maps": "true maps, true light",
-    "shipped": "Shipped weights",
     **{f"cut_{order}": f"true light, true maps to order {order}" for order in range(2, 8)},
     **{f"order_{order}": f"Ours, order {order}" for order in range(2, 8)},
     **{f"figures_{count}": f"Ours, {count} figures" for count in (8, 16, 32, 64, 128)},

@@ -13,7 +13,6 @@ CITATION = {
 # Mean ambient occlusion of the paper's scans, and RMS of |T - T_unoccluded| over their pixels. They are not printed,
 # but follow from its tables.
 IMPLIED_AO, IMPLIED_LOST = 0.83, 0.25
-SECONDS = 0.43  # per picture of 1024 px on a GeForce GTX 1080 Ti (section 1)
 
 QUANTITIES = ("shading", "transport", "normal", "ao", "light", "albedo")
 
@@ -44,7 +43,6 @@ CONTENTS = (
     ("Figure 12", "sitting figures", "sitting", "relight run experiment=sitting"),
     ("Figure 13", "unusual lights", "unusual_lights", "relight run experiment=unusual_lights"),
     ("Supplement", "path tracing", "path_traced", "relight run experiment=path_traced"),
-    ("Section 1", "the time of an inference", "inference_time", "relight run experiment=inference_time"),
     ("Sections 4 to 6", "its whole protocol", "", "relight run scale=paper protocol=paper"),
 )
 
