@@ -87,7 +87,6 @@ class Plan:
             UserError: if a row, a folder, a file or a missing package would make the workflow fail later.
         """
         inputs = [scan.path for scan in self.scans.values()]
-        inputs += [path for figure in self.captures for path in self.capture_files(figure)]
         inputs += [*map(Path, self.table), *map(Path, self.panoramas)]
         tables = {"align.table": self.cfg.align.table, "lights.veto": self.cfg.lights.veto}
         inputs += [existing_file(path, key) for key, path in tables.items() if path]
@@ -95,8 +94,6 @@ class Plan:
         for path in inputs:  # Snakemake ends a job whose outputs are older than its inputs
             if path.exists() and path.stat().st_mtime > limit:
                 raise UserError(f"{path} is dated in the future: correct this machine's clock, or `touch` the file")
-        if "path_traced" in self.experiments and self.captures:
-            raise UserError("experiment=path_traced needs meshes, which figures.source=olat does not make")
         if "path_traced" in self.experiments and find_spec("mitsuba") is None:
             raise UserError("experiment=path_traced needs Mitsuba, which is not installed here: pip install '.[bench]'")
         if "path_traced" in self.experiments and self.cfg.bake.bounces:
@@ -237,21 +234,6 @@ class Plan:
 
         return list_scans(self.cfg.figures.folder)
 
-    @cached_property
-    def captures(self) -> dict[str, Path]:
-        """The folders of a light stage's captures by name; empty for other sources."""
-        if self.cfg.figures.source != "olat":
-            return {}
-        from relight.captures.capture import list_captures
-
-        return list_captures(self.cfg.figures.folder, self.cfg.figures.only)
-
-    def capture_files(self, figure: str) -> list[Path]:
-        """Returns the input files and folders of a capture."""
-        from relight.captures.capture import capture_files
-
-        return capture_files(self.captures[figure])
-
     @property
     def table(self) -> list[str]:
         """The table of the scans, if the user's folder has one."""
@@ -264,14 +246,14 @@ class Plan:
 
     @cached_property
     def figures(self) -> list[str]:
-        """Names of the figures, which are seeds, scans or captures."""
+        """Names of the figures, which are seeds or scans."""
         first, count = self.cfg.figures.first, self.cfg.figures.count
-        return [*self.scans, *self.captures] or [f"g{seed:04d}" for seed in range(first, first + count)]
+        return list(self.scans) or [f"g{seed:04d}" for seed in range(first, first + count)]
 
     @cached_property
     def decades(self) -> list[str]:
         """Decades of generated figures that are completely in the plan, by the common prefix of their names: g012."""
-        count = Counter(name[:-1] for name in self.figures) if not (self.scans or self.captures) else {}
+        count = Counter(name[:-1] for name in self.figures) if not self.scans else {}
         return [name for name, figures in count.items() if figures == 10]
 
     @cached_property

@@ -1,4 +1,4 @@
-"""`relight benchmark`: makes or imports a set of pictures, answers it, scores answers, and compares them."""
+"""`relight benchmark`: makes a set of pictures, answers it, scores answers, and compares them."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,7 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 
-SetFolder = Annotated[Path, typer.Option("--truth", help="Folder of the set that `make` or `import` wrote.")]
+SetFolder = Annotated[Path, typer.Option("--truth", help="Folder of the set that `make` wrote.")]
 BENCHMARK = Path("benchmark")
 
 
@@ -40,18 +40,6 @@ def make(
         raise UserError(f"--detail {detail}: must be {' or '.join(DETAILS)}")
     digest = make_set(out, kind, count, Settings(size=size, samples=samples, detail=detail))
     print(f"{out}: set {digest[:16]}")
-
-
-@app.command("import")
-def import_(
-    source: Annotated[Path, typer.Argument(help="Folder of the captures (docs/scans.md).", metavar="FOLDER")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the set.")] = BENCHMARK,
-    only: Annotated[str, typer.Option(help="Regular expression for the captures' names; all by default.")] = "",
-) -> None:
-    """Make a set from captures of real people, to be answered and scored like a generated one."""
-    from relight.benchmark.captures import import_captures
-
-    print(f"{out}: set {import_captures(source, out, only)[:16]}")
 
 
 @app.command()

@@ -90,16 +90,14 @@ class BenchmarkSet:
         folder: folder of the benchmark's set.
         index: content of index.json.
         hash: SHA-256 of the set.
-        scaled: whether the scale of the albedo is known.
     """
 
     def __init__(self, folder: Path | str):
-        """Opens a set. Raises UserError if `relight benchmark make` or `import` has not finished it."""
+        """Opens a set. Raises UserError if `relight benchmark make` has not finished it."""
         self.folder = Path(folder)
         try:
             self.index = json.loads((self.folder / INDEX).read_text())
             self.hash: str = self.index["sha256"]
-            self.scaled: bool = self.index.get("scale") != "unknown"
         except (OSError, ValueError, KeyError, TypeError):
             raise UserError(
                 f"{folder}: there is no finished benchmark there (relight benchmark make --out {folder})"

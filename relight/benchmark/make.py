@@ -157,8 +157,7 @@ def save_picture(folder: Path, name: str, figure: str, recipe: dict, picture: Pi
             if not variant:
                 for number, panorama in enumerate(picture.new):
                     write_panorama(tmp / f"new_{number}.exr", panorama)
-                known = {key: getattr(picture.truth, key) for key in (*MAPS, "light")}
-                arrays = {"full": picture.relit, **{key: values for key, values in known.items() if values is not None}}
+                arrays = {"full": picture.relit, **{key: getattr(picture.truth, key) for key in (*MAPS, "light")}}
                 write_arrays(truth / f"{name}.npz", file_hash(tmp / "photo.png"), arrays)
                 write_panorama(truth / f"{name}.light.exr", picture.light)
 
@@ -170,7 +169,7 @@ def write_panorama(path: Path, panorama: Panorama) -> None:
         OpenEXR.File(header, {"RGB": np.ascontiguousarray(panorama.pixels, np.float32)}).write(str(tmp))
 
 
-def write_index(folder: Path, kind: str, names: list[str], settings: dict, **extra: str) -> str:
+def write_index(folder: Path, kind: str, names: list[str], settings: dict) -> str:
     """Writes index.json: the pictures, the hash of each of their files, and the hash of the set.
 
     Args:
@@ -178,7 +177,6 @@ def write_index(folder: Path, kind: str, names: list[str], settings: dict, **ext
         kind: name of the set.
         names: of its pictures, whose variants follow each.
         settings: of the pictures.
-        **extra: further entries.
 
     Returns:
         The hash of the set: the SHA-256 of all hashes of files.
@@ -194,7 +192,7 @@ def write_index(folder: Path, kind: str, names: list[str], settings: dict, **ext
             pictures.append({"name": path.name, **record, "files": hashes})
     text = json.dumps([picture["files"] for picture in pictures], sort_keys=True)
     total = hashlib.sha256(text.encode()).hexdigest()
-    content = {"format": FORMAT, "set": kind, "settings": settings, **extra, "sha256": total, "pictures": pictures}
+    content = {"format": FORMAT, "set": kind, "settings": settings, "sha256": total, "pictures": pictures}
     with atomic_write(folder / INDEX) as tmp:
         tmp.write_text(json.dumps(content, indent=1) + "\n")
     return total

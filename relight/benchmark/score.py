@@ -23,7 +23,6 @@ MAP_COLUMNS = (
     "albedo", "albedo_factor", "albedo_ssim", "shading", "shading_factor", "shading_ssim",
     "transport", "light", "light_factor",
 )  # fmt: skip
-ABSOLUTE = {name for name in (*PICTURE_COLUMNS, *MAP_COLUMNS) if name != "transport" and not name.endswith("_factor")}
 COLUMNS = (*PICTURE_COLUMNS, *MAP_COLUMNS, *INVARIANCES, *LEAKS)
 SCORES = "scores.csv"
 
@@ -79,8 +78,7 @@ def score_answers(
         answered: the arrays of the answers to the picture and to each of its variants.
 
     Returns:
-        Those of COLUMNS that the answers allow. If the set does not know the scale of the albedo, the scores that
-        depend on it (ABSOLUTE) are left out.
+        Those of COLUMNS that the answers allow.
     """
     true, pictures = benchmark.truth(entry)
     # By variant; that of the picture itself is "".
@@ -93,7 +91,7 @@ def score_answers(
             scores |= {f"{mode}{key}": float(np.mean([of_light[key] for of_light in by_light])) for key in by_light[0]}
     if len(inferred) > 1:
         scores |= invariances(inferred)
-    return scores if benchmark.scaled else {name: value for name, value in scores.items() if name not in ABSOLUTE}
+    return scores
 
 
 def relit_errors(relit: np.ndarray, true: np.ndarray, opaque: np.ndarray) -> dict[str, float]:

@@ -14,16 +14,13 @@ from relight.config.setting import domain_in_words, setting_of
 from relight.config.stages import READS
 from relight.errors import UserError
 
-_OF_SEEDS = [
-    f"figures.{name}"
-    for name in ("first", "count", "detail", "texture", "per_subject", "sitting", "poses", "garments", "hair")
-]
 # The settings, or groups, that a source does not read; scales and experiments may set them all the same. Extensions may
 # read all, and `figures.outfits` and `figures.shading`, with which a user undoes an experiment, are checked by value.
 UNREAD: dict[str, list[str]] = {
-    "figures.source=generated": ["figures.only"],
-    "figures.source=scans": [*_OF_SEEDS, "figures.only"],
-    "figures.source=olat": [*_OF_SEEDS, "clean", "align", "bake.rays", "bake.supersample"],
+    "figures.source=scans": [
+        f"figures.{name}"
+        for name in ("first", "count", "detail", "texture", "per_subject", "sitting", "poses", "garments", "hair")
+    ],
     "panoramas.source=generated": ["panoramas.layout", "panoramas.upside_down", "panoramas.repair"],
     "panoramas.source=folder": ["panoramas.count", "panoramas.skies"],
 }
@@ -155,23 +152,19 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
             yield f"experiments.{name}.compare_in: {unknown[0]} must be a quantity and a reading, such as relit_rmse"
     if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):
         yield "figures.outfits must be 1 with bake.bounces, which depend on albedo, and unless figures are generated"
-    if get("figures.shading") and get("figures.source") in ("scans", "olat"):
-        yield f"figures.shading shades generated figures only, and figures.source is {get('figures.source')}"
+    if get("figures.shading") and get("figures.source") == "scans":
+        yield "figures.shading shades generated figures only, and figures.source is scans"
     for name, weight in (get("loss.extra") or {}).items():
         if name not in extensions.names():
             yield f"loss.extra.{extensions.missing(name)}"
         if weight < 0:
             yield f"loss.extra.{name} is {weight}: it must be at least 0"
-    measured_values = {"bake.order": 2, "bake.bounces": 0, "bake.views": 0}
-    for key, value in measured_values.items() if get("figures.source") == "olat" else ():
-        if get(key) not in (None, value):
-            yield f"{key} must be {value} with figures.source=olat, whose maps are measured by the cameras"
-    for group, source in (("figures", "scans"), ("figures", "olat"), ("panoramas", "folder")):
-        if get(f"{group}.source") == source and not get(f"{group}.folder"):
+    for group, source in (("figures", "scans"), ("panoramas", "folder")):
+        chosen, folder = get(f"{group}.source"), get(f"{group}.folder")
+        if chosen == source and not folder:
             yield f"{group}.source={source} needs {group}.folder=<the folder to read>"
-    for group, presets in (("figures", "figures=scans or figures=olat"), ("panoramas", "panoramas=folder")):
-        if get(f"{group}.source") == "generated" and get(f"{group}.folder"):
-            yield f"{group}.folder={get(f'{group}.folder')} is not read by {group}.source=generated: give {presets}"
+        if chosen == "generated" and folder:
+            yield f"{group}.folder={folder} is not read by {group}.source=generated: give {group}={source}"
 
 
 def _without_effect(cfg: DictConfig, given: Iterable[str]) -> Iterator[str]:

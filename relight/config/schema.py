@@ -33,12 +33,10 @@ class Figures:
     """The source and the content of figures."""
 
     source: str = setting(
-        "generated figures; scans: meshes in a folder; olat: captures of a light stage, one light at a time; or the "
-        "name of an extension",
-        choices=("generated", "scans", "olat", *extensions.names()),
+        "generated figures; scans: meshes in a folder; or the name of an extension",
+        choices=("generated", "scans", *extensions.names()),
     )
-    folder: str | None = setting("folder of the scans or captures", None)
-    only: str = setting("regular expression for the names of captures; empty for all", "", reruns=False)
+    folder: str | None = setting("folder of the scans", None)
     first: int = setting("first seed", 0, least=0, reruns=False)
     count: int = setting("number of seeds", 1, least=1, reruns=False)
     detail: str = setting("resolution of the drape", choices=("draft", "full"))

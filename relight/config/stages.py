@@ -10,7 +10,6 @@ from relight.config.setting import setting_of
 READS: dict[str, tuple[str, ...]] = {
     "figure": ("figures",),
     "scan": ("figures",),
-    "capture": ("figures", "bake.size"),
     "clean": ("clean",),
     "align": ("align",),
     "bake": ("bake",),

@@ -12,7 +12,7 @@ from relight.meshes import Mesh, vertex_normals
 from relight.progress import progress
 from relight.sh import UNOCCLUDED_T00, rotation_matrix
 from relight.transport.bounce import solve_radiosity
-from relight.transport.camera import Camera, RayCamera
+from relight.transport.camera import Camera
 from relight.transport.integrate import BATCH, integrate, require_at_least
 from relight.transport.raycaster import MISS, RayCaster
 from relight.transport.sampling import random_azimuths
@@ -348,7 +348,7 @@ class Hits(NamedTuple):
     weights: np.ndarray
 
 
-def primary_hits(caster: RayCaster, camera: RayCamera, column: np.ndarray, row: np.ndarray) -> Hits:
+def primary_hits(caster: RayCaster, camera: Camera, column: np.ndarray, row: np.ndarray) -> Hits:
     """Casts camera rays through points of the image and returns where they hit the mesh.
 
     Args:
@@ -375,6 +375,6 @@ def pixel_corners(size: int) -> np.ndarray:
     return np.stack([column, row])
 
 
-def faces_away(camera: RayCamera, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def faces_away(camera: Camera, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Returns whether normals (N,3) at points (N,3), in the mesh's frame, point away from the camera, (N,) bool."""
     return np.einsum("nx,nx->n", normals, camera.toward(points)) < 0

@@ -1,25 +1,11 @@
 """The camera of the maps, orthographic or perspective."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from relight.errors import UserError
 from relight.transport.view import Pose, rotate_vectors
-
-
-class RayCamera(Protocol):
-    """Interface of cameras whose rays can be cast: `Camera`, or a calibrated one."""
-
-    def rays(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """Returns rays (N,6), origin and direction in the mesh's frame, through points of the image.
-
-        `column` and `row` (N,) are in pixels from the top left corner of the image.
-        """
-
-    def toward(self, points: np.ndarray) -> np.ndarray:
-        """Returns directions (N,3), not normalised, from points (N,3) to the camera, in the mesh's frame."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,6 @@ PRESETS = [[f"{group}={name}" for group, name in zip(ALONE, names) if name] for 
 NEEDS = {
     "augment=photo": ["train=photo"],
     "figures=scans": ["figures.folder=x"],
-    "figures=olat": ["figures.folder=x"],
     "panoramas=folder": ["panoramas.folder=x"],
 }
 
@@ -137,7 +136,6 @@ def test_what_stages_read_is_there(stage):
         ("bake.size=100", ["bake.size", "multiple of 64", "100"]),
         ("bake.rays=0", ["bake.rays", "at least 1"]),
         ("figures.source=scans", ["figures.folder"]),
-        ("figures.source=olat", ["figures.folder"]),
         ("figures.folder=/x", ["figures.folder=/x is not read by figures.source=generated", "figures=scans"]),
         ("panoramas.folder=/x", ["panoramas.folder=/x is not read", "give panoramas=folder"]),
         ("panoramas.source=files", ["panoramas.source must be one of generated, folder, not files"]),
@@ -207,7 +205,7 @@ def test_view_hands_over_what_is_read():
     assert view(tree, "train")["train"]["lr"] == 0.5
     assert view(tree, "lights")["bake"] == {"order": tree["bake"]["order"]}
     assert view(tree, "tables") == {} and "track" not in view(tree, "evaluate")
-    assert {"first", "count", "only"}.isdisjoint(view(tree, "figure")["figures"])
+    assert {"first", "count"}.isdisjoint(view(tree, "figure")["figures"])
     assert "count" in tree["figures"]  # which keeps all
 
 
@@ -236,9 +234,7 @@ def test_shading_of_scans_is_refused():
 @pytest.mark.parametrize(
     ("source", "given"),
     [
-        ("generated", "figures.only=anna"),
         *(("scans", word) for word in ("figures.count=3", "figures.detail=full", "figures.sitting=0")),
-        *(("olat", word) for word in ("figures.texture=64", "align.up=+y", "clean.max_faces=9", "bake.rays=9")),
         ("generated", "panoramas.layout=ball"),
         ("folder", "panoramas.count=9"),
     ],

@@ -1,29 +1,5 @@
-# From figures to the packed set. Maps are baked from meshes, or measured from captures of a light stage.
-if PLAN.captures:
-
-    rule capture:
-        input:
-            cfg=settings("capture"),
-            files=lambda wildcards: files(PLAN.capture_files(wildcards.figure)),
-        output:
-            f"{OUT}/maps/{{figure}}.exr",
-        log:
-            f"{OUT}/log/capture/{{figure}}.log",
-        benchmark:
-            f"{OUT}/benchmark/capture/{{figure}}.tsv"
-        group:
-            "figures"
-        resources:
-            mem_mb=2000,
-        shell:
-            command("capture")
-            + named("io.figure", "wildcards.figure")
-            + "io.out={output:q}"
-            + LOGGED
-
-else:
-
-    include: "meshes.smk"
+# From figures to the packed set.
+include: "meshes.smk"
 
 
 rule pack:
