@@ -116,7 +116,7 @@ def run(
 
         print(OmegaConf.to_yaml(composed(overrides or [])), end="")
         return
-    from relight.run import run as workflow
+    from relight.lab.run import run as workflow
 
     raise typer.Exit(workflow(overrides or [], multirun, cores, dry, target, shlex.split(snakemake)))
 

@@ -2,14 +2,11 @@
 
 import ctypes
 import os
-import select
 import signal
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
-STARTED_BY = "RELIGHT_SNAKEMAKE"  # environment variable of stages: process number of their Snakemake
 PR_SET_PDEATHSIG = 1  # prctl(2)
 LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 
@@ -51,23 +48,3 @@ def end_with_parent(parent: int) -> None:
         LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # the parent has already ended
         os._exit(1)
-
-
-def end_with_snakemake() -> None:
-    """Ends this process as soon as its Snakemake has ended, for any reason.
-
-    The parent is the shell of the rule, which outlives Snakemake, so `end_with_parent` is not sufficient. Instead, a
-    thread waits for a handle of Snakemake's process (pidfd_open(2), Linux).
-    """
-    if STARTED_BY not in os.environ or not hasattr(os, "pidfd_open"):
-        return
-
-    def wait() -> None:
-        select.select([handle], [], [])
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    try:
-        handle = os.pidfd_open(int(os.environ[STARTED_BY]))
-    except ProcessLookupError:
-        sys.exit("the Snakemake that started this has ended")
-    threading.Thread(target=wait, daemon=True).start()

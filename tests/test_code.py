@@ -1,25 +1,22 @@
-"""The hash of a stage's code: what changes it, what does not, and what a run says about it."""
+"""The hash of a rule's code: what changes it, and what does not."""
 
 import subprocess
 import sys
 
 import pytest
 
-from relight import code
-from relight.config import READS, ROOT, composed
-from relight.config_folder import ConfigFolder, extension_names
-from relight.errors import UserError
-from relight.plan import Plan
-from relight.run import change_lines
+from relight.config import ROOT
+from relight.lab import code
 
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    """A package of two stages: bake imports transport, which imports sampling; lights imports neither."""
+    """A package with two scripts: bake imports transport, which imports sampling; lights imports neither."""
     folder = tmp_path / "relight"
     files = {
-        "stages/bake.py": "def main():\n    from relight.transport import bake\n    bake()\n",
-        "stages/lights.py": "from relight.config import ROOT\n",
+        "../scripts/bake.py": "from relight.transport import bake\nbake()\n",
+        "../scripts/lights.py": "from relight.config import ROOT\nfrom relight.lights import chain\n",
+        "lights/chain.py": "",
         "transport/__init__.py": "",
         "transport/__init__.pyi": "from relight.transport.baker import bake\n",
         "transport/baker.py": "import relight.npz\nimport relight.transport.sampling\ndef bake():\n    return 1\n",
@@ -33,6 +30,7 @@ def package(tmp_path, monkeypatch):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text)
     monkeypatch.setattr(code, "ROOT", tmp_path)
+    monkeypatch.setattr(code, "SCRIPTS", tmp_path / "scripts")
     for cache in (code.source, code.cached, code.path_of):
         cache.cache_clear()
     yield folder
@@ -47,8 +45,9 @@ def hashes() -> tuple[str, str]:
 
 
 def test_closure_follows_functions_stubs_and_plain_imports(package):
-    names = {"relight.stages.bake", "relight.transport.baker", "relight.transport.sampling", "relight.npz"}
-    assert code.closure("relight.stages.bake") == names
+    names = {"relight.transport.baker", "relight.transport.sampling", "relight.npz"}
+    assert code.closure(["relight.transport.baker"]) == names
+    assert code.closure(code.source(code.SCRIPTS / "bake.py").imports) == names
 
 
 @pytest.mark.parametrize(
@@ -62,7 +61,7 @@ def test_closure_follows_functions_stubs_and_plain_imports(package):
             False,
         ),
         ("transport/table.csv", "2\n", True, False),
-        ("stages/lights.py", "from relight.config import ROOT\nX = 1\n", False, True),
+        ("lights/chain.py", "X = 1\n", False, True),
         ("transport/sampling.py", '"""Samples."""\n\nN = 2  # two\n', False, False),
         ("transport/.table.csv.swp", "2\n", False, False),
         ("weights/network.onnx", "2\n", False, False),
@@ -71,7 +70,7 @@ def test_closure_follows_functions_stubs_and_plain_imports(package):
         ("config/__init__.py", "ROOT = 2\n", False, False),
     ],
 )
-def test_code_hash_changes_with_what_a_stage_runs_and_with_nothing_else(
+def test_code_hash_changes_with_what_a_rule_runs_and_with_nothing_else(
     package, name, text, bake_differs, lights_differs
 ):
     bake, lights = hashes()
@@ -106,79 +105,30 @@ def test_without_comments_drops_comments_docstrings_and_layout():
 def test_code_hash_includes_the_extension_that_the_settings_name(tmp_path, monkeypatch):
     monkeypatch.setattr(code.extensions, "__path__", [str(tmp_path)])
     (tmp_path / "mine.py").write_text("def loss(outputs, batch): return 1\n")
-    without, first = code.code_hash("split"), code.code_hash("split", frozenset({"mine"}))
+    without, first = code.code_hash("split"), code.code_hash("split", ["mine"])
     assert without != first
     code.source.cache_clear()
     (tmp_path / "mine.py").write_text("def loss(outputs, batch): return 22\n")
-    assert code.code_hash("split", frozenset({"mine"})) != first
+    assert code.code_hash("split", ["mine"]) != first
     code.source.cache_clear()
 
 
-def test_results_named_like_an_extension_do_not_depend_on_it(tmp_path, monkeypatch):
-    folder = ConfigFolder(Plan({"hydra": ["scale=smoke", "name=mine"]}))
-    before = folder.stage_settings("report")
-    (tmp_path / "mine.py").touch()
-    monkeypatch.setattr(code.extensions, "__path__", [str(tmp_path)])
-    assert folder.stage_settings("report") == before
-    named = {"model": {"name": "a"}, "loss": {"extra": {"b": 1.0}}, "figures": {"source": "c"}}
-    assert extension_names(named) == {"a", "b", "c"}
-
-
 @pytest.mark.slow
-def test_every_stage_imports_what_it_runs():
-    """What a process of a stage has loaded of relight after its imports is in the closure, if results depend on it."""
-    for stage in ("bake", "lights", "train"):
-        words = f"import sys, relight.stages.{stage}; print(*[name for name in sys.modules if 'relight.' in name])"
+def test_every_script_imports_what_it_runs():
+    """What a process of a rule has loaded of relight after its imports is in the closure, if results depend on it."""
+    for rule in ("bake", "lights", "train"):
+        imports = "\n".join(line for line in (code.SCRIPTS / f"{rule}.py").read_text().splitlines() if "import" in line)
+        words = f"import sys\n{imports}\nprint(*[name for name in sys.modules if 'relight.' in name])"
         done = subprocess.run([sys.executable, "-c", words], cwd=ROOT, capture_output=True, text=True, check=True)
         loaded = {name for name in done.stdout.split() if not code._has_no_results(name)}
         packages = {name for name in loaded if (code.path_of(name) or ROOT).name == "__init__.py"}
-        assert loaded - packages <= code.closure(f"relight.stages.{stage}")
-    assert {path.stem for path in (ROOT / "relight" / "stages").glob("*.py")} >= set(READS)
+        assert loaded - packages <= code.closure(code.source(code.SCRIPTS / f"{rule}.py").imports)
 
 
-@pytest.fixture
-def made(tmp_path, monkeypatch):
-    """The settings of results that were made with the smoke scale."""
-    monkeypatch.setattr("relight.config_folder.ROOT", tmp_path)
-    config = tmp_path / "results" / "smoke" / "config"
-    config.mkdir(parents=True)
-    for stage in ("figure", "bake", "tables"):
-        (config / f"{stage}.yaml").write_text(ConfigFolder(Plan({"hydra": ["scale=smoke"]})).stage_settings(stage))
-    return config
-
-
-def test_nothing_is_said_where_nothing_changed(made):
-    assert change_lines(Plan({"hydra": ["scale=smoke"]})) == []
-
-
-def test_changed_settings_are_named_with_the_way_to_keep_both(made):
-    (line,) = change_lines(Plan({"hydra": ["scale=smoke", "bake.rays=64"]}))
-    assert line.startswith("results/smoke was made with other settings (bake.rays): bake and what depends on them")
-    assert line.endswith("to keep both, give this run a name, name=NAME")
-
-
-def test_update_config_dates_the_settings_that_differ(made):
-    """Snakemake has no records of a folder that was copied: the dates of these files alone tell it what to make."""
-    (made / "bake.yaml~").write_bytes(b"an editor's copy \xff")
-    dates = {file.name: file.stat().st_mtime_ns for file in made.iterdir()}
-    folder = ConfigFolder(Plan({"hydra": ["scale=smoke", "bake.rays=64"]}))
-    folder.update()
-    assert {file.name for file in made.iterdir() if file.stat().st_mtime_ns > dates[file.name]} == {"bake.yaml"}
-    assert (made / "bake.yaml").read_text() == folder.stage_settings("bake")
-
-
-@pytest.mark.slow
-def test_changed_code_is_named_and_pin_keeps_its_results(made):
-    file = made / "bake.yaml"
-    text = file.read_text()
-    code_line = next(line for line in text.splitlines() if line.startswith("code:"))
-    file.write_text(text.replace(code_line, "code: older"))
-    (line,) = change_lines(Plan({"hydra": ["scale=smoke"]}))
-    assert line.startswith("the code of bake has changed") and line.endswith("pin=[bake] keeps their results")
-    pinned = Plan({"hydra": ["scale=smoke", "pin=[bake]"]})
-    assert change_lines(pinned) == [] and "code: older" in ConfigFolder(pinned).stage_settings("bake")
-
-
-def test_pin_of_no_stage_is_refused():
-    with pytest.raises(UserError, match="pin: no stage baek; there are figure, "):
-        composed(["pin=[baek]"])
+def test_scripts_are_short():
+    """They call the library, where their work can be tested."""
+    scripts = sorted(code.SCRIPTS.glob("*.py"))
+    assert len(scripts) > 15
+    for path in scripts:
+        lines = [line for line in path.read_text().splitlines() if line and not line.startswith(("from ", "import "))]
+        assert len(lines) <= 15, path.name

@@ -28,7 +28,7 @@ from relight.errors import UserError
 from relight.learning.checkpoint import load_network, save_network
 from relight.learning.networks import build
 from relight.lights import load_light
-from relight.stages.figure import main
+from relight.lab.figures import draw
 from omegaconf import OmegaConf
 
 config = resolved(composed(["scale=smoke", "model.name=mine", "+loss.extra.mine=0.5", "figures.source=mine"]))
@@ -51,9 +51,7 @@ light = load_light("mine:2.5", order=1).coefficients
 assert light.shape == (4, 3) and (light[0] == 2.5).all() and not light[1:].any()
 assert settings.loss.extra == {"mine": 0.5}
 
-sys.argv = ["figure", "+figures.source=mine", "io.figure=g0007", "io.out=g0007.npz"]
-sys.argv[1:2] = ["scale=smoke", "figures.source=mine"]
-main.cli()
+draw("g0007", settings.figures, Path("g0007.npz"))
 from relight.meshes import Mesh
 mesh = Mesh.load(Path("g0007.npz"))
 assert len(mesh.faces) == 4 and mesh.info["name"] == "g0007"

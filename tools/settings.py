@@ -6,14 +6,14 @@ from typing import Any, get_origin
 import yaml
 from omegaconf import MISSING, DictConfig, OmegaConf
 
-from relight.config import CONF, READS, Config, Experiment, composed, flat, presets
+from relight.config import CONF, Config, Experiment, composed, flat, presets
 from relight.config.schema import EXPERIMENT, FIELDS
 from relight.config.setting import domain_in_words, setting_of, type_in_words
 
 HEAD = """\
 # Settings
 
-All settings of `relight run` and its stages, from `relight/config/schema.py` and `conf/`.
+All settings of `relight run`, from `relight/config/schema.py` and `conf/`.
 [The workflow](workflow.md) says how to give them. The defaults are those of a run without overrides, `scale=demo`.
 """
 
@@ -25,7 +25,6 @@ def page() -> str:
     parts = [HEAD, *scales(chosen["scale"]), *protocols(chosen["protocol"]), *experiments(chosen["experiment"])]
     cfg = composed()
     parts += ["## name", f"`name`: {setting_of(FIELDS['name']).about}; it comes with the scale (`{cfg.name}`)."]
-    parts += [f"`pin`: {setting_of(FIELDS['pin']).about} ([what re-runs](workflow.md#what-re-runs))."]
     for group in fields(Config):
         if is_dataclass(group.type):
             parts += [f"## {group.name}", paragraph(group.type)]
@@ -35,8 +34,6 @@ def page() -> str:
             parts.append(table(of_group, cfg))
             nested = [item for item in fields(group.type) if is_dataclass(item.type)]
             parts += [f"`{group.name}.{item.name}`: {paragraph(item.type)}" for item in nested]
-            stages = [f"`{name}`" for name, read in READS.items() if group.name in read]
-            parts += [f"Read by the stages {', '.join(stages)}."] if stages else []
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 

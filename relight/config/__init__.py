@@ -1,4 +1,4 @@
-"""Settings: their schema, composition from conf/, checks, and the part that each stage reads."""
+"""Settings: their schema, composition from conf/, and checks."""
 
 from relight.config.checks import MAX_NAME_LENGTH, check, check_name
 from relight.config.composition import CONF, IS_CLONE, ROOT, composed, flat, presets, read_preset, resolved
@@ -22,11 +22,10 @@ from relight.config.schema import (
     Track,
     Train,
 )
-from relight.config.stages import READS, view
 
 __all__ = [
-    "CONF", "IS_CLONE", "MAX_NAME_LENGTH", "NO_AUGMENTATION", "READS", "ROOT", "STRENGTHS",
+    "CONF", "IS_CLONE", "MAX_NAME_LENGTH", "NO_AUGMENTATION", "ROOT", "STRENGTHS",
     "Align", "Augment", "Bake", "Clean", "Config", "Experiment", "Figures", "Lights", "Loss", "Model",
     "Panoramas", "Split", "Sweep", "Trace", "Track", "Train",
-    "check", "check_name", "composed", "flat", "presets", "read_preset", "resolved", "view",
+    "check", "check_name", "composed", "flat", "presets", "read_preset", "resolved",
 ]  # fmt: skip

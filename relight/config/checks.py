@@ -11,7 +11,6 @@ from omegaconf import DictConfig, OmegaConf
 from relight import extensions
 from relight.config.schema import EXPERIMENT, FIELDS, QUANTITIES, STRENGTHS
 from relight.config.setting import domain_in_words, setting_of
-from relight.config.stages import READS
 from relight.errors import UserError
 
 # The settings, or groups, that a source does not read; scales and experiments may set them all the same. Extensions may
@@ -124,8 +123,6 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
     def get(key: str) -> Any:
         return OmegaConf.select(cfg, key)
 
-    if unknown := [stage for stage in get("pin") or () if stage not in READS]:
-        yield f"pin: no stage {unknown[0]}; there are {', '.join(READS)}"
     if get("lights.test") is not None and get("lights.test") >= get("lights.clusters"):
         yield f"lights.test {get('lights.test')} must be below lights.clusters {get('lights.clusters')}"
     augments = any([*(get(f"augment.{name}") for name in STRENGTHS), *(get("augment.exposure") or ())])

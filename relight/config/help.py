@@ -1,7 +1,6 @@
 """Formats settings for --help, and completes overrides in a shell."""
 
 import textwrap
-from collections.abc import Iterable
 
 from omegaconf import DictConfig
 
@@ -13,41 +12,25 @@ WIDTH = 110  # characters of a line
 INDENT = 40  # characters before descriptions
 
 
-def listing(cfg: DictConfig, keys: Iterable[str]) -> str:
-    """Returns a table of settings in text: presets, values, descriptions and domains.
+def overview(cfg: DictConfig) -> str:
+    """Returns the settings of `relight run` as text: presets of whole runs, then each group.
 
     Args:
         cfg: the tree with the values.
-        keys: groups (`train`) and single settings (`bake.order`).
-
-    Returns:
-        Lines of at most WIDTH characters, with a blank line between groups.
     """
-    lines = []
-    for key in keys:
-        group, _, single = key.partition(".")
-        if key == "code":  # no setting, and given by the workflow only
-            continue
-        if not isinstance(cfg[group], DictConfig):
-            lines += ["", _line(key, cfg[key])]
-            continue
-        known = presets().get(group)
-        lines += ["", f"  {group}={'|'.join(known)}" if known else f"  {group}"]
-        for name in [single] if single else cfg[group]:
-            if f"{group}.{name}" in FIELDS:
-                lines.append(_line(f"{group}.{name}", cfg[group][name]))
-    return "\n".join(lines[1:])
-
-
-def overview(cfg: DictConfig) -> str:
-    """Returns the settings of `relight run` as text: presets of whole runs, then each group."""
     lines = []
     for group in ("scale", "protocol", "experiment"):
         text = f"  {group}={' | '.join(presets()[group])}"
         lines += textwrap.wrap(text, WIDTH, subsequent_indent=(len(group) + 3) * " ")
-    lines += [_line("sweep.only", "[ROW,...]"), _line("sweep.seeds", "[0,...]"), ""]
-    groups = [name for name in Config.__dataclass_fields__ if name not in ("sweep", "experiments", "code")]
-    return "\n".join([*lines, listing(cfg, groups)])
+    lines += [_line("sweep.only", "[ROW,...]"), _line("sweep.seeds", "[0,...]")]
+    for group in (name for name in Config.__dataclass_fields__ if name not in ("sweep", "experiments")):
+        if not isinstance(cfg[group], DictConfig):
+            lines += ["", _line(group, cfg[group])]
+            continue
+        known = presets().get(group)
+        lines += ["", f"  {group}={'|'.join(known)}" if known else f"  {group}"]
+        lines += [_line(f"{group}.{name}", cfg[group][name]) for name in cfg[group] if f"{group}.{name}" in FIELDS]
+    return "\n".join(lines)
 
 
 def _line(key: str, value: object) -> str:

@@ -37,8 +37,8 @@ class Figures:
         choices=("generated", "scans", *extensions.names()),
     )
     folder: str | None = setting("folder of the scans", None)
-    first: int = setting("first seed", 0, least=0, reruns=False)
-    count: int = setting("number of seeds", 1, least=1, reruns=False)
+    first: int = setting("first seed", 0, least=0)
+    count: int = setting("number of seeds", 1, least=1)
     detail: str = setting("resolution of the drape", choices=("draft", "full"))
     texture: int = setting("side of the largest texture, pixels", least=16)
     per_subject: int = setting(
@@ -341,10 +341,8 @@ class Sweep:
 class Track:
     """Tracking in MLflow."""
 
-    uri: str | None = setting(
-        "store of the runs: sqlite:///FILE, a database or a server; null for none", None, reruns=False
-    )
-    experiment: str = setting("name of the experiment in MLflow", "relight", reruns=False)
+    uri: str | None = setting("store of the runs: sqlite:///FILE, a database or a server; null for none", None)
+    experiment: str = setting("name of the experiment in MLflow", "relight")
 
 
 @dataclass
@@ -352,10 +350,6 @@ class Config:
     """All settings."""
 
     name: str = setting("name of the folder in results/")
-    pin: list[str] = setting(
-        "stages that keep their results although their code has changed, such as [figure, bake]", []
-    )
-    code: str = ""  # no setting: hash of a stage's code, which the workflow writes into the stage's settings
     figures: Figures = field(default_factory=Figures)
     clean: Clean = field(default_factory=Clean)
     align: Align = field(default_factory=Align)

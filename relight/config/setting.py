@@ -23,8 +23,6 @@ class Setting:
         interval: whether it is a list [least, most] of two numbers.
         supervised: whether it is the weight of a loss that needs ground truth.
         teaches: what such a loss constrains: "albedo", "transport" (or normals and AO), "light".
-        reruns: whether a change re-runs the stages that read it; not if it only says which
-            figures to make, or where runs are tracked.
     """
 
     about: str
@@ -37,7 +35,6 @@ class Setting:
     interval: bool = False
     supervised: bool = False
     teaches: tuple[str, ...] = ()
-    reruns: bool = True
 
     @property
     def domain(self) -> str:
@@ -80,8 +77,7 @@ def setting(about: str, default: Any = MISSING, **rules: Any) -> Any:
 
     Args:
         about: description, with the unit.
-        default: only for settings that files may omit: weights of losses, settings that are newer than existing files,
-            and those that the workflow omits from the settings of stages (`reruns`).
+        default: only for settings that files may omit: weights of losses, and settings that are newer than files.
         **rules: the domain, as in `Setting`.
     """
     metadata = {"setting": Setting(about, **rules)}

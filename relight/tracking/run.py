@@ -2,11 +2,11 @@
 
 import csv
 import json
-import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,8 +16,6 @@ from relight.files import file_hash
 from relight.tracking.store import connect, find_run, warn
 from relight.training_name import TrainingName
 
-# Environment variable of a workflow's stages, as JSON: its `track`, and the `tags` of its runs by row.
-WORKFLOW = "RELIGHT_WORKFLOW"
 NOTE = """\
 Losses are means over the steps since the last point, and those of the validation over figures and lights that are \
 left out of the training.
@@ -41,22 +39,21 @@ class TrainingRun:
     cannot be reached, `finish` sends, except pictures. A run that has finished stays as it is.
     """
 
-    def __init__(self, track: Track, name: str, fingerprint: str, settings: dict, data: Mapping[str, Path]):
+    def __init__(self, tracking: dict[str, Any], name: str, fingerprint: str, settings: dict, data: Mapping[str, Path]):
         """Takes what the run records; nothing is sent before `open`.
 
         Args:
-            track: store and experiment; a workflow's have priority for its stages.
+            tracking: `track`, store and experiment, and `tags` by row (`relight.lab.plan.Plan.tracking`).
             name: name of the training, such as ours_full.s0.
             fingerprint: `relight.learning.train.fingerprint`.
             settings: parameters of the run, nested.
             data: name of an input, such as "lights" -> its file.
         """
-        workflow = json.loads(os.environ.get(WORKFLOW, "{}"))
         training = TrainingName.parse(name)
-        self.track = Track(**workflow["track"]) if workflow else track
+        self.track = Track(**tracking["track"])
         self.name, self.fingerprint, self.settings, self.data = name, fingerprint, settings, data
         self.tags = {"row": training.row, "fingerprint": fingerprint, "relight.version": __version__}
-        self.tags |= {"seed": str(training.seed), **workflow.get("tags", {}).get(training.row, {})}
+        self.tags |= {"seed": str(training.seed), **tracking["tags"].get(training.row, {})}
         self.id = ""  # until it is open
         self.is_finished = False
         self._image: tuple[np.ndarray, int] | None = None  # unsent, and its step
@@ -182,18 +179,18 @@ def dataset_input(name: str, path: Path):
 
 @contextmanager
 def training_run(
-    track: Track, name: str, fingerprint: str, settings: dict, data: Mapping[str, Path]
+    tracking: dict[str, Any], name: str, fingerprint: str, settings: dict, data: Mapping[str, Path]
 ) -> Iterator[TrainingRun | None]:
     """Yields the open run of a training, and marks it as failed if the block raises.
 
     Args:
-        track: store and experiment. Without an address nothing is tracked, and None is yielded.
+        tracking: as for `TrainingRun`. Without an address nothing is tracked, and None is yielded.
         name: name of the training, such as ours_full.s0.
         fingerprint: hash of everything on which the results depend (`relight.learning.train.fingerprint`).
         settings: parameters of the run, nested.
         data: name of an input, such as "lights" -> its file.
     """
-    run = TrainingRun(track, name, fingerprint, settings, data)
+    run = TrainingRun(tracking, name, fingerprint, settings, data)
     if not run.track.uri:
         yield None
         return
@@ -210,12 +207,12 @@ def training_run(
 
 
 def log_scores(
-    track: Track, network: Path, config: dict, condition: str, means: Mapping[str, float], scores: Path
+    tracking: dict[str, Any], network: Path, config: dict, condition: str, means: Mapping[str, float], scores: Path
 ) -> None:
     """Adds the scores of a network to the run of its training, which is made if the store lacks it.
 
     Args:
-        track: store and experiment.
+        tracking: as for `TrainingRun`.
         network: file (.safetensors).
         config: its header, as from `relight.learning.checkpoint.read_config`.
         condition: what was scored: `test`, whose HEADLINE become metrics, or others such as `sitting-test`.
@@ -225,7 +222,7 @@ def log_scores(
     settings = {part: config[part] for part in ("model", "loss", "train", "augment") if part in config}
     # A network without a fingerprint was trained elsewhere, and has its own run.
     fingerprint = config.get("fingerprint") or file_hash(network)
-    training = TrainingRun(track, network.stem, fingerprint, settings, {})
+    training = TrainingRun(tracking, network.stem, fingerprint, settings, {})
     if not training.track.uri:
         return
     training.finish(network)  # makes the run of a network that was trained without the store; else does nothing

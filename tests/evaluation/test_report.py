@@ -59,19 +59,19 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
         files[kind] = {row: [f"evaluate/{'-'.join(on)}/{row}.s0.csv"] for row in rows}
         files[kind][""] = [f"evaluate/{'-'.join(on)}/baselines.csv"]
     (folder / "split.json").write_text(json.dumps({"train": [f"t{i}" for i in range(40)], "test": FIGURES}))
-    (folder / "config").mkdir(parents=True, exist_ok=True)
     (folder / "report").mkdir(exist_ok=True)
+    run = folder / "run.yaml"
+    told = yaml.safe_load(run.read_text()) if run.exists() else {"overrides": [], "settings": {}, "rows": {}}
     for row in rows:
         words = dict(word.split("=") for word in one["sweep"]["rows"][row] if "." in word.split("=")[0])
         figures = int(words["train.figures"]) if "train.figures" in words else None
         train = {"figures": figures, "part": "train", "steps": int(words.get("train.steps", 1000 + len(row)))}
         model = {"width": float(words.get("model.width", 1)), "order": int(words.get("model.order", 2))}
-        settings = {"defaults": [], "hydra": {}, "train": train, "model": model, "loss": {"light": 1}}
-        (folder / "config" / f"train.{row}.s0.yaml").write_text(yaml.safe_dump(settings))
+        told["rows"][row] = {"train": train, "model": model, "loss": {"light": 1}}
+    run.write_text(yaml.safe_dump(told))
     record = {**experiment, **files, "trainings": {row: [f"{row}.s0"] for row in rows}}
     record["splits"] = dict.fromkeys(rows, "split.json")
-    (folder / "experiments.json").write_text(json.dumps({preset: record}))
-    return Results(folder, folder / "experiments.json")
+    return Results(folder, {preset: record})
 
 
 def numbers(folder, preset: str, errors: dict[str, dict[str, float]], **options) -> dict:
@@ -97,14 +97,14 @@ def test_section_of_every_table_of_trainings(tmp_path, preset):
 
 
 def test_setting_tables_shared_and_differing(tmp_path):
-    """Files of single rows, and of several splits, say nothing about the run as a whole."""
     made = results(tmp_path, "table1", {})
-    others = {"train.sfsnet": {"model": {"width": 3}}, "split.a": {"split": {"kind": "a"}}}
-    for name, settings in {**others, "split.b": {"split": {"kind": "b"}}, "bake": {"bake": {"rays": 256}}}.items():
-        (tmp_path / "config" / f"{name}.yaml").write_text(yaml.safe_dump(settings))
+    run = tmp_path / "run.yaml"
+    told = yaml.safe_load(run.read_text()) | {"settings": {"bake": {"rays": 256}}}
+    told["rows"]["another"] = {"loss": {"light": 3}}
+    run.write_text(yaml.safe_dump(told))
     found = costs_and_settings(made)
     shared = found["shared"].frame["value"]
-    assert {"model.width", "split.kind", "train.steps"}.isdisjoint(shared.index) and shared["bake.rays"] == "256"
+    assert "train.steps" not in shared.index and (shared["bake.rays"], shared["loss.light"]) == ("256", "1")
     assert list(found["differing"].frame.index) == ["train.steps"]
 
 
@@ -291,7 +291,6 @@ def whole_run(folder, *presets: str, **options):
     for one, preset in zip(made, presets):
         results(folder, preset, {}, **options)
         asked |= one.experiments
-    (folder / "experiments.json").write_text(json.dumps(asked))
     infos = {name: {"name": name, "warnings": ["its front is a guess"]} for name in FIGURES} | {
         "g<1>": {"name": "g<1>", "left_out": "it is a plane"}
     }
@@ -309,11 +308,12 @@ def whole_run(folder, *presets: str, **options):
     chain |= {"unreadable": {"x.hdr": "empty"}, "unlit": {"room:9": "bright at 36 of 36 headings"}}
     (folder / "lights" / "chain.json").write_text(json.dumps(chain))
     save_lights(folder / "lights")
-    (folder / "run.yaml").write_text(yaml.safe_dump({"hydra": ["scale=smoke", "model=glob(*)"]}))
+    told = yaml.safe_load((folder / "run.yaml").read_text()) | {"overrides": ["scale=smoke", "model=glob(*)"]}
+    (folder / "run.yaml").write_text(yaml.safe_dump(told))
     place = folder / "benchmark" / "bake"
     place.mkdir(parents=True)
     (place / "g0.tsv").write_text("s\tmax_rss\tcpu_time\n2.5\t1024\t2\n1.5\t-\t1\n")
-    return folder
+    return folder, asked
 
 
 def save_lights(folder):
@@ -331,9 +331,9 @@ def save_lights(folder):
 
 @pytest.mark.slow
 def test_build_report_is_whole_and_stands_alone(tmp_path):
-    folder = whole_run(tmp_path, "table1", "table2")
+    folder, asked = whole_run(tmp_path, "table1", "table2")
     out = folder / "report" / "report.html"
-    build.build_report("a <run>", folder / "experiments.json", folder, out)
+    build.build_report("a <run>", asked, folder, out)
     html = out.read_text()
     found = check(html)
     assert found.names == [
@@ -364,16 +364,14 @@ def test_build_report_is_whole_and_stands_alone(tmp_path):
 
 @pytest.mark.slow
 def test_build_report_with_failed_sections(tmp_path, capsys):
-    folder = whole_run(tmp_path, "table1", "table2")
+    folder, asked = whole_run(tmp_path, "table1", "table2")
     (folder / "evaluate" / "test-test" / "no_tv.s0.csv").write_text("a,b\n1,2\n")
     (folder / "lights" / "chain.json").unlink()
-    asked = json.loads((folder / "experiments.json").read_text())
     asked["light_transfer"] = {"title": "", "question": "", "table": False, "plates": False}
     asked["light_transfer"] |= {"rows": [], "trainings": {}}
     asked["light_transfer"] |= {"failed": ["light_transfer/a.csv"]}
-    (folder / "experiments.json").write_text(json.dumps(asked))
     out = folder / "report" / "report.html"
-    build.build_report("run", folder / "experiments.json", folder, out)
+    build.build_report("run", asked, folder, out)
     found = check(out.read_text())
     # The summary needs table2, and so does the chart of the first table.
     assert found.classes.count("failed") >= 3 and {"table1", "figures", "light_transfer"} <= set(found.names)
@@ -431,9 +429,10 @@ def test_command_repeats_a_run(tmp_path):
     folder = tmp_path / "mine"
     folder.mkdir()
     assert provenance.command(folder) == "relight run"
-    (folder / "run.yaml").write_text(yaml.safe_dump({"hydra": ["name=mine", "experiment=[a,b]"]}))
+    (folder / "run.yaml").write_text(yaml.safe_dump({"overrides": ["name=mine", "experiment=[a,b]"]}))
     assert provenance.command(folder) == "relight run name=mine 'experiment=[a,b]'"
-    (folder / "run.yaml").write_text(yaml.safe_dump({"hydra": ["name=mine"], "rows": {"a": []}}))
+    swept = {"overrides": ["name=mine"], "settings": {"experiments": {"sweep": {}}}}
+    (folder / "run.yaml").write_text(yaml.safe_dump(swept))
     assert provenance.command(folder) == "snakemake all --configfile results/mine/run.yaml"
 
 

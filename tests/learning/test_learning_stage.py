@@ -1,4 +1,4 @@
-"""The stage that trains: no kill and no failure of MLflow loses a training, and its run in MLflow tells the truth."""
+"""The job that trains: no kill and no failure of MLflow loses a training, and its run in MLflow tells the truth."""
 
 import csv
 import hashlib
@@ -14,9 +14,10 @@ import pytest
 from mlflow import MlflowClient
 from safetensors import safe_open
 
-from relight.config import Track, flat
+from relight.config import flat
 from relight.errors import UserError
-from relight.stages.train import main as stage
+from relight.lab.training import train
+from relight.learning.train import Inputs
 from relight.tracking import store
 from relight.tracking.run import TrainingRun
 
@@ -36,22 +37,23 @@ class Training:
 
     def __call__(self, paths: dict | None = None, out: Path = OUT, **changes) -> None:
         model, loss, schedule, augment = self.settings
-        track = Track(changes.pop("uri", self.uri), "test")
-        groups = model(), loss(), schedule(**changes), augment()
-        stage(*groups, track, **{**self.paths, **(paths or {})}, out=out, curve=out.with_suffix(".csv"))
+        tracking = {"track": {"uri": changes.pop("uri", self.uri), "experiment": "test"}, "tags": {}}
+        groups = {"model": model(), "loss": loss(), "train": schedule(**changes), "augment": augment()}
+        settings = {name: asdict(group) for name, group in groups.items()}
+        train(settings, Inputs(**{**self.paths, **(paths or {})}), out, out.with_suffix(".csv"), tracking)
 
     def killed(self, function: str, count: int) -> None:
-        """The stage, as a job of Snakemake, in a process that ends by SIGKILL when `function` was called so often."""
+        """The job, in a process that ends by SIGKILL when `function` was called so often."""
         owner, name = function.rsplit(".", 1)
-        settings = ", ".join(f"{type(part).__name__}(**{asdict(part)})" for part in (make() for make in self.settings))
+        settings = dict(zip(("model", "loss", "train", "augment"), (asdict(make()) for make in self.settings)))
+        tracking = {"track": {"uri": self.uri, "experiment": "test"}, "tags": {}}
         program = f"""if True:
             import os, pkgutil, signal
             os.chdir({os.getcwd()!r})
-            os.environ["RELIGHT_SNAKEMAKE"] = "1"
             os.environ["MLFLOW_SYSTEM_METRICS_SAMPLING_INTERVAL"] = "600"  # whose thread would be counted, too
             from pathlib import Path
-            from relight.config import Augment, Loss, Model, Track, Train
-            from relight.stages.train import main
+            from relight.lab.training import train
+            from relight.learning.train import Inputs
 
             owner = pkgutil.resolve_name({owner!r})
             calls, function = [], owner.{name}
@@ -64,7 +66,7 @@ class Training:
 
             owner.{name} = last
             files = {{name: Path(path) for name, path in { {n: str(p) for n, p in self.paths.items()} }.items()}}
-            main({settings}, Track({self.uri!r}, "test"), **files, out=Path({str(OUT)!r}), curve=Path({str(CURVE)!r}))
+            train({settings}, Inputs(**files), Path({str(OUT)!r}), Path({str(CURVE)!r}), {tracking})
         """
         process = FORKS.Process(target=exec, args=(program, {}))
         process.start()
@@ -204,11 +206,9 @@ def test_killed_anywhere_it_goes_on_in_its_own_run(training, capsys, function, c
     assert run.info.status == "FINISHED" and training.logged(run) == curve()
 
 
-def test_the_same_training_again_adds_nothing(training, monkeypatch):
+def test_the_same_training_again_adds_nothing(training):
     training()
     before, network = training.runs(), OUT.read_bytes()
-    assert not STATE.parent.parent.exists()
-    monkeypatch.setenv("RELIGHT_SNAKEMAKE", str(os.getpid()))
     training()
     assert OUT.read_bytes() == network and STATE.exists(), "Snakemake has yet to record the outputs"
     assert [training.logged(run) for run in training.runs()] == [curve()]

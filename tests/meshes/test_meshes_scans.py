@@ -12,7 +12,6 @@ import trimesh
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from omegaconf import OmegaConf
 from snakemake.io import apply_wildcards
 
 from relight.errors import UserError
@@ -160,14 +159,12 @@ def test_one_name_in_two_formats_is_refused(tmp_path):
 
 
 def test_a_file_that_the_workflow_cannot_name_is_left_out_with_a_line(tmp_path, capsys, monkeypatch):
-    from relight.config import composed
-    from relight.stages.scan import main
+    from relight.lab.figures import read_scan
 
     odd_ones = ("a{output}.ply", "b\nc.ply", os.fsdecode(b"\xff.ply"))
     touch(tmp_path, *odd_ones)
-    figures = OmegaConf.to_object(composed(["figures=scans", f"figures.folder={tmp_path}"]).figures)
     for name, scan in list_scans(tmp_path).items():
-        main(figures, name, tmp_path / "out.npz")
+        read_scan(scan.path, name, scan.subject, tmp_path / "out.npz")
         reason = Mesh.load(tmp_path / "out.npz").info["left_out"]
         assert "rename it" in reason and reason.isascii() and reason.isprintable()
         assert f"{name} is left out: {reason}\n" == capsys.readouterr().err

@@ -87,7 +87,7 @@ def test_octahedral_map_is_undone_over_the_whole_sphere():
 
 @pytest.mark.slow
 def test_the_stage_shows_as_many_figures_as_a_page_holds(tmp_path, maps, monkeypatch):
-    import relight.stages.viewer as page
+    from relight.lab import page
     from relight.lights import LightSet, write_light_set
 
     names = [f"g{i:04d}" for i in range(40)]
@@ -100,11 +100,10 @@ def test_the_stage_shows_as_many_figures_as_a_page_holds(tmp_path, maps, monkeyp
     )
     write_light_set(light, tmp_path)
 
-    (tmp_path / "experiments.json").write_text("{}")  # no network: nothing but the truth
-
     def shown():
-        given = tmp_path / "split.json", tmp_path, tmp_path / "lights.npz", tmp_path / "a.html"
-        page.main("a", tmp_path / "experiments.json", tmp_path, tmp_path / "packed", *given)
+        files = [tmp_path / f"{name}.exr" for name in names]
+        given = tmp_path / "split.json", files, tmp_path / "lights.npz", tmp_path / "a.html"
+        page.viewer("a", {}, tmp_path / "packed", *given)  # no network: nothing but the truth
         return re.findall(r'data-title="(g\d+)"', (tmp_path / "a.html").read_text())
 
     few = shown()

@@ -43,16 +43,6 @@ def copy(folder: Path) -> Path:
     return target
 
 
-def copy_with_figures(done: Path, folder: Path, names: tuple[str, ...]) -> Path:
-    """A repository in which the workflow ran through, in `folder`/repo, with the results of some figures alone."""
-    target = folder / "repo"
-    shutil.copytree(done, target, ignore=shutil.ignore_patterns("mlflow.db", "mlruns"))
-    for path in (target / OUT).rglob("*"):
-        if path.is_file() and path.parent.name != "config" and path.stem not in names:
-            path.unlink()
-    return target
-
-
 def start(repo: Path, command: list[str], variables: dict[str, str] | None = None, **options) -> subprocess.Popen:
     """A program in a repository, whose package Python finds before the installed one.
 
@@ -82,15 +72,14 @@ def relight(repo: Path, *words: str) -> subprocess.CompletedProcess:
     return output(repo, [sys.executable, "-m", "relight.cli", *words])
 
 
-# Dry runs of Snakemake itself, which is half of the work of `relight run --dry-run`; they fork from one process, which
-# has imported Snakemake.
+# Dry runs of Snakemake itself; they fork from one process, which has imported Snakemake.
 DRY_RUNS = """
 import json, os, sys
-import pandas, relight.plan
+import relight.lab.plan
 from snakemake.cli import main
 for words in json.loads(sys.argv[1]):
     if os.fork() == 0:
-        main(["all", "-n", "--config", "hydra=" + " ".join(words)])
+        main(["all", "-n", "--quiet", "rules", "--config", "hydra=" + " ".join(words)])
     if os.wait()[1]:
         sys.exit(1)
     print("END", flush=True)
@@ -98,19 +87,19 @@ for words in json.loads(sys.argv[1]):
 
 
 def planned(repo: Path, *runs: Sequence[str]) -> list[dict[str, int]]:
-    """What dry runs would do, by their words: {rule: jobs} of each, without the writing of settings and lists."""
+    """What dry runs would do, by their words: {rule: jobs} of each."""
     run = output(repo, [sys.executable, "-c", DRY_RUNS, json.dumps(runs)])
     assert run.returncode == 0, run.stdout
-    passed = ("total", "all", "settings")
     tables = [re.findall(r"^(\w+) +(\d+)$", text, re.M) for text in run.stdout.split("END\n")[:-1]]
-    return [{rule: int(jobs) for rule, jobs in table if rule not in passed} for table in tables]
+    return [{rule: int(jobs) for rule, jobs in table if rule not in ("total", "all")} for table in tables]
 
 
 def outputs(repo: Path) -> list[Path]:
     """The results that the settings decide: logs, benchmarks and pages tell when and how long they were made."""
     out = repo / OUT
-    found = [path.relative_to(out) for path in out.rglob("*") if path.is_file()]
-    return sorted(path for path in found if path.suffix != ".html" and path.parts[0] not in ("log", "benchmark"))
+    found = [path.relative_to(out) for path in out.rglob("*") if path.is_file() and path.suffix != ".html"]
+    apart = ("log", "benchmark", "lock", "run.yaml")
+    return sorted(path for path in found if path.parts[0] not in apart and path.name != ".snakemake_timestamp")
 
 
 def hashes(repo: Path) -> dict[str, str]:
@@ -144,4 +133,4 @@ def check_mlflow(repo: Path) -> None:
         assert not again, f"{name}: logged twice in one step"
         artifacts = {path.name for path in (repo / "mlruns" / run.info.run_id / "artifacts").iterdir()}
         assert artifacts == {"curve", "images", "network", "scores"}
-    assert not (repo / OUT / "train" / "state").exists(), "no training is under way"
+    assert not [*(repo / OUT / "train" / "state").glob("*")], "no training is under way"

@@ -2,6 +2,7 @@
 
 import csv
 import math
+import shutil
 
 import pytest
 from repo import OUT, WORDS, check_mlflow, planned, relight
@@ -34,7 +35,7 @@ def test_report_is_one_page_with_pictures(done):
 def test_maps_open_with_named_layers(done):
     import OpenEXR
 
-    with OpenEXR.File(str(done / OUT / "maps" / "g0000.exr"), separate_channels=True) as file:
+    with OpenEXR.File(str(done / OUT / "maps" / "g0000-g0002" / "g0000.exr"), separate_channels=True) as file:
         channels = set(file.channels())
     assert {"albedo.R", "normal.X", "mask.A", "ao.Y", "depth.Z", "transport.L0M0.Y"} <= channels
 
@@ -50,19 +51,28 @@ def test_a_second_run_does_nothing(done):
 
 AFTER_TRAINING = {"evaluate": 3, "tables": 1, "plates": 3, "report": 1, "viewer": 1}
 AFTER_BAKING = {"pack": 1, "split": 1, "train": 2, "baselines": 2, "sheets": 1, **AFTER_TRAINING}
+AFTER_LIGHTS = {"train": 2, "baselines": 2, "sheets": 1, **AFTER_TRAINING}
 CHANGES = {
     "": {},
+    "track.experiment=other": {},
+    "train.device=cpu": {"train": 2, **AFTER_TRAINING},
     "train.lr=0.5": {"train": 2, **AFTER_TRAINING},
-    "bake.rays=8": {"bake": 3, **AFTER_BAKING},
-    "bake.views=2": {"bake": 3, **AFTER_BAKING},
-    "align.up=+y": {"align": 3, "clean": 3, "bake": 3, **AFTER_BAKING},
-    "lights.clusters=5": {"lights": 1, "train": 2, "baselines": 2, "sheets": 1, **AFTER_TRAINING},
+    "augment.camera=0": {},
+    "loss.tv_reference=512": {"train": 2, **AFTER_TRAINING},
+    "split.seed=1": {"split": 1, "train": 2, "baselines": 2, **AFTER_TRAINING},
+    "bake.rays=8": {"bake": 1, **AFTER_BAKING},
+    "bake.views=2": {"bake": 1, **AFTER_BAKING},
+    "align.up=+y": {"clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
+    "clean.close_holes=7": {"clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
+    "figures.sitting=0.5": {"figure": 1, "clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
+    "lights.clusters=5": {"lights": 1, **AFTER_LIGHTS},
+    "panoramas.count=25": {"lights": 1, **AFTER_LIGHTS},
     # One more network, on the usual figures and lights.
     "experiment=[table1,table2] sweep.only=[ours_full,no_tv]": {
         "train": 1,
-        **AFTER_TRAINING,
         "evaluate": 1,
-        "plates": 1,
+        "tables": 1,
+        "report": 1,
     },
 }
 
@@ -78,6 +88,24 @@ def plans(done):
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_change_runs_what_it_touches(plans, change):
     assert plans[change] == CHANGES[change]
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "rules"),
+    [
+        ("relight/learning/losses.py", "X = 1\n", {"train": 2, **AFTER_TRAINING}),
+        ("relight/transport/integrate.py", "# A comment.\n", {}),
+        ("workflow/scripts/lights.py", "X = 1\n", {"lights": 1, **AFTER_LIGHTS}),
+        ("workflow/rules/lights.smk", "        more=1,\n", {"lights": 1, **AFTER_LIGHTS}),
+    ],
+)
+def test_changed_code_runs_what_it_touches(done, tmp_path, file, text, rules):
+    repo = tmp_path / "repo"
+    shutil.copytree(done, repo, ignore=shutil.ignore_patterns("mlruns"))
+    before = (repo / file).read_text()
+    changed = before.replace("    params:\n", f"    params:\n{text}") if file.endswith(".smk") else f"{before}{text}"
+    (repo / file).write_text(changed)
+    assert planned(repo, WORDS)[0] == rules
 
 
 @pytest.mark.parametrize(

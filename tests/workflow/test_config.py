@@ -7,7 +7,7 @@ from itertools import zip_longest
 import pytest
 from omegaconf import MISSING, OmegaConf
 
-from relight.config import READS, Config, Loss, check, composed, presets, read_preset, view
+from relight.config import Config, Loss, check, composed, presets, read_preset
 from relight.config.schema import AXES, EXPERIMENT, FIELDS
 from relight.config.setting import Setting, domain_in_words, setting, setting_of, type_in_words
 from relight.errors import UserError
@@ -94,13 +94,6 @@ def test_a_preset_is_read_without_hydra():
     cfg = composed()
     assert asdict(read_preset("lights")) == OmegaConf.to_container(cfg.lights)
     assert read_preset("loss", "full") == Loss(**cfg.loss)
-
-
-@pytest.mark.parametrize("stage", READS)
-@pytest.mark.slow
-def test_what_stages_read_is_there(stage):
-    cfg = composed()
-    assert all(OmegaConf.select(cfg, key) is not None for key in READS[stage])
 
 
 @pytest.mark.parametrize(
@@ -197,16 +190,6 @@ def test_no_loss_of_ground_truth_sees_the_test(name):
     composed(words)
     with pytest.raises(UserError, match=f"without ground truth, and loss.{name} uses it"):
         composed([*words, f"loss.{name}=1"])
-
-
-def test_view_hands_over_what_is_read():
-    tree = OmegaConf.to_container(composed(["train.lr=0.5"]))
-    assert set(view(tree, "bake")) == {"bake"}
-    assert view(tree, "train")["train"]["lr"] == 0.5
-    assert view(tree, "lights")["bake"] == {"order": tree["bake"]["order"]}
-    assert view(tree, "tables") == {} and "track" not in view(tree, "evaluate")
-    assert {"first", "count"}.isdisjoint(view(tree, "figure")["figures"])
-    assert "count" in tree["figures"]  # which keeps all
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def test_profiles_ask_for_what_snakemake_knows(profile):
     """Each key is an option of Snakemake's, or of the executor that the profile names."""
     from snakemake.cli import get_argument_parser
 
-    settings = yaml.safe_load((ROOT / "workflow" / "profiles" / profile / "config.yaml").read_text())
+    settings = yaml.safe_load((ROOT / "profiles" / profile / "config.yaml").read_text())
     known = {option.lstrip("-") for action in get_argument_parser()._actions for option in action.option_strings}
     own = f"{settings.get('executor', 'none')}-"
     assert not [key for key in settings if key not in known and not key.startswith(own) and "status" not in key]

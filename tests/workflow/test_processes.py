@@ -1,11 +1,9 @@
-"""However `relight run` ends, Snakemake and its jobs end with it."""
+"""However `relight run` ends, Snakemake and its jobs end with it; and what a job does with errors and output."""
 
 import os
 import signal
 import subprocess
 import sys
-import time
-from pathlib import Path
 
 import psutil
 import pytest
@@ -13,48 +11,34 @@ from repo import start
 
 from relight.config import ROOT
 
-pytestmark = pytest.mark.slow
-
 PATIENCE = 120  # seconds, which a slow machine has too; less than a stand-in sleeps
 
 # Stand-ins for the workflow. Snakemake goes on to the next job when one fails and after TERM; after INT it waits for
-# the job at work. A job is a stage that a shell started, whose output goes on through a pipe.
-STAGE = """
-import time
-from relight.processes import end_with_snakemake
-end_with_snakemake()
+# the job at work. A job is a process that a shell started.
+JOB = """
+import sys, time
+from relight.lab.job import end_with
+end_with(int(sys.argv[1]))
 print("here", flush=True)
 time.sleep(300)
 """
 SNAKEMAKE = f"""
 import os, shlex, signal, subprocess, sys
-from relight.processes import STARTED_BY
-os.environ[STARTED_BY] = str(os.getpid())
 stopped = []
 for number in (signal.SIGTERM, signal.SIGHUP):
     signal.signal(number, lambda *_: None)
 if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
     signal.signal(signal.SIGINT, lambda *_: stopped.append(True))
-stage = shlex.join([sys.executable, "-c", {STAGE!r}])
+job = shlex.join([sys.executable, "-c", {JOB!r}, str(os.getpid())])
 while not stopped:
-    subprocess.call(["bash", "-c", "set -o pipefail; " + stage + " 2>&1 | tee"])
+    subprocess.call(["bash", "-c", "set -euo pipefail; " + job + "; true"])
 sys.exit(1)
 """
 RUN = f"""
 import sys
-from relight.run import snakemake
+from relight.lab.run import snakemake
 sys.exit(snakemake([sys.executable, "-c", {SNAKEMAKE!r}]))
 """
-TEST = f"""
-import sys
-from pathlib import Path
-from repo import start
-start(Path({str(ROOT)!r}), [sys.executable, "-c", {RUN!r}]).wait()
-"""
-
-
-def family(process: subprocess.Popen) -> list[psutil.Process]:
-    return [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
 
 
 @pytest.fixture
@@ -71,32 +55,29 @@ def run(request):
     for number, how in before.items():
         signal.signal(number, how)
     assert job.stdout.readline() == "here\n"
-    processes = family(job)
-    assert len(processes) >= 5
+    processes = [psutil.Process(job.pid), *psutil.Process(job.pid).children(recursive=True)]
+    assert len(processes) >= 4
     yield job, processes
-    end(processes)
-    job.wait()
-
-
-def end(processes: list[psutil.Process]) -> None:
-    """Kills what a test that failed leaves at work."""
     for process in processes:
         if process.is_running():
             process.kill()
+    job.wait()
 
 
 def working(processes: list[psutil.Process]) -> list[psutil.Process]:
     return psutil.wait_procs(processes, timeout=PATIENCE)[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT", "SIGKILL"])
 def test_nothing_is_left_when_the_run_is_ended(run, name):
     job, processes = run
     job.send_signal(getattr(signal, name))
-    job.wait(timeout=PATIENCE)
+    assert job.wait(timeout=PATIENCE) == (-9 if name == "SIGKILL" else 130)
     assert not working(processes[1:])
 
 
+@pytest.mark.slow
 def test_the_jobs_end_with_snakemake(run):
     job, processes = run
     processes[1].kill()
@@ -104,40 +85,52 @@ def test_the_jobs_end_with_snakemake(run):
     assert not working(processes[1:])
 
 
-def test_a_run_ends_with_the_test_that_started_it():
-    paths = os.pathsep.join([str(ROOT), str(Path(__file__).parent)])
-    environment = {**os.environ, "PYTHONPATH": paths}
-    test = subprocess.Popen([sys.executable, "-c", TEST], env=environment, stdout=subprocess.PIPE, text=True)
-    assert test.stdout.readline() == "here\n"
-    processes = family(test)
-    assert len(processes) >= 6
-    test.kill()
-    test.wait()
-    left = working(processes[1:])
-    end(left)
-    assert not left
-
-
-def test_a_run_that_is_stopped_stops_its_jobs(run):
-    job, processes = run
-    job.send_signal(signal.SIGTSTP)
-    states = set()
-    for _ in range(10 * PATIENCE):
-        states = {process.status() for process in processes}
-        if states == {psutil.STATUS_STOPPED}:
-            break
-        time.sleep(0.1)
-    assert states == {psutil.STATUS_STOPPED}
-    job.send_signal(signal.SIGCONT)
-    job.send_signal(signal.SIGTERM)
-    job.wait(timeout=PATIENCE)
-    assert not working(processes[1:])
-
-
+@pytest.mark.slow
 def test_a_job_whose_snakemake_is_gone_does_not_start():
     gone = subprocess.Popen(["true"])
     gone.wait()
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "RELIGHT_SNAKEMAKE": str(gone.pid)}
-    command = [sys.executable, "-c", STAGE]
-    stage = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
-    assert stage.returncode == 1 and "has ended" in stage.stderr and not stage.stdout
+    command = [sys.executable, "-c", JOB, str(gone.pid)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    job = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
+    assert job.returncode == 1 and "has ended" in job.stderr and not job.stdout
+
+
+SCRIPT = """
+import os, sys
+from types import SimpleNamespace
+from relight.errors import UserError
+from relight.lab.job import job
+
+process = SimpleNamespace(config={"process": os.getppid()}, rule="bake", wildcards=["a b", ""], log=["x.log"])
+with job(process):
+    print("one")
+    os.system("echo two >&2")
+    {}
+print("after")
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("last", "code", "told"),
+    [
+        ("", 0, ""),
+        ("raise UserError('it is too wide')", 1, "it is too wide\n"),
+        ("raise MemoryError", 1, "there is not enough memory"),
+        ("raise KeyboardInterrupt", 130, ""),
+        ("1 / 0", 1, "ZeroDivisionError: division by zero\n"),
+    ],
+)
+def test_what_a_job_prints_is_in_its_log_and_behind_its_name_on_the_console(tmp_path, last, code, told):
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", SCRIPT.replace("{}", last)]
+    job = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert job.returncode == code
+    if code == 130:
+        return
+    first, *lines = (tmp_path / "x.log").read_text().splitlines(keepends=True)
+    assert first.startswith("# ") and "numpy" in first and {"one\n", "two\n"} <= set(lines)
+    assert told in "".join(lines) and ("Traceback" in "".join(lines)) == ("/" in last)
+    console = [line for line in job.stderr.splitlines() + job.stdout.splitlines() if line != "after"]
+    assert console == [f"bake a b: {line.rstrip()}" for line in lines]
+    assert ("after" in job.stdout.splitlines() + job.stderr.splitlines()) == (code == 0)

@@ -9,7 +9,7 @@ from cluster import Cluster, missing
 from repo import OUT, WORDS, at_work, check_mlflow, copy, hashes, start
 
 LACKING = missing()
-STAGE = "-m relight.stages."
+SCRIPT = ".snakemake/scripts/"
 PATIENCE = 1800  # seconds that a busy machine is given for any part of the workflow
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(LACKING), reason=f"there is no {LACKING}")]
@@ -22,7 +22,7 @@ def test_a_killed_job_and_a_node_that_was_lost_are_repeated(done, tmp_path):
     queue, suffices: nobody calls it again.
     """
     repo = copy(tmp_path)
-    command = [sys.executable, "-m", "relight.cli", "run", *WORDS, "--snakemake", "--profile workflow/profiles/slurm"]
+    command = [sys.executable, "-m", "relight.cli", "run", *WORDS, "--snakemake", "--profile profiles/slurm"]
     with Cluster(tmp_path / "slurm") as cluster, open(tmp_path / "log", "w") as log:
         flow = start(repo, command, cluster.environment, stdout=log, stderr=subprocess.STDOUT)
 
@@ -33,16 +33,16 @@ def test_a_killed_job_and_a_node_that_was_lost_are_repeated(done, tmp_path):
                 time.sleep(0.05)
             return found
 
-        def stages(name: str) -> list:
-            words = f"{STAGE}{name}"
-            return [process for process in at_work(repo) if words in " ".join(process.info["cmdline"] or [])]
+        def jobs(name: str) -> list:
+            lines = [(process, " ".join(process.info["cmdline"] or [])) for process in at_work(repo)]
+            return [process for process, line in lines if SCRIPT in line and name in line]
 
         wait_for(lambda: list((repo / OUT / "train" / "state").glob("*/*")))
-        for training in stages("train"):
+        for training in jobs("train"):
             training.kill()
-        wait_for(lambda: stages("evaluate"))
+        wait_for(lambda: jobs("evaluate"))
         cluster.kill_node()
-        assert not stages("")
+        assert not jobs("")
         cluster.start_node()
         assert cluster.hasten()
         assert flow.wait(PATIENCE) == 0, (tmp_path / "log").read_text()

@@ -1,7 +1,6 @@
 """MLflow: the store is made once under contention, whole or not at all; trainings are recorded in every
 kind of store; nothing at all does as well."""
 
-import json
 import multiprocessing
 import os
 import shutil
@@ -24,11 +23,12 @@ from mlflow import MlflowClient
 
 from relight.config import ROOT, Model, Track
 from relight.errors import UserError
+from relight.lab.plan import Plan
+from relight.lab.settings import compose_run
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
-from relight.plan import Plan
 from relight.tracking import store
-from relight.tracking.run import WORKFLOW, log_scores, training_run
+from relight.tracking.run import log_scores, training_run
 
 URI = "sqlite:///mlflow.db"
 NETWORK = Model(
@@ -46,6 +46,11 @@ HAS_POSTGRES = pytest.mark.skipif(
 pytestmark = pytest.mark.slow
 
 
+def tracking(uri: str | None, **tags: dict) -> dict:
+    """What a workflow gives its jobs for MLflow."""
+    return {"track": {"uri": uri, "experiment": "test"}, "tags": tags}
+
+
 def in_folder(folder: Path, action, *arguments) -> None:
     """Calls a function in a process of its own, whose working folder is `folder`."""
     job = FORKS.Process(target=chdir_and_call, args=(folder, action, *arguments))
@@ -61,8 +66,7 @@ def chdir_and_call(folder: Path, action, *arguments) -> None:
 
 def write(uri: str, seed: int) -> None:
     """A training of three epochs that does not end."""
-    os.environ[WORKFLOW] = json.dumps({"track": {"uri": uri, "experiment": "test"}, "tags": {"ours": TAGS}})
-    with training_run(Track(), f"ours.s{seed}", str(seed) * 64, {"lr": seed}, {}) as run:
+    with training_run(tracking(uri, ours=TAGS), f"ours.s{seed}", str(seed) * 64, {"lr": seed}, {}) as run:
         for step in range(3):
             run.log({"loss": seed + step / 4, "validation/loss": seed}, step)
     os._exit(0)  # as if it were killed
@@ -160,7 +164,7 @@ def test_connect_processes_share_a_database_server(postgres, tmp_path):
 
 
 def make_run(name: str = "ours.s0", mark: str = "1" * 64, steps=(4, 8)) -> None:
-    with training_run(Track(URI, "test"), name, mark, {"lr": 1}, {}) as run:
+    with training_run(tracking(URI), name, mark, {"lr": 1}, {}) as run:
         for step in steps:
             run.add_image(np.zeros((8, 8, 3), np.uint8), step)
             run.log({"loss": step / 8, "albedo": 1.0}, step)
@@ -182,7 +186,7 @@ def test_training_run_is_found_again_and_has_each_step_once(tmp_path):
     assert sorted(set(pictures), key=int) == ["4", "8", "12"]
 
 
-def record(track: Track, losses: dict[str, float]) -> None:
+def record(uri: str, losses: dict[str, float]) -> None:
     """Records a workflow whose trainings have finished and are scored, given their validation losses."""
     for name, loss in losses.items():
         network = Path(f"{name}.safetensors")
@@ -191,13 +195,13 @@ def record(track: Track, losses: dict[str, float]) -> None:
         curve = Path(f"{name}.csv")
         curve.write_text(f"step,loss,validation/loss\n4,0.5,{loss + 1}\n8,0.25,{loss}\n")
         data = {"lights": network}
-        with training_run(track, name, name.encode().hex(), settings, data) as run:
+        with training_run(tracking(uri), name, name.encode().hex(), settings, data) as run:
             run.log({"loss": 0.5, "validation/loss": loss + 1}, 4)
             run.finish(network, curve)
             assert not run._warnings
         means = {"shading_rmse": 0.5 - loss, "shading_ssim": 0.75}
         for condition in ("test", "sitting-test", "test"):
-            log_scores(track, network, {"fingerprint": name.encode().hex()}, condition, means, curve)
+            log_scores(tracking(uri), network, {"fingerprint": name.encode().hex()}, condition, means, curve)
 
 
 def check_record(address: str) -> None:
@@ -228,7 +232,7 @@ def test_training_run_is_recorded_in_sqlite(tmp_path, name, elsewhere):
     folder.mkdir(parents=True)
     other.mkdir()
     uri = f"sqlite:///{other}/o.db" if elsewhere else URI
-    in_folder(folder, record, Track(uri, "test"), LOSSES)
+    in_folder(folder, record, uri, LOSSES)
     made = {path.name for path in folder.iterdir() if path.suffix not in (".csv", ".safetensors")}
     assert made == {".mlflow.lock", "mlruns", *([] if elsewhere else ["mlflow.db"])}
     assert {path.name for path in folder.parent.iterdir()} == {"clone", "other"}
@@ -240,12 +244,12 @@ def test_training_run_is_recorded_in_sqlite(tmp_path, name, elsewhere):
 
 @HAS_POSTGRES
 def test_training_run_is_recorded_in_a_database_server(postgres, tmp_path):
-    in_folder(tmp_path, record, Track(postgres, "test"), LOSSES)
+    in_folder(tmp_path, record, postgres, LOSSES)
     check_record(postgres)
 
 
 def fail() -> None:
-    with pytest.raises(ZeroDivisionError), training_run(Track(URI, "test"), "ours.s0", "1" * 64, {}, {}):
+    with pytest.raises(ZeroDivisionError), training_run(tracking(URI), "ours.s0", "1" * 64, {}, {}):
         print(1 / 0)
 
 
@@ -270,9 +274,9 @@ def test_connect_says_that_a_clone_was_moved(tmp_path, capfd):
 def test_without_an_address_nothing_is_tracked(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     network = tmp_path / "ours.s0.safetensors"
-    with training_run(Track(), "ours.s0", "1" * 64, {"lr": 1}, {}) as run:
+    with training_run(tracking(None), "ours.s0", "1" * 64, {"lr": 1}, {}) as run:
         assert run is None
-    log_scores(Track(), network, {"fingerprint": "1" * 64}, "test", {"light_rmse": 1.0}, network)
+    log_scores(tracking(None), network, {"fingerprint": "1" * 64}, "test", {"light_rmse": 1.0}, network)
     assert not list(tmp_path.iterdir()) and capsys.readouterr() == ("", "")
 
 
@@ -285,13 +289,13 @@ def test_select_store_silences_mlflow(monkeypatch):
 
 
 def test_plan_tracking_tells_what_was_asked_for():
-    words = "scale=smoke experiment=[table1,table2] track.experiment=own"
-    told = Plan({"hydra": words}).tracking()
+    words = ["scale=smoke", "experiment=[table1,table2]", "track.experiment=own"]
+    told = Plan(compose_run(words)).tracking()
     assert told["track"] == {"uri": "sqlite:///mlflow.db", "experiment": "own"}
     tags = told["tags"]["ours_full"]
     assert tags["experiment"] == "table1, table2" and tags["workflow"] == "smoke"
     assert tags["settings"] == "scale=smoke 'experiment=[table1,table2]' track.experiment=own"
-    swept = Plan({"hydra": "scale=smoke", "rows": {"lr_1": ["train.lr=1"]}}).tracking()
+    swept = Plan(compose_run(["scale=smoke"], {"lr_1": ["train.lr=1"]})).tracking()
     assert swept["tags"]["lr_1"]["experiment"] == "sweep"
 
 
@@ -319,7 +323,7 @@ def test_serve_is_one_server_that_ends_with_it_and_takes_runs(tmp_path):
                 break
             except OSError:
                 time.sleep(0.2)
-        in_folder(tmp_path, record, Track(address, "test"), LOSSES)
+        in_folder(tmp_path, record, address, LOSSES)
         check_record(address)
         family = [server.pid, *(child.pid for child in psutil.Process(server.pid).children(recursive=True))]
         assert len(family) <= 4, "one person looks"

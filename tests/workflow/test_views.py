@@ -11,13 +11,14 @@ from people import person
 from relight.config import composed
 from relight.errors import UserError
 from relight.evaluation.scoring.evaluate import Condition, has_pairs, select_pairs
+from relight.lab.data import pack, split
+from relight.lab.figures import bake, left_out
+from relight.lab.plan import Plan
+from relight.lab.settings import compose_run
 from relight.learning.data import RelitSet
 from relight.learning.train import select_training_data
 from relight.maps import PackedMaps, read_info, read_maps
 from relight.meshes import Material, Mesh, align
-from relight.plan import Plan
-from relight.stages import bake, pack, split
-from relight.stages.step import left_out
 from relight.transport import random_view
 
 FIGURES = ("ann", "bob", "eve")
@@ -50,12 +51,12 @@ def made(tmp_path_factory, settings):
         if name == "eve":
             mesh = replace(mesh, faces=mesh.faces[:0])
         mesh.save(folder / f"{name}.npz")
-        bake.main(settings.bake, folder / f"{name}.npz", folder / "maps" / f"{name}.exr")
+        bake(folder / f"{name}.npz", settings.bake, folder / "maps")
     looks = [look for name in FIGURES for look in ((name, "bob.o1") if name == "bob" else (name,))]
     names = [map_name for look in looks for map_name in (look, f"{look}.v1", f"{look}.v2")]
-    (folder / "maps.txt").write_text("\n".join(names))
-    pack.main(settings.split, folder / "maps.txt", folder / "maps", folder / "packed", folder / "record")
-    split.main(settings.split, folder / "packed", folder / "record", folder / "split")
+    maps = [folder / "maps" / f"{name}.exr" for name in names]
+    pack(maps, settings.split.least, folder / "packed", folder / "record")
+    split(settings.split, folder / "packed", folder / "record", folder / "split")
     np.savez(folder / "lights.npz", coefficients=np.ones((2, 9, 3), np.float32), split=np.array(["train", "test"]))
     return folder
 
@@ -74,7 +75,7 @@ def test_each_view_is_a_file_of_its_own(made, settings):
 
 
 def test_one_view_more_changes_no_other(made, settings, tmp_path):
-    bake.main(replace(settings.bake, views=1), made / "bob.npz", tmp_path / "bob.exr")
+    bake(made / "bob.npz", replace(settings.bake, views=1), tmp_path)
     for name in ("bob.exr", "bob.v1.exr"):
         assert (tmp_path / name).read_bytes() == (made / "maps" / name).read_bytes()
     assert not (tmp_path / "bob.v2.exr").exists()
@@ -117,7 +118,7 @@ def test_outfits_are_maps_of_their_own_that_share_transport(made):
 
 def test_a_figure_is_left_out_in_all_its_outfits(settings, tmp_path):
     left_out({"name": "ann", "outfits": [None, None]}, "torn").save(tmp_path / "ann.npz")
-    bake.main(replace(settings.bake, views=1), tmp_path / "ann.npz", tmp_path / "ann.exr")
+    bake(tmp_path / "ann.npz", replace(settings.bake, views=1), tmp_path)
     names = ["ann", "ann.o1", "ann.o1.v1", "ann.v1"]
     assert sorted(path.stem for path in tmp_path.glob("*.exr")) == names
     assert {read_info(tmp_path / f"{name}.exr")["left_out"] for name in names} == {"torn"}
@@ -136,13 +137,13 @@ def test_the_front_is_evaluated_unless_views_are_asked_for(made, settings):
 
 
 def test_plan_names_the_maps():
-    plan = Plan({"hydra": "scale=smoke bake.views=2 figures.count=2"})
+    plan = Plan(compose_run("scale=smoke bake.views=2 figures.count=2".split()))
     assert [plan.maps(figure) for figure in plan.figures] == [[n, f"{n}.v1", f"{n}.v2"] for n in ("g0000", "g0001")]
-    assert Plan({"hydra": "scale=smoke"}).maps("g0000") == ["g0000"]
-    plan = Plan({"hydra": "scale=smoke bake.views=1 figures.outfits=2"})
+    assert Plan(compose_run("scale=smoke".split())).maps("g0000") == ["g0000"]
+    plan = Plan(compose_run("scale=smoke bake.views=1 figures.outfits=2".split()))
     assert plan.maps("g0000") == ["g0000", "g0000.v1", "g0000.o1", "g0000.o1.v1"]
     for words in ("bake.bounces=1", "figures=scans figures.folder=."):
         with pytest.raises(UserError, match=r"figures\.outfits must be 1"):
-            Plan({"hydra": f"scale=smoke figures.outfits=2 {words}"})
+            Plan(compose_run(f"scale=smoke figures.outfits=2 {words}".split()))
     with pytest.raises(UserError, match=r"bake\.views must be at least 0"):
-        Plan({"hydra": "scale=smoke bake.views=-1"})
+        Plan(compose_run("scale=smoke bake.views=-1".split()))

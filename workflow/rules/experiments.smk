@@ -1,17 +1,17 @@
-# Experiments that are not tables of trainings. Each has stages of its own; its rows are the networks that it uses.
-TEST_SPLIT = f"{OUT}/split/{PLAN.cfg.split.kind}.json"
+# Experiments that are not tables of trainings. Their rows are the networks that they use.
+TEST_SPLIT = f"{OUT}/split/{SETTINGS['split']['kind']}.json"
 
 
 rule light_transfer:
+    "Lights each person by the light that is inferred of another."
     input:
-        cfg=settings("light_transfer"),
-        experiments=f"{OUT}/config/experiments.json",
-        networks=networks_of("light_transfer"),
-        packed=f"{OUT}/packed.safetensors",
+        networks=PLAN.networks("light_transfer").values(),
+        packed=PACKED,
         split=TEST_SPLIT,
-        lights=f"{OUT}/lights/lights.npz",
+        lights=LIGHTS,
     output:
-        f"{OUT}/light_transfer/scores.csv",
+        scores=f"{OUT}/light_transfer/scores.csv",
+        plate=f"{OUT}/light_transfer/plate.png",
     log:
         f"{OUT}/log/light_transfer.log",
     benchmark:
@@ -19,20 +19,21 @@ rule light_transfer:
     resources:
         mem_mb=8000,
         gpu=PLAN.gpus,
-    shell:
-        command("light_transfer")
-        + f"io.experiments={{input.experiments:q}} io.networks={OUT}/train io.packed={{input.packed:q}} "
-        + "io.lights={input.lights:q} io.split={input.split:q} io.out={output:q}"
-        + LOGGED
+    params:
+        trainings=list(PLAN.networks("light_transfer")),
+        rows=PLAN.first_trainings("light_transfer"),
+        code=code_hash("light_transfer"),
+    script:
+        "../scripts/light_transfer.py"
 
 
 rule trace:
+    "Renders test figures by path tracing."
     input:
-        cfg=settings("trace"),
-        packed=f"{OUT}/packed.safetensors",
+        packed=PACKED,
         split=TEST_SPLIT,
-        lights=f"{OUT}/lights/lights.npz",
-        meshes=expand(f"{OUT}/aligned/{{figure}}.npz", figure=PLAN.figures),
+        lights=LIGHTS,
+        meshes=expand(f"{OUT}/aligned/{{batch}}", batch=PLAN.batches),
     output:
         f"{OUT}/path_traced/traced.npz",
     log:
@@ -42,23 +43,26 @@ rule trace:
     threads: workflow.cores
     resources:
         mem_mb=8000,
-    shell:
-        command("trace")
-        + "io.packed={input.packed:q} io.split={input.split:q} io.lights={input.lights:q} "
-        + f"io.meshes={OUT}/aligned io.out={{output:q}}"
-        + LOGGED
+    params:
+        trace=SETTINGS["trace"],
+        panoramas=SETTINGS["panoramas"],
+        order=SETTINGS["bake"]["order"],
+        rays=SETTINGS["bake"]["rays"],
+        code=code_hash("trace"),
+    script:
+        "../scripts/trace.py"
 
 
 rule path_traced:
+    "Scores networks on path-traced pictures."
     input:
-        cfg=settings("path_traced"),
-        experiments=f"{OUT}/config/experiments.json",
-        networks=networks_of("path_traced"),
-        packed=f"{OUT}/packed.safetensors",
-        lights=f"{OUT}/lights/lights.npz",
+        networks=PLAN.networks("path_traced").values(),
+        packed=PACKED,
+        lights=LIGHTS,
         traced=f"{OUT}/path_traced/traced.npz",
     output:
-        f"{OUT}/path_traced/scores.csv",
+        scores=f"{OUT}/path_traced/scores.csv",
+        plate=f"{OUT}/path_traced/plate.png",
     log:
         f"{OUT}/log/path_traced.log",
     benchmark:
@@ -66,46 +70,9 @@ rule path_traced:
     resources:
         mem_mb=8000,
         gpu=PLAN.gpus,
-    shell:
-        command("path_traced")
-        + f"io.experiments={{input.experiments:q}} io.networks={OUT}/train io.packed={{input.packed:q}} "
-        + "io.lights={input.lights:q} io.traced={input.traced:q} io.out={output:q}"
-        + LOGGED
-
-
-rule plate:
-    input:
-        cfg=settings("plate"),
-        experiments=f"{OUT}/config/experiments.json",
-        networks=lambda wildcards: networks_of(wildcards.experiment),
-        packed=f"{OUT}/packed.safetensors",
-        lights=f"{OUT}/lights/lights.npz",
-        reference=lambda wildcards: (
-            TEST_SPLIT
-            if wildcards.experiment == "light_transfer"
-            else f"{OUT}/path_traced/traced.npz"
-        ),
-    output:
-        f"{OUT}/{{experiment}}/plate.png",
-    log:
-        f"{OUT}/log/plate.{{experiment}}.log",
-    benchmark:
-        f"{OUT}/benchmark/plate/{{experiment}}.tsv"
-    resources:
-        mem_mb=8000,
-        gpu=PLAN.gpus,
-    shell:
-        command("plate")
-        + "io.experiments={input.experiments:q} "
-        + named("io.experiment", "wildcards.experiment")
-        + f"io.networks={OUT}/train io.packed={{input.packed:q}} io.lights={{input.lights:q}} "
-        + "io.reference={input.reference:q} io.out={output:q}"
-        + LOGGED
-
-
-STAGE_OUTPUTS = [
-    path
-    for name, experiment in PLAN.experiments.items()
-    if not experiment.table
-    for path in PLAN.stage_outputs(name)
-]
+    params:
+        trainings=list(PLAN.networks("path_traced")),
+        rows=PLAN.first_trainings("path_traced"),
+        code=code_hash("path_traced"),
+    script:
+        "../scripts/path_traced.py"

@@ -1,14 +1,125 @@
-# From figures to the packed set.
-include: "meshes.smk"
+# From seeds or scans to the packed set. A batch is one scan, or up to ten generated figures: a process takes as long to
+# start as to draw a figure.
+if PLAN.scans:
+
+    rule scan:
+        "Reads one of the user's meshes."
+        input:
+            mesh=lambda wildcards: safe([PLAN.scans[wildcards.batch].path]),
+            table=PLAN.table,
+        output:
+            directory(f"{OUT}/figures/{{batch}}"),
+        log:
+            f"{OUT}/log/scan/{{batch}}.log",
+        benchmark:
+            f"{OUT}/benchmark/scan/{{batch}}.tsv"
+        group:
+            "figures"
+        resources:
+            mem_mb=4000,
+        params:
+            mesh=lambda wildcards: str(PLAN.scans[wildcards.batch].path),
+            subject=lambda wildcards: PLAN.scans[wildcards.batch].subject,
+            code=code_hash("scan"),
+        script:
+            "../scripts/scan.py"
+
+else:
+
+    rule figure:
+        "Draws clothed people from their seeds."
+        output:
+            directory(f"{OUT}/figures/{{batch}}"),
+        log:
+            f"{OUT}/log/figure/{{batch}}.log",
+        benchmark:
+            f"{OUT}/benchmark/figure/{{batch}}.tsv"
+        group:
+            "figures"
+        resources:
+            mem_mb=3000,
+        params:
+            names=lambda wildcards: PLAN.batches[wildcards.batch],
+            figures={
+                key: value
+                for key, value in SETTINGS["figures"].items()
+                if key not in ("first", "count")
+            },
+            code=code_hash("figure", [SETTINGS["figures"]["source"]]),
+        script:
+            "../scripts/figure.py"
+
+
+rule clean:
+    "Repairs meshes."
+    input:
+        f"{OUT}/figures/{{batch}}",
+    output:
+        temp(directory(f"{OUT}/clean/{{batch}}")),
+    log:
+        f"{OUT}/log/clean/{{batch}}.log",
+    benchmark:
+        f"{OUT}/benchmark/clean/{{batch}}.tsv"
+    group:
+        "figures"
+    resources:
+        mem_mb=3000,
+    params:
+        clean=SETTINGS["clean"],
+        code=code_hash("clean"),
+    script:
+        "../scripts/clean.py"
+
+
+rule align:
+    "Turns meshes upright and towards the camera, and fits them into the image."
+    input:
+        f"{OUT}/clean/{{batch}}",
+        table=PLAN.user_files["table"],
+    output:
+        directory(f"{OUT}/aligned/{{batch}}"),
+    log:
+        f"{OUT}/log/align/{{batch}}.log",
+    benchmark:
+        f"{OUT}/benchmark/align/{{batch}}.tsv"
+    group:
+        "figures"
+    resources:
+        mem_mb=2000,
+    params:
+        align=SETTINGS["align"],
+        code=code_hash("align"),
+    script:
+        "../scripts/align.py"
+
+
+rule bake:
+    "Bakes light transport, albedo and normals into layered OpenEXR maps, by ray casting."
+    input:
+        f"{OUT}/aligned/{{batch}}",
+    output:
+        directory(f"{OUT}/maps/{{batch}}"),
+    log:
+        f"{OUT}/log/bake/{{batch}}.log",
+    benchmark:
+        f"{OUT}/benchmark/bake/{{batch}}.tsv"
+    group:
+        "figures"
+    resources:
+        mem_mb=2000,
+    params:
+        bake=SETTINGS["bake"],
+        code=code_hash("bake"),
+    script:
+        "../scripts/bake.py"
 
 
 rule pack:
+    "Joins the maps of all figures into the one file that trainings read."
     input:
-        cfg=settings("pack"),
-        names=f"{OUT}/config/maps.txt",
-        maps=expand(f"{OUT}/maps/{{name}}.exr", name=PLAN.map_names),
+        expand(f"{OUT}/maps/{{batch}}", batch=PLAN.batches),
     output:
-        packed=f"{OUT}/packed.safetensors",
+        packed=PACKED,
         record=f"{OUT}/figures.json",
     log:
         f"{OUT}/log/pack.log",
@@ -16,25 +127,28 @@ rule pack:
         f"{OUT}/benchmark/pack/all.tsv"
     resources:
         mem_mb=4000,
-    shell:
-        command("pack")
-        + f"io.names={{input.names:q}} io.maps={OUT}/maps io.out={{output.packed:q}} io.record={{output.record:q}}"
-        + LOGGED
+    params:
+        maps=PLAN.map_files,
+        least=SETTINGS["split"]["least"],
+        code=code_hash("pack"),
+    script:
+        "../scripts/pack.py"
 
 
 rule split:
+    "Divides the figures into training, validation and test."
     input:
-        cfg=settings("split.{kind}"),
-        packed=f"{OUT}/packed.safetensors",
+        packed=PACKED,
         record=f"{OUT}/figures.json",
     output:
         f"{OUT}/split/{{kind}}.json",
     log:
-        f"{OUT}/log/split.{{kind}}.log",
+        f"{OUT}/log/split/{{kind}}.log",
     benchmark:
         f"{OUT}/benchmark/split/{{kind}}.tsv"
     localrule: True
-    shell:
-        command("split")
-        + "io.packed={input.packed:q} io.record={input.record:q} io.out={output:q}"
-        + LOGGED
+    params:
+        split={key: value for key, value in SETTINGS["split"].items() if key != "kind"},
+        code=code_hash("split"),
+    script:
+        "../scripts/split.py"

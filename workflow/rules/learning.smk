@@ -1,10 +1,11 @@
 rule train:
+    "Trains one network, or resumes its training."
     input:
-        cfg=settings("train.{training}"),
-        packed=f"{OUT}/packed.safetensors",
-        split=lambda wildcards: split_of(wildcards.training),
-        lights=f"{OUT}/lights/lights.npz",
-        start=lambda wildcards: PLAN.start_network(wildcards.training),
+        packed=PACKED,
+        lights=LIGHTS,
+        split=lambda wildcards: PLAN.split(wildcards.training),
+        start=lambda wildcards: PLAN.settings(wildcards.training)["train"]["start"]
+        or [],
     output:
         network=f"{OUT}/train/{{training}}.safetensors",
         curve=f"{OUT}/train/{{training}}.csv",
@@ -16,20 +17,23 @@ rule train:
         mem_mb=8000,
         runtime=1440,
         gpu=PLAN.gpus,
-    shell:
-        command("train")
-        + "io.packed={input.packed:q} io.split={input.split:q} io.lights={input.lights:q} "
-        + "io.out={output.network:q} io.curve={output.curve:q}"
-        + LOGGED_TRAINING
+    params:
+        settings=lambda wildcards: {
+            group: PLAN.settings(wildcards.training)[group]
+            for group in ("model", "loss", "train", "augment")
+        },
+        code=lambda wildcards: code_hash("train", PLAN.extensions(wildcards.training)),
+    script:
+        "../scripts/train.py"
 
 
 rule evaluate:
+    "Scores one network on every test figure under every test light."
     input:
-        cfg=settings("evaluate"),
-        packed=f"{OUT}/packed.safetensors",
-        split=lambda wildcards: split_of(wildcards.training),
-        lights=f"{OUT}/lights/lights.npz",
-        network=f"{OUT}/train/{{training}}.safetensors",
+        f"{OUT}/train/{{training}}.safetensors",
+        PACKED,
+        LIGHTS,
+        lambda wildcards: PLAN.split(wildcards.training),
     output:
         f"{OUT}/evaluate/{{on}}{{training}}.csv",
     log:
@@ -40,20 +44,19 @@ rule evaluate:
         mem_mb=8000,
         gpu=PLAN.gpus,
     params:
-        condition=lambda wildcards: condition(wildcards.on),
-    shell:
-        command("evaluate")
-        + "{params.condition} io.packed={input.packed:q} io.split={input.split:q} io.lights={input.lights:q} "
-        + "io.network={input.network:q} io.out={output:q}"
-        + LOGGED_TRAINING
+        code=lambda wildcards: code_hash(
+            "evaluate", PLAN.extensions(wildcards.training)
+        ),
+    script:
+        "../scripts/evaluate.py"
 
 
 rule baselines:
+    "Scores what needs no network, such as the mean of the training set."
     input:
-        cfg=settings("baselines"),
-        packed=f"{OUT}/packed.safetensors",
-        split=f"{OUT}/split/{{kind}}.json",
-        lights=f"{OUT}/lights/lights.npz",
+        PACKED,
+        LIGHTS,
+        f"{OUT}/split/{{kind}}.json",
     output:
         f"{OUT}/evaluate/{{on}}baselines.{{kind}}.csv",
     log:
@@ -63,9 +66,8 @@ rule baselines:
     resources:
         mem_mb=8000,
     params:
-        condition=lambda wildcards: condition(wildcards.on),
-    shell:
-        command("baselines")
-        + "{params.condition} io.packed={input.packed:q} io.split={input.split:q} io.lights={input.lights:q} "
-        + "io.out={output:q}"
-        + LOGGED
+        color=SETTINGS["train"]["color"],
+        order=SETTINGS["bake"]["order"],
+        code=code_hash("baselines"),
+    script:
+        "../scripts/baselines.py"

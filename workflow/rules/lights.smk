@@ -1,10 +1,10 @@
 rule lights:
+    "Projects panoramas to spherical harmonics, and selects lights by filters and k-means."
     input:
-        cfg=settings("lights"),
-        panoramas=files(PLAN.panoramas),
-        veto=PLAN.cfg.lights.veto or [],
+        PLAN.user_files["panoramas"],
+        PLAN.user_files["veto"],
     output:
-        lights=f"{OUT}/lights/lights.npz",
+        lights=LIGHTS,
         table=f"{OUT}/lights/lights.csv",
         record=f"{OUT}/lights/chain.json",
     log:
@@ -13,7 +13,10 @@ rule lights:
         f"{OUT}/benchmark/lights/all.tsv"
     resources:
         mem_mb=4000,
-    shell:
-        command("lights")
-        + "io.out={output.lights:q} io.record={output.record:q}"
-        + LOGGED
+    params:
+        panoramas=SETTINGS["panoramas"],
+        lights=SETTINGS["lights"],
+        order=SETTINGS["bake"]["order"],
+        code=code_hash("lights"),
+    script:
+        "../scripts/lights.py"

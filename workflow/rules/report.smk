@@ -1,8 +1,10 @@
+FIRST_TABLE = PLAN.first_trainings(PLAN.tables[0]) if PLAN.tables else {}
+
+
 rule tables:
+    "Compares the rows of each table, with confidence intervals."
     input:
-        cfg=settings("tables"),
-        experiments=f"{OUT}/config/experiments.json",
-        scores=lambda wildcards: PLAN.score_files,
+        PLAN.score_files,
     output:
         [
             report(
@@ -18,27 +20,28 @@ rule tables:
         f"{OUT}/log/tables.log",
     benchmark:
         f"{OUT}/benchmark/tables/all.tsv"
-    shell:
-        command("tables")
-        + f"io.experiments={{input.experiments:q}} io.results={OUT} io.out={OUT}/report"
-        + LOGGED
+    params:
+        experiments=PLAN.described(),
+        code=code_hash("tables"),
+    script:
+        "../scripts/tables.py"
 
 
 rule plates:
+    "Draws test figures by the first network of each row of a table."
     input:
-        cfg=settings("plates"),
-        experiments=f"{OUT}/config/experiments.json",
         networks=lambda wildcards: [
-            PLAN.network(PLAN.trainings_of(row)[0])
-            for row in PLAN.experiments[wildcards.experiment].rows
+            PLAN.network(training)
+            for training in PLAN.first_trainings(wildcards.experiment).values()
         ],
         scores=lambda wildcards: [
             f"{OUT}/{path}"
-            for paths in PLAN.scores(wildcards.experiment).values()
+            for row, paths in PLAN.scores(wildcards.experiment).items()
             for path in paths
+            if row
         ],
-        packed=f"{OUT}/packed.safetensors",
-        lights=f"{OUT}/lights/lights.npz",
+        packed=PACKED,
+        lights=LIGHTS,
         split=lambda wildcards: f"{OUT}/split/{PLAN.split_kind(wildcards.experiment)}.json",
     output:
         plates=report(
@@ -61,29 +64,23 @@ rule plates:
             labels={"experiment": "{experiment}", "shows": "best and worst"},
         ),
     log:
-        f"{OUT}/log/plates.{{experiment}}.log",
+        f"{OUT}/log/plates/{{experiment}}.log",
     benchmark:
         f"{OUT}/benchmark/plates/{{experiment}}.tsv"
     params:
-        condition=lambda wildcards: condition(
-            PLAN.condition_folder(wildcards.experiment)
-        ),
-    shell:
-        command("plates")
-        + "{params.condition} io.experiments={input.experiments:q} "
-        + named("io.experiment", "wildcards.experiment")
-        + f"io.results={OUT} io.packed={{input.packed:q}} "
-        + "io.lights={input.lights:q} io.split={input.split:q} io.out={output.plates:q} "
-        + "io.relit={output.relit:q} io.overview={output.overview:q} io.extremes={output.extremes:q}"
-        + LOGGED
+        rows=lambda wildcards: list(PLAN.first_trainings(wildcards.experiment)),
+        condition=lambda wildcards: PLAN.condition(wildcards.experiment).strip("/")
+        or "test",
+        code=code_hash("plates"),
+    script:
+        "../scripts/plates.py"
 
 
 rule sheets:
+    "Draws figures and lights, and measures how much figures hide from the light."
     input:
-        cfg=settings("sheets"),
-        names=f"{OUT}/config/figures.txt",
-        maps=expand(f"{OUT}/maps/{{figure}}.exr", figure=PLAN.figures),
-        lights=f"{OUT}/lights/lights.npz",
+        expand(f"{OUT}/maps/{{batch}}", batch=PLAN.batches),
+        lights=LIGHTS,
     output:
         figures=report(
             f"{OUT}/report/figures.png",
@@ -103,33 +100,27 @@ rule sheets:
         f"{OUT}/log/sheets.log",
     benchmark:
         f"{OUT}/benchmark/sheets/all.tsv"
-    shell:
-        command("sheets")
-        + f"io.names={{input.names:q}} io.maps={OUT}/maps io.lights={{input.lights:q}} "
-        + "io.figures={output.figures:q} io.spheres={output.lights:q} "
-        + "io.occlusion={output.occlusion:q} io.histogram={output.histogram:q}"
-        + LOGGED
+    params:
+        maps=PLAN.frontal_maps,
+        code=code_hash("sheets"),
+    script:
+        "../scripts/sheets.py"
 
 
 rule report:
+    "Writes the page that answers the questions of the experiments."
     input:
-        cfg=settings("report"),
-        experiments=f"{OUT}/config/experiments.json",
-        record=f"{OUT}/figures.json",
-        chain=f"{OUT}/lights/chain.json",
-        scores=lambda wildcards: PLAN.score_files,
-        curves=expand(f"{OUT}/train/{{training}}.csv", training=PLAN.scored),
         networks=[PLAN.network(training) for training in PLAN.scored],
+        results=[path for name in PLAN.experiments for path in PLAN.results_of(name)],
         plates=expand(
             f"{OUT}/report/{{experiment}}_{{kind}}.png",
             experiment=PLAN.plates,
             kind=["plates", "relit", "overview", "extremes"],
         ),
-        figures=f"{OUT}/report/figures.png",
-        lights=f"{OUT}/report/lights.png",
-        occlusion=f"{OUT}/report/occlusion.csv",
-        histogram=f"{OUT}/report/occlusion.png",
-        stage_outputs=STAGE_OUTPUTS,
+        record=f"{OUT}/figures.json",
+        chain=f"{OUT}/lights/chain.json",
+        curves=expand(f"{OUT}/train/{{training}}.csv", training=PLAN.scored),
+        sheets=rules.sheets.output,
     output:
         page=report(
             f"{OUT}/report/report.html",
@@ -145,33 +136,33 @@ rule report:
         f"{OUT}/log/report.log",
     benchmark:
         f"{OUT}/benchmark/report/all.tsv"
-    shell:
-        command("report")
-        + f"io.experiments={{input.experiments:q}} io.results={OUT} io.out={{output.page:q}}"
-        + LOGGED
+    params:
+        experiments=PLAN.described(),
+        code=code_hash("report"),
+    script:
+        "../scripts/report.py"
 
 
 rule viewer:
+    "Writes the page with test figures under a light that turns with the mouse."
     input:
-        cfg=settings("viewer"),
-        experiments=f"{OUT}/config/experiments.json",
-        networks=[
-            PLAN.network(PLAN.trainings_of(row)[0])
-            for experiment in PLAN.tables[:1]
-            for row in PLAN.experiments[experiment].rows
-        ],
-        packed=f"{OUT}/packed.safetensors",
-        split=f"{OUT}/split/{PLAN.split_kind(PLAN.tables[0]) if PLAN.tables else PLAN.cfg.split.kind}.json",
-        maps=expand(f"{OUT}/maps/{{figure}}.exr", figure=PLAN.figures),
-        lights=f"{OUT}/lights/lights.npz",
+        expand(f"{OUT}/maps/{{batch}}", batch=PLAN.batches),
+        networks=[PLAN.network(first) for first in FIRST_TABLE.values()],
+        packed=PACKED,
+        split=(
+            PLAN.split(next(iter(FIRST_TABLE.values()))) if FIRST_TABLE else TEST_SPLIT
+        ),
+        lights=LIGHTS,
     output:
         f"{OUT}/report/viewer.html",
     log:
         f"{OUT}/log/viewer.log",
     benchmark:
         f"{OUT}/benchmark/viewer/all.tsv"
-    shell:
-        command("viewer")
-        + f"io.experiments={{input.experiments:q}} io.results={OUT} io.packed={{input.packed:q}} "
-        + f"io.split={{input.split:q}} io.maps={OUT}/maps io.lights={{input.lights:q}} io.out={{output:q}}"
-        + LOGGED
+    params:
+        name=SETTINGS["name"],
+        rows=list(FIRST_TABLE),
+        maps=PLAN.frontal_maps,
+        code=code_hash("viewer"),
+    script:
+        "../scripts/viewer.py"

@@ -5,6 +5,7 @@ traced pictures, in any color model. It is traced in the panorama cut to the ord
 and with interreflection. Each is traced twice, from independent samples, since traced pictures are noisy.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -57,7 +58,7 @@ def trace(
     packed: Path,
     lights: Path,
     split: Path,
-    meshes: Path,
+    meshes: Mapping[str, Path],
     panoramas: config.Panoramas,
     settings: config.Trace,
     order: int,
@@ -68,7 +69,7 @@ def trace(
 
     Args:
         packed, lights, split: the data set.
-        meshes: the folder of aligned meshes.
+        meshes: figure -> aligned mesh record (.npz).
         panoramas: source of the lights' panoramas.
         settings: number of figures, paths per pixel, bounces.
         order, rays: of the transport.
@@ -85,7 +86,7 @@ def trace(
     table, scenes = read_light_set(lights), []
     for i, figure in enumerate(progress(chosen, "figures traced")):
         seen, new = (int(light_indices[(i + k) % len(light_indices)]) for k in (0, 1))
-        mesh = Mesh.load(meshes / f"{data.names[figure]}.npz")
+        mesh = Mesh.load(meshes[data.names[figure]])
         sky = sky_of(table, new, panoramas)
         scenes.append(Scene(figure, seen, new, **trace_figure(mesh, data, figure, sky, settings, rays)))
     arrays = {f"{i}.{name}": value for i, scene in enumerate(scenes) for name, value in vars(scene).items()}

@@ -42,7 +42,7 @@ class Section:
     failed: bool = False
 
 
-def build_report(name: str, experiments: Path, folder: Path, out: Path) -> None:
+def build_report(name: str, experiments: dict[str, dict[str, Any]], folder: Path, out: Path) -> None:
     """Writes the page of a run, its charts, and the tables of experiments with stages of their own.
 
     Tables and pictures of earlier runs with other experiments stay if the data set is still the same, and else are
@@ -50,7 +50,7 @@ def build_report(name: str, experiments: Path, folder: Path, out: Path) -> None:
 
     Args:
         name: name of the run.
-        experiments: the experiments of the run (experiments.json, `ConfigFolder.experiments_json`).
+        experiments: the experiments of the run (`relight.lab.plan.Plan.described`).
         folder: results/<name>.
         out: the page (.html).
 

@@ -66,9 +66,9 @@ def command(folder: Path) -> str:
     """
     record = folder / "run.yaml"
     config = yaml.safe_load(record.read_text()) if record.exists() else {}
-    if "rows" in config:
+    if list(config.get("settings", {}).get("experiments", ())) == ["sweep"]:
         return f"snakemake all --configfile results/{folder.name}/run.yaml"
-    return shlex.join(["relight", "run", *config.get("hydra", [])])
+    return shlex.join(["relight", "run", *config.get("overrides", [])])
 
 
 def costs(folder: Path) -> tuple[pd.DataFrame, float]:
@@ -90,7 +90,7 @@ def costs(folder: Path) -> tuple[pd.DataFrame, float]:
         seconds, end = float(jobs["s"].sum()), path.stat().st_mtime  # Snakemake writes the file when a job ends
         times.append((end - seconds, end))
         cpu = float(jobs["cpu_time"].sum()) if "cpu_time" in jobs else float("nan")
-        stage, memory = path.relative_to(top).parts[0].removesuffix("_decade"), jobs["max_rss"].max() / 1024  # GB of MB
+        stage, memory = path.relative_to(top).parts[0], jobs["max_rss"].max() / 1024  # GB of MB
         lines.append([stage, seconds, cpu, memory])
     frame = pd.DataFrame(lines, columns=["stage", "seconds", "cpu", "memory"])
     by_stage = frame.groupby("stage").agg(

@@ -26,13 +26,12 @@ class Results:
 
     Attributes:
         folder: results/<name>.
-        experiments: name -> fields of `config.Experiment`, `trainings` and files (`ConfigFolder.experiments_json`).
+        experiments: name -> fields of `config.Experiment`, `trainings` and files (`relight.lab.plan.Plan.described`).
     """
 
-    def __init__(self, folder: Path, experiments: Path):
-        """Reads the experiments of a run from experiments.json; other files are read when they are asked for."""
-        self.folder = folder
-        self.experiments: dict[str, dict[str, Any]] = json.loads(experiments.read_text())
+    def __init__(self, folder: Path, experiments: dict[str, dict[str, Any]]):
+        """Takes the experiments of a run; files are read when they are asked for."""
+        self.folder, self.experiments = folder, experiments
         self._tables: dict[tuple[str, bool], Table] = {}
         self._scores: dict[tuple[str, ...], Rows] = {}
 
@@ -146,23 +145,25 @@ class Results:
             row: name of the row.
             key: of the setting, such as model.width.
         """
-        training = next(
-            experiment["trainings"][row][0]
-            for experiment in self.experiments.values()
-            if row in experiment["trainings"]
-        )
-        value = yaml.safe_load((self.folder / "config" / f"train.{training}.yaml").read_text())
+        value = self.run["rows"][row]
         for part in key.split("."):
             value = value[part]
         return value
 
+    @cached_property
+    def run(self) -> dict[str, Any]:
+        """run.yaml: `overrides` as given, the `settings` that all rows share, and those of `rows`."""
+        return yaml.safe_load((self.folder / "run.yaml").read_text(encoding="utf-8"))
+
     def settings_files(self) -> dict[str, dict[str, Any]]:
-        """Reads the settings of each stage (`bake`, `train.ours_full.s0`) as dotted names and values."""
-        by_stage = {}
-        for path in sorted((self.folder / "config").glob("*.yaml")):
-            settings = yaml.safe_load(path.read_text())
-            by_stage[path.stem] = flat({key: v for key, v in settings.items() if key not in ("defaults", "hydra")})
-        return by_stage
+        """Returns the settings of the run ("run") and of each training ("train.ours_full.s0"), by dotted names."""
+        groups = ("figures", "bake", "panoramas", "lights")
+        by_part = {"run": flat({key: self.run["settings"][key] for key in groups if key in self.run["settings"]})}
+        for experiment in self.experiments.values():
+            for row, trainings in experiment["trainings"].items():
+                for training in trainings:
+                    by_part[f"train.{training}"] = flat(self.run["rows"][row])
+        return by_part
 
     def _gather(self, paths: Iterable[str]) -> Rows:
         """Reads the scores in files of the results, each set of files once."""

@@ -1,0 +1,77 @@
+"""Checks a plan before anything runs, so that what would make the workflow fail later is said at once."""
+
+import time
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+from relight.errors import UserError
+from relight.files import existing_file
+from relight.lab.plan import Plan
+
+MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead
+
+
+def check(plan: Plan) -> None:
+    """Checks the settings of all rows, and the user's folders and files.
+
+    Raises:
+        UserError: if a row, a folder, a file or a missing package would make the workflow fail later.
+    """
+    for sentence in (*_files(plan), *_packages(plan), *_rows(plan)):
+        raise UserError(sentence)
+
+
+def check_figures(plan: Plan) -> None:
+    """Raises UserError if there is only one figure: the whole workflow trains on some and tests on others."""
+    if len(plan.figures) < 2:
+        raise UserError(
+            f"a training and its test need at least two figures, and there is only {plan.figures[0]}: "
+            "`relight bake MESH --out FILE.exr` bakes one mesh"
+        )
+
+
+def _files(plan: Plan) -> Iterator[str]:
+    """Yields messages about the user's files."""
+    for key in ("align.table", "lights.veto"):
+        group, name = key.split(".")
+        if path := plan.shared[group][name]:
+            existing_file(path, key)
+    limit = time.time() + MAX_CLOCK_SKEW
+    named = [path for paths in plan.user_files.values() for path in paths]
+    for path in (*map(Path, named + plan.table), *(scan.path for scan in plan.scans.values())):
+        if path.exists() and path.stat().st_mtime > limit:  # Snakemake ends a job whose outputs are older
+            yield f"{path} is dated in the future: correct this machine's clock, or `touch` the file"
+
+
+def _packages(plan: Plan) -> Iterator[str]:
+    """Yields messages about what the experiments lack."""
+    if "path_traced" in plan.experiments and find_spec("mitsuba") is None:
+        yield "experiment=path_traced needs Mitsuba, which is not installed here: pip install '.[bench]'"
+    if "path_traced" in plan.experiments and plan.shared["bake"]["bounces"]:
+        yield "experiment=path_traced separates direct from bounced light, and needs bake.bounces=0"
+
+
+def _rows(plan: Plan) -> Iterator[str]:
+    """Yields messages about rows that cannot be trained, or not be compared with the baselines of their table."""
+    shared = plan.shared
+    for row, settings in plan.record["rows"].items():
+        if (start := settings["train"]["start"]) and start not in plan.rows:
+            existing_file(start, f"row {row}: train.start")
+        if settings["model"]["order"] > shared["bake"]["order"]:
+            yield (
+                f"row {row} has model.order={settings['model']['order']}, and the maps have bake.order="
+                f"{shared['bake']['order']}: give a bake.order as high"
+            )
+    for row in dict.fromkeys(row for name in plan.tables for row in plan.experiments[name].rows):
+        train = plan.record["rows"][row]["train"]
+        if train["color"] != shared["train"]["color"]:
+            yield (
+                f"row {row} has train.color={train['color']}, and the baselines {shared['train']['color']}: their "
+                f"errors cannot be compared; give train.color={train['color']} to the run, under a new name"
+            )
+        if train["size"] not in (None, shared["bake"]["size"]):
+            yield (
+                f"row {row} has train.size={train['size']}, and is tested on maps of "
+                f"bake.size={shared['bake']['size']}: give one size, or let another row start from it"
+            )

@@ -1,0 +1,95 @@
+"""What every job of the workflow does: it writes its log, says errors in a sentence, and ends with its Snakemake."""
+
+import os
+import platform
+import select
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from datetime import datetime
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from relight import __version__
+from relight.errors import UserError, out_of_memory
+
+PACKAGES = ("numpy", "scipy", "torch", "mlflow", "open3d-cpu", "pymeshlab", "warp-lang")  # whose versions logs have
+
+
+@contextmanager
+def job(snakemake: Any) -> Iterator[None]:
+    """Runs a script of the workflow: what it prints goes to its log and, behind its name, to the console.
+
+    Args:
+        snakemake: the object that Snakemake gives to scripts.
+    """
+    end_with(snakemake.config["process"])
+    name = " ".join([snakemake.rule, *filter(None, snakemake.wildcards)])
+    with copied_output(snakemake.log[0], f"{name}: "):
+        try:
+            yield
+        except UserError as error:
+            sys.exit(print(error, file=sys.stderr) or 1)
+        except MemoryError as error:
+            sys.exit(print(out_of_memory(error), file=sys.stderr) or 1)
+        except KeyboardInterrupt:
+            os._exit(130)
+        except Exception:
+            traceback.print_exc()
+            sys.exit(1)
+
+
+def end_with(process: int) -> None:
+    """Ends this process as soon as another one, its Snakemake, has ended for any reason (on Linux)."""
+    if not hasattr(os, "pidfd_open"):
+        return
+    try:
+        handle = os.pidfd_open(process)
+    except ProcessLookupError:
+        sys.exit("the Snakemake that started this has ended")
+
+    def wait() -> None:
+        select.select([handle], [], [])
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+@contextmanager
+def copied_output(log: str, prefix: str) -> Iterator[None]:
+    """Writes all that this process prints to a log, which begins with versions, and with a prefix to the console."""
+    console = os.dup(2)
+    reading, writing = os.pipe()
+
+    def copy() -> None:
+        with open(reading, "rb") as lines, open(log, "wb", buffering=0) as file:
+            file.write(f"# {header()}\n".encode())
+            for line in lines:
+                file.write(line)
+                with suppress(OSError):  # a closed terminal
+                    os.write(console, prefix.encode() + line)
+
+    copying = threading.Thread(target=copy, daemon=True)
+    copying.start()
+    for number in (1, 2):
+        os.dup2(writing, number)
+    os.close(writing)
+    try:
+        yield
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+            os.dup2(console, stream.fileno())
+        copying.join(timeout=5)  # a process that was left behind may still hold the pipe
+
+
+def header() -> str:
+    """Returns when and where a job runs, and the versions of what it uses."""
+    versions = [f"relight {__version__}", f"Python {platform.python_version()}"]
+    for package in PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions.append(f"{package} {version(package)}")
+    return f"{datetime.now().astimezone().isoformat(timespec='seconds')} on {platform.node()}; {', '.join(versions)}"

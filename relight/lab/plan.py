@@ -1,0 +1,349 @@
+"""Plans a workflow for the Snakefile: names of figures, trainings and experiments, and the files of each."""
+
+import platform
+import shlex
+from collections.abc import Iterable
+from dataclasses import asdict, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from relight.config import ROOT, Experiment
+from relight.errors import UserError
+from relight.files import atomic_write, is_unsafe_name
+from relight.lab.settings import Record
+from relight.processes import git
+from relight.training_name import TrainingName
+
+if TYPE_CHECKING:
+    from relight.meshes.scans import Scan
+
+USUAL_CONDITION = ("test", "test")  # the figures and lights of the tables
+BATCH = 10  # generated figures that share a process, since one takes as long to start as to draw a figure
+MAX_TAG = 5000  # characters of a tag in MLflow
+
+
+class Plan:
+    """The plan of one workflow.
+
+    A *row* is a named set of overrides, that is, of one row of the tables. A *training* is a row with a seed.
+
+    Attributes:
+        record: the composed settings (`relight.lab.settings.compose_run`).
+        shared: the settings that all rows share, as plain values by group.
+        out: the folder of the results, relative to the working directory.
+        trainings: name -> TrainingName, for all rows and seeds.
+        requested: name -> experiment, with the rows that are selected and not duplicates.
+        failed: experiments to leave out -> their missing files.
+        experiments: the requested ones that did not fail.
+    """
+
+    def __init__(self, record: Record):
+        """Plans a run.
+
+        Raises:
+            UserError: if `sweep.only` names an unknown row.
+        """
+        self.record = record
+        self.shared: dict[str, Any] = record["settings"]
+        self.out = f"results/{self.shared['name']}"
+        self.rows: dict[str, list[str]] = self.shared["sweep"]["rows"]
+        names = [TrainingName(row, seed) for row in self.rows for seed in self.shared["sweep"]["seeds"]]
+        self.trainings = {str(name): name for name in names}
+        self.requested = self._requested()
+        self.failed: dict[str, list[str]] = record.get("failed", {})
+        self.experiments = {name: experiment for name, experiment in self.requested.items() if name not in self.failed}
+        self.gpus = int(self.shared["train"]["device"] == "cuda")  # requested by each training on a cluster
+
+    def _requested(self) -> dict[str, Experiment]:
+        """Returns the experiments by name with the rows to train; see the attribute `requested`."""
+        selected = set(self.shared["sweep"]["only"] or self.rows)
+        if unknown := selected - set(self.rows):
+            raise UserError(f"sweep.only: no row {min(unknown)}; there are {', '.join(self.rows)}")
+        experiments = {}
+        for name, fields in self.shared["experiments"].items():
+            experiment = Experiment(**fields)
+            if rows := self._without_duplicates([row for row in experiment.rows if row in selected]):
+                experiments[name] = replace(experiment, rows=rows)
+        return experiments
+
+    def _without_duplicates(self, rows: list[str]) -> list[str]:
+        """Returns the rows without duplicates, which differ from another row only in overrides that have no effect."""
+        effective = {row: [word for word in self.rows[row] if not self._has_no_effect(word)] for row in rows}
+        return [
+            row
+            for row in rows
+            if effective[row] == self.rows[row] or all(effective[row] != self.rows[other] for other in rows)
+        ]
+
+    def _has_no_effect(self, word: str) -> bool:
+        """Returns whether an override of a row has no effect on its training.
+
+        That is so for as many training figures as there are figures, or more, and for the width of the scale.
+        """
+        key, _, value = word.partition("=")
+        if key == "train.figures" and value.isdigit():
+            return int(value) >= len(self.figures)
+        return word == f"model.width={self.shared['model']['width']}"
+
+    # Figures and lights
+
+    @cached_property
+    def scans(self) -> "dict[str, Scan]":
+        """The user's meshes by name; empty for other sources."""
+        if self.shared["figures"]["source"] != "scans":
+            return {}
+        from relight.meshes import list_scans
+
+        return list_scans(self.shared["figures"]["folder"])
+
+    @property
+    def table(self) -> list[str]:
+        """The table of the scans, if the user's folder has one."""
+        if not self.scans:
+            return []
+        from relight.meshes.scans import TABLE
+
+        table = Path(self.shared["figures"]["folder"]) / TABLE
+        return [str(table)] if table.is_file() else []
+
+    @cached_property
+    def batches(self) -> dict[str, list[str]]:
+        """The figures by batch: each scan is one, and each ten of the generated figures, such as g0010-g0019."""
+        if self.scans:
+            return {name: [name] for name in self.scans}
+        first, count = self.shared["figures"]["first"], self.shared["figures"]["count"]
+        batches: dict[int, list[str]] = {}
+        for seed in range(first, first + count):
+            batches.setdefault(seed // BATCH, []).append(f"g{seed:04d}")
+        return {"-".join(dict.fromkeys((names[0], names[-1]))): names for names in batches.values()}
+
+    @cached_property
+    def figures(self) -> list[str]:
+        """Names of the figures, which are seeds or scans."""
+        return [name for names in self.batches.values() for name in names]
+
+    def maps(self, figure: str) -> list[str]:
+        """Returns the names of the maps of a figure; the frontal view of its first outfit has the figure's name."""
+        from relight.transport import outfit_names, view_names
+
+        outfits = outfit_names(figure, self.shared["figures"]["outfits"])
+        return [name for outfit in outfits for name in (outfit, *view_names(outfit, self.shared["bake"]["views"]))]
+
+    @property
+    def map_files(self) -> list[str]:
+        """The maps of all figures and their views, in the order of the packed set."""
+        return [
+            f"{self.out}/maps/{batch}/{name}.exr"
+            for batch, figures in self.batches.items()
+            for figure in figures
+            for name in self.maps(figure)
+        ]
+
+    @property
+    def frontal_maps(self) -> list[str]:
+        """The frontal maps of all figures in their first outfit."""
+        return [f"{self.out}/maps/{batch}/{figure}.exr" for batch, names in self.batches.items() for figure in names]
+
+    @property
+    def user_files(self) -> dict[str, list[str]]:
+        """The files of panoramas, vetoed lights and axes of scans that the run reads."""
+        found: dict[str, list[str | None]] = {
+            "panoramas": [],
+            "veto": [self.shared["lights"]["veto"]],
+            "table": [self.shared["align"]["table"]],
+        }
+        if self.shared["panoramas"]["source"] == "folder":
+            from relight.panoramas import list_panoramas
+
+            folder = self.shared["panoramas"]["folder"]
+            found["panoramas"] = [f"{folder}/{name}" for name in list_panoramas(folder)]
+        return {use: safe(path for path in paths if path) for use, paths in found.items()}
+
+    # Trainings
+
+    def settings(self, training: str) -> dict[str, Any]:
+        """Returns the settings of a training: those of its row, with its seed.
+
+        If `train.start` names a row, the network of that row with the same seed takes its place.
+
+        Args:
+            training: name, a key of `trainings`.
+
+        Returns:
+            group -> setting -> value, for the groups that rows may change.
+        """
+        name = self.trainings[training]
+        groups = self.record["rows"][name.row]
+        start = groups["train"]["start"]
+        if start in self.rows:
+            start = self.network(f"{start}.s{name.seed}")
+        return {**groups, "train": {**groups["train"], "seed": name.seed, "start": start}}
+
+    def network(self, training: str) -> str:
+        """Returns the file of a trained network."""
+        return f"{self.out}/train/{training}.safetensors"
+
+    def trainings_of(self, row: str) -> list[str]:
+        """Returns the trainings of a row, one per seed."""
+        return [training for training, name in self.trainings.items() if name.row == row]
+
+    def first_trainings(self, experiment: str) -> dict[str, str]:
+        """Returns the first training of each row of an experiment, by row."""
+        rows = self.experiments[experiment].rows if experiment in self.experiments else []
+        return {row: self.trainings_of(row)[0] for row in rows}
+
+    def extensions(self, training: str) -> list[str]:
+        """Returns what a training names where extensions may be named: its network and losses."""
+        settings = self.settings(training)
+        return [settings["model"]["name"], *settings["loss"]["extra"]]
+
+    def split(self, training: str) -> str:
+        """Returns the file of the split on which a network is trained and scored."""
+        return f"{self.out}/split/{self.settings(training)['split']['kind']}.json"
+
+    def split_kind(self, experiment: str) -> str:
+        """Returns the kind of split (`split.kind`) of an experiment's scores.
+
+        It is that of the first row: rows with different splits must have the same test figures.
+        """
+        kind: str = self.record["rows"][self.experiments[experiment].rows[0]]["split"]["kind"]
+        return kind
+
+    def tracking(self) -> dict[str, Any]:
+        """Returns what MLflow records of the workflow with each training.
+
+        Returns:
+            `track`: the settings of the group `track`. `tags`: row -> name of a tag -> text.
+        """
+        settings = shlex.join(self.record["overrides"])[:MAX_TAG]
+        tags = {"workflow": self.shared["name"], "settings": settings, "clone": f"{platform.node()}:{ROOT}"}
+        if commit := git(ROOT, "rev-parse", "HEAD"):
+            has_changes = bool(git(ROOT, "status", "--porcelain"))
+            tags |= {"mlflow.source.git.commit": commit, "git.dirty": str(has_changes).lower()}
+        tags_by_row = {}
+        for row in self.rows:
+            names = [name for name, experiment in self.experiments.items() if row in experiment.rows]
+            tags_by_row[row] = {**tags, "experiment": ", ".join(names)}
+        return {"track": self.shared["track"], "tags": tags_by_row}
+
+    # Experiments
+
+    @property
+    def tables(self) -> list[str]:
+        """The experiments that are tables of trainings."""
+        return [name for name, experiment in self.experiments.items() if experiment.table]
+
+    @property
+    def plates(self) -> list[str]:
+        """The experiments whose networks are shown side by side."""
+        return [name for name, experiment in self.experiments.items() if experiment.table and experiment.plates]
+
+    @property
+    def scored(self) -> list[str]:
+        """The trainings that the tables compare."""
+        rows = {row for name in self.tables for row in self.experiments[name].rows}
+        return [training for training, name in self.trainings.items() if name.row in rows]
+
+    def networks(self, experiment: str) -> dict[str, str]:
+        """Returns the networks of all trainings of an experiment's rows, by training."""
+        rows = self.experiments[experiment].rows if experiment in self.experiments else []
+        return {training: self.network(training) for row in rows for training in self.trainings_of(row)}
+
+    def condition(self, experiment: str) -> str:
+        """Returns the folder of an experiment's scores in evaluate/: "" for USUAL_CONDITION, or "sitting-test/"."""
+        figures, lights = self.experiments[experiment].figures, self.experiments[experiment].lights
+        return "" if (figures, lights) == USUAL_CONDITION else f"{figures}-{lights}/"
+
+    def scores(self, experiment: str, usual: bool = False) -> dict[str, list[str]]:
+        """Returns the files of an experiment's scores, relative to `out`.
+
+        Args:
+            experiment: name.
+            usual: for the usual figures and lights instead of the experiment's own.
+
+        Returns:
+            row -> a file for each of its trainings; "" -> the file of the baselines.
+        """
+        folder = "evaluate/" if usual else f"evaluate/{self.condition(experiment)}"
+        rows = self.experiments[experiment].rows
+        files = {row: [f"{folder}{training}.csv" for training in self.trainings_of(row)] for row in rows}
+        return {**files, "": [f"{folder}baselines.{self.split_kind(experiment)}.csv"]}
+
+    @property
+    def score_files(self) -> list[str]:
+        """All files of scores that the report needs: by each experiment's own figures and lights, and by the usual."""
+        return list(dict.fromkeys(path for name in self.tables for path in self.results_of(name)))
+
+    def results_of(self, experiment: str) -> list[str]:
+        """Returns the files of an experiment that the report needs: the scores of a table, or those of its own jobs."""
+        if not self.experiments[experiment].table:
+            return [f"{self.out}/{experiment}/scores.csv", f"{self.out}/{experiment}/plate.png"]
+        scores = [
+            path for usual in (False, True) for paths in self.scores(experiment, usual).values() for path in paths
+        ]
+        return list(dict.fromkeys(f"{self.out}/{path}" for path in scores))
+
+    def described(self) -> dict[str, dict[str, Any]]:
+        """Returns the experiments for the report.
+
+        Each has its fields, and its `trainings` by row. Tables also have files in results/<name>: their
+        `scores`, those on the `usual` figures and lights, and the `splits` of their rows. An experiment that is
+        left out has its missing files in `failed`.
+        """
+        described = {}
+        for name, experiment in self.requested.items():
+            trainings = {row: self.trainings_of(row) for row in experiment.rows}
+            described[name] = {**asdict(experiment), "trainings": trainings}
+            if name in self.failed:
+                described[name]["failed"] = self.failed[name]
+            elif experiment.table:
+                kinds = {row: self.record["rows"][row]["split"]["kind"] for row in experiment.rows}
+                described[name] |= {
+                    "scores": self.scores(name),
+                    "usual": self.scores(name, usual=True),
+                    "splits": {row: f"split/{kind}.json" for row, kind in kinds.items()},
+                }
+        return described
+
+    def missing_results(self, folder: Path) -> dict[str, list[str]]:
+        """Returns the files that each experiment lacks after a workflow that failed.
+
+        Args:
+            folder: the working directory.
+
+        Returns:
+            experiment -> files. Empty if shared files are missing or no experiment is complete, since then there is
+            nothing to report.
+        """
+
+        def missing(paths: list[str]) -> list[str]:
+            return [path for path in paths if not (folder / path).exists()]
+
+        lacking = {}
+        for name in self.experiments:
+            if absent := missing([*self.networks(name).values(), *self.results_of(name)]):
+                lacking[name] = absent
+        shared = [f"{self.out}/{path}" for path in ("packed.safetensors", "figures.json", "lights/lights.npz")]
+        return {} if missing(shared) or len(lacking) == len(self.experiments) else lacking
+
+    def write_record(self, folder: Path) -> Path:
+        """Writes the record to run.yaml in the results, and returns the file.
+
+        It is not touched if it holds this record already.
+
+        Args:
+            folder: the working directory.
+        """
+        file, text = folder / self.out / "run.yaml", yaml.safe_dump(self.record, sort_keys=False)
+        if not file.exists() or file.read_text(encoding="utf-8") != text:
+            with atomic_write(file) as tmp:
+                tmp.write_text(text, encoding="utf-8")
+        return file
+
+
+def safe(paths: Iterable[Path | str]) -> list[str]:
+    """Returns the user's files as inputs of rules, without those whose names are unsafe, which the jobs report."""
+    return [str(path) for path in paths if not is_unsafe_name(path)]

@@ -1,0 +1,194 @@
+"""`relight run`: composes the settings, calls Snakemake, and says what has changed."""
+
+import ctypes
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from relight.config import ROOT, flat
+from relight.errors import UserError
+from relight.files import writable_folder
+from relight.lab.checks import check, check_figures
+from relight.lab.code import SCRIPTS, code_hash, save_cache
+from relight.lab.plan import Plan
+from relight.lab.settings import compose_run, expand_sweep
+
+LOCK = "lock"  # a file of the results that is locked as long as a workflow makes them
+INTERRUPTED = 130  # exit code after Ctrl-C
+PR_SET_PDEATHSIG = 1  # prctl(2)
+
+
+def run(
+    overrides: list[str], multirun: bool, cores: int | None, dry: bool, targets: list[str], extra: list[str]
+) -> int:
+    """Checks the settings, writes results/<name>/run.yaml, and runs Snakemake to make the missing files.
+
+    After a failure, the report of the experiments that are complete is made.
+
+    Args:
+        overrides: settings to override, in the syntax of Hydra.
+        multirun: sweep over all combinations of the overrides with several values.
+        cores: number of jobs at the same time; by default the number of cores.
+        dry: only print what would run.
+        targets: rules or files.
+        extra: further arguments for Snakemake.
+
+    Returns:
+        Snakemake's exit code; INTERRUPTED after Ctrl-C.
+
+    Raises:
+        UserError: if settings are invalid, or another workflow makes the same results.
+    """
+    if multirun:
+        fixed, rows = expand_sweep(overrides)
+        for word in (word for word in overrides if word.startswith("experiment=")):
+            print(f"{word} gives its settings, and none of its rows: the sweep has its own")
+        for row, words in rows.items():
+            print(f"{row}: {' '.join(words)}")
+    plan = Plan(compose_run(fixed, rows) if multirun else compose_run(overrides))
+    check(plan)
+    if targets == ["all"]:
+        check_figures(plan)
+    for line in change_lines(plan):
+        print(line)
+    quiet = ["--quiet", "rules", "reason", "host"]
+    command = [sys.executable, "-m", "snakemake", *targets, *quiet, "--cores", str(cores or "all"), *extra]
+    if dry:
+        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
+            yaml.safe_dump(plan.record, file)
+            file.flush()
+            return snakemake([*command, "--configfile", file.name, "--dry-run"])
+    remove_stale_locks(plan.out)
+    # In a file, since jobs on a cluster break quotes within quotes.
+    command += ["--configfile", str(plan.write_record(ROOT))]
+    code = snakemake(command)
+    if code == INTERRUPTED:
+        print("interrupted; the same command goes on", file=sys.stderr)
+    elif targets == ["all"] and code == 0:
+        print(f"the report: {ROOT / plan.out / 'report' / 'report.html'}")
+    elif targets == ["all"] and (failed := plan.missing_results(ROOT)):
+        print(f"failed: {', '.join(failed)}; the report of the others follows", file=sys.stderr)
+        plan.record["failed"] = failed
+        plan.write_record(ROOT)
+        snakemake(command)
+    return code
+
+
+def change_lines(plan: Plan) -> list[str]:
+    """Returns what to say before existing results are made again: which settings and whose code have changed."""
+    plan.record["code"] = {path.stem: code_hash(path.stem) for path in sorted(SCRIPTS.glob("*.py"))}
+    save_cache()
+    try:
+        before = yaml.safe_load((ROOT / plan.out / "run.yaml").read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError):
+        return []
+    then, now = (flat({key: record.get(key, {}) for key in ("settings", "rows")}) for record in (before, plan.record))
+    settings = sorted(key for key in then.keys() & now.keys() if then[key] != now[key] and ".track." not in key)
+    code = [rule for rule, digest in before.get("code", {}).items() if plan.record["code"].get(rule) != digest]
+    lines = []
+    if settings:
+        shown = ", ".join(key.removeprefix("settings.") for key in settings[:4])
+        more = f" and {len(settings) - 4} more" if len(settings) > 4 else ""
+        lines.append(
+            f"{plan.out} was made with other settings ({shown}{more}): what depends on them is made again; to keep "
+            "both, give this run a name, name=NAME"
+        )
+    if code:
+        lines.append(f"the code of {', '.join(code)} has changed since {plan.out} was made: they run again")
+    return lines
+
+
+def snakemake(command: list[str]) -> int:
+    """Runs Snakemake in this repository. It ends with this process, and its jobs end with it (`relight.lab.job`).
+
+    Args:
+        command: the program and its arguments, such as python -m snakemake all.
+
+    Returns:
+        The exit code; INTERRUPTED if this process was interrupted, terminated or hung up.
+    """
+
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) == signal.SIG_DFL:  # with nohup, HUP stays ignored
+            signal.signal(number, interrupt)
+    environment = {**os.environ, **cache_environment()}
+    start = partial(prepare_child, os.getpid())
+    # A process group of its own, so that Ctrl-C reaches it once, from here.
+    process = subprocess.Popen(command, cwd=ROOT, env=environment, process_group=0, preexec_fn=start)
+    try:
+        return process.wait()
+    except KeyboardInterrupt:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGINT)
+        process.wait()
+        return INTERRUPTED
+
+
+def prepare_child(parent: int) -> None:
+    """Prepares Snakemake's process: enables INT, which scripts and cron ignore; on Linux it ends with its parent."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # the parent has already ended
+        os._exit(1)
+
+
+def cache_environment() -> dict[str, str]:
+    """Returns variables that move the caches of Snakemake and its jobs here, if the user's cache is read-only.
+
+    Otherwise Snakemake would end with a traceback.
+    """
+    import platformdirs
+
+    try:
+        writable_folder(platformdirs.user_cache_dir(), "cache")
+    except UserError:
+        return {"XDG_CACHE_HOME": str(ROOT / ".snakemake" / "cache")}
+    return {}
+
+
+def hold(out: Path | str) -> int:
+    """Locks results until this process ends, however it ends, or closes the handle that this returns.
+
+    Snakemake's own locks stay after a kill; by this one, `remove_stale_locks` knows that nobody holds them.
+
+    Args:
+        out: the folder of the results.
+
+    Raises:
+        UserError: if another workflow makes the results, or they cannot be written.
+    """
+    try:
+        Path(out).mkdir(parents=True, exist_ok=True)
+        handle = os.open(Path(out, LOCK), os.O_RDWR | os.O_CREAT)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise UserError(f"another workflow is making {out}: wait for it, or end it") from None
+    except OSError as error:
+        raise UserError(f"{out} cannot be written: {os.strerror(error.errno or 0).lower()}") from None
+    return handle
+
+
+def remove_stale_locks(out: str) -> None:
+    """Removes the locks that a killed Snakemake left on results.
+
+    Raises:
+        UserError: if a workflow is making them, or they cannot be written.
+    """
+    handle = hold(ROOT / out)
+    for lock in (ROOT / ".snakemake" / "locks").glob("*"):
+        if any(line.startswith(f"{out}/") for line in lock.read_text().splitlines()):
+            lock.unlink()
+    os.close(handle)

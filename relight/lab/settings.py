@@ -1,0 +1,129 @@
+"""The record of a run: its settings, composed and checked once, from which the workflow is planned."""
+
+import hashlib
+import itertools
+import re
+import shlex
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from relight.config import CONF, MAX_NAME_LENGTH, Experiment, check_name, composed, flat
+from relight.config.composition import quoted
+from relight.errors import UserError
+
+ROW_GROUPS = ("model", "loss", "train", "augment", "split", "track")  # that rows may change; of the split its kind
+Record = dict[str, Any]
+
+
+def compose_run(overrides: list[str], rows: Mapping[str, list[str]] | None = None) -> Record:
+    """Composes and checks the settings of a run and of each of its rows.
+
+    Args:
+        overrides: settings to override, in the syntax of Hydra.
+        rows: name -> overrides, of a sweep: they replace the rows, and all experiments by one table of them.
+
+    Returns:
+        The record. `overrides`: as given. `settings`: those that all rows share, as plain values by group. `rows`:
+        name -> the ROW_GROUPS of the row.
+
+    Raises:
+        UserError: if a setting is invalid, or a row changes one that all rows share.
+    """
+    settings: Any = OmegaConf.to_container(composed(overrides))
+    words = settings["sweep"]["rows"] if rows is None else {name: list(row) for name, row in rows.items()}
+    by_row = {}
+    for name in words:
+        check_name("rows", name)
+        by_row[name] = _row_settings(name, [*overrides, *words[name]], settings)
+    if rows is not None:
+        settings["sweep"]["rows"] = words
+        settings["experiments"] = {"sweep": asdict(Experiment(rows=list(words), plates=True))}
+    return {"overrides": list(overrides), "settings": settings, "rows": by_row}
+
+
+def from_config(config: dict[str, Any]) -> Record:
+    """Returns the record of a run by Snakemake's configuration: a record, or settings to compose it from.
+
+    Args:
+        config: a record; or `hydra`, overrides as a list or as one string of words, and any other setting by its name,
+            as in `--config scale=smoke`.
+
+    Raises:
+        UserError: if a setting is invalid.
+    """
+    if "settings" in config:
+        return config
+    if sum(word.startswith("hydra=") for word in sys.argv) > 1:
+        raise UserError('--config takes hydra once: write --config hydra="scale=smoke name=mine"')
+    words = config.get("hydra") or []
+    given = flat({key: value for key, value in config.items() if key != "hydra"})
+    named = [f"{key}={'null' if value is None else str(value)}".replace("'", "") for key, value in given.items()]
+    return compose_run([*named, *(shlex.split(words) if isinstance(words, str) else map(str, words))])
+
+
+def _row_settings(row: str, overrides: list[str], shared: dict[str, Any]) -> dict[str, Any]:
+    """Composes and checks the ROW_GROUPS of a row from all overrides, its own last."""
+    for word in overrides:
+        if word.lstrip("+").startswith("train.seed="):
+            raise UserError(f"{word}: give the seeds of all trainings, sweep.seeds=[{word.partition('=')[2]}]")
+    settings: Any = OmegaConf.to_container(composed(overrides))
+    may_differ = {group: settings[group] for group in ROW_GROUPS if group != "split"}
+    may_differ["split"] = {**shared["split"], "kind": settings["split"]["kind"]}
+    for group, expected in {**shared, **may_differ}.items():
+        if settings[group] != expected:
+            raise UserError(f"row {row} changes {group}, which all rows share: change it for all, under a new name")
+    if settings["train"]["start"] == row:
+        raise UserError(f"row {row}: train.start={row} is the row itself: name another row")
+    return {group: settings[group] for group in ROW_GROUPS}
+
+
+def expand_sweep(overrides: list[str]) -> tuple[list[str], dict[str, list[str]]]:
+    """Expands a sweep to rows: one for each combination of the overrides with several values.
+
+    Args:
+        overrides: settings to override, in the syntax of Hydra; several values are written as train.lr=1e-4,2e-4.
+
+    Returns:
+        The overrides with one value, and the overrides of each row by its name.
+
+    >>> expand_sweep(["train.lr=1e-4,2e-4", "scale=demo"])
+    (['scale=demo'], {'lr_0.0001': ['train.lr=0.0001'], 'lr_0.0002': ['train.lr=0.0002']})
+
+    Raises:
+        UserError: if an override cannot be parsed or is an interval, or none has several values.
+    """
+    from hydra import initialize_config_dir
+    from hydra.core.global_hydra import GlobalHydra
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
+    fixed, axes = [], []
+    overrides = [override if "," in override else quoted(override) for override in overrides]
+    try:
+        with initialize_config_dir(str(CONF), version_base="1.3"):
+            parser = OverridesParser.create(GlobalHydra.instance().config_loader())  # expands glob(*)
+            for text, override in zip(overrides, parser.parse_overrides(overrides)):
+                if not override.is_sweep_override():
+                    fixed.append(text)
+                elif override.is_interval_sweep():
+                    raise UserError(f"{text} is not a list of values: write them out, as in train.lr=1e-4,2e-4")
+                else:
+                    axes.append([(override.get_key_element(), value) for value in override.sweep_string_iterator()])
+    except HydraException as error:
+        raise UserError(f"cannot read the overrides: {' '.join(str(error).split())}") from None
+    if not axes:
+        raise UserError("-m sweeps over lists, such as train.lr=1e-4,2e-4: give an override with several values")
+    rows: dict[str, list[str]] = {}
+    for choice in itertools.product(*axes):
+        words = [f"{key}={value}" for key, value in choice]
+        name = "-".join(f"{key.lstrip('+').rpartition('.')[2]}_{value}" for key, value in choice)
+        safe_name = re.sub(r"[^A-Za-z0-9._+-]+", "_", name)
+        if len(safe_name) > MAX_NAME_LENGTH or rows.get(safe_name, words) != words:
+            ending = f"-{hashlib.sha256(name.encode()).hexdigest()[:8]}"  # makes a cut or an ambiguous name unique
+            safe_name = safe_name[: MAX_NAME_LENGTH - len(ending)] + ending
+        rows[safe_name] = words
+    return fixed, rows

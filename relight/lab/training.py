@@ -1,0 +1,59 @@
+"""The jobs of one network, trained and scored, with its run in MLflow."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from relight.config import Augment, Loss, Model, Train
+from relight.learning.train import Inputs, Recipe, fingerprint
+from relight.learning.train import train as train_network
+
+
+def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, tracking: dict[str, Any]) -> None:
+    """Trains a network, or resumes an interrupted training.
+
+    Its state is in the folder state/<training> beside the network. It is not declared as an output, since Snakemake
+    deletes declared outputs before a retry.
+
+    Args:
+        settings: of the training, by group.
+        inputs: data.
+        out: network (.safetensors); its stem is the name of the training.
+        curve: losses per epoch (.csv).
+        tracking: of the workflow (`Plan.tracking`).
+    """
+    from relight.tracking.run import training_run
+
+    recipe = Recipe(
+        Model(**settings["model"]), Loss(**settings["loss"]), Train(**settings["train"]), Augment(**settings["augment"])
+    )
+    data = {"figures": inputs.packed, "lights": inputs.lights, "split": inputs.split}
+    with training_run(tracking, out.stem, fingerprint(recipe, inputs), recipe.as_dict(), data) as run:
+        hooks = (run.log, run.add_image) if run else ()
+        train_network(recipe, inputs, out, out.parent / "state" / out.stem / "state.pt", curve, *hooks)
+        if run:
+            run.finish(out, curve)
+
+
+def evaluate(
+    network: Path, packed: Path, lights: Path, split: Path, condition: str, out: Path, tracking: dict[str, Any]
+) -> None:
+    """Writes the scores of a network, one row per figure and light, and sends their means to its run in MLflow.
+
+    Args:
+        network, packed, lights, split: files.
+        condition: what is scored: test, or FIGURES-LIGHTS such as sitting-test.
+        out: scores (.csv).
+        tracking: of the workflow (`Plan.tracking`).
+    """
+    from relight.evaluation.scoring.evaluate import Condition
+    from relight.evaluation.scoring.evaluate import evaluate as score
+    from relight.evaluation.scoring.scores import read_scores
+    from relight.learning.checkpoint import read_config
+    from relight.tracking.run import log_scores
+
+    score(network, packed, lights, split, Condition.parse(condition), out)
+    scores = next(iter(read_scores(out).values()), None)  # None if the condition has no figures or no lights
+    means = {name: float(values.mean()) for name, values in (scores.columns if scores else {}).items()}
+    known = {name: mean for name, mean in means.items() if not math.isnan(mean)}
+    log_scores(tracking, network, read_config(network), condition, known, out)

@@ -1,0 +1,12 @@
+from pathlib import Path
+
+from relight.config import Align
+from relight.lab.figures import transform
+from relight.lab.job import job
+from relight.meshes import align
+from relight.progress import progress
+
+with job(snakemake):
+    settings = Align(**snakemake.params.align)
+    for mesh in progress(sorted(Path(snakemake.input[0]).glob("*.npz")), "figures"):
+        transform(mesh, lambda given: align(given, settings), Path(snakemake.output[0], mesh.name))

@@ -1,0 +1,14 @@
+import json
+from pathlib import Path
+
+from relight.config import Lights, Panoramas
+from relight.files import atomic_write
+from relight.lab.job import job
+from relight.lights import build_light_set, write_light_set
+
+with job(snakemake):
+    given = snakemake.params
+    light_set, dropped = build_light_set(Panoramas(**given.panoramas), Lights(**given.lights), given.order)
+    with atomic_write(snakemake.output.record) as tmp:
+        tmp.write_text(json.dumps(dropped, indent=1))
+    write_light_set(light_set, Path(snakemake.output.lights))

@@ -1,0 +1,8 @@
+from pathlib import Path
+
+from relight.lab.figures import read_scan
+from relight.lab.job import job
+
+with job(snakemake):
+    name = snakemake.wildcards.batch
+    read_scan(Path(snakemake.params.mesh), name, snakemake.params.subject, Path(snakemake.output[0], f"{name}.npz"))
