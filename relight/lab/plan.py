@@ -44,7 +44,7 @@ class Plan:
         """Plans a run.
 
         Raises:
-            UserError: if `sweep.only` names an unknown row.
+            UserError: if `sweep.only` names a row that is unknown, or in no experiment.
         """
         self.record = record
         self.shared: dict[str, Any] = record["settings"]
@@ -67,6 +67,12 @@ class Plan:
             experiment = Experiment(**fields)
             if rows := self._without_duplicates([row for row in experiment.rows if row in selected]):
                 experiments[name] = replace(experiment, rows=rows)
+        if apart := selected - {row for fields in self.shared["experiments"].values() for row in fields["rows"]}:
+            if self.shared["sweep"]["only"]:
+                row = min(apart)
+                raise UserError(
+                    f"sweep.only: {row} is in no experiment: +experiments.{row}.rows=[{row}] makes one of it"
+                )
         return experiments
 
     def _without_duplicates(self, rows: list[str]) -> list[str]:

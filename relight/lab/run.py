@@ -3,6 +3,7 @@
 import ctypes
 import fcntl
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -48,6 +49,7 @@ def run(
     Raises:
         UserError: if settings are invalid, or another workflow makes the same results.
     """
+    overrides = with_remembered(overrides)
     if multirun:
         fixed, rows = expand_sweep(overrides)
         for word in (word for word in overrides if word.startswith("experiment=")):
@@ -83,17 +85,44 @@ def run(
     return code
 
 
+def with_remembered(overrides: list[str]) -> list[str]:
+    """Returns overrides behind those with which the run that they name was made; it goes on with its own settings."""
+    names = [word.removeprefix("name=") for word in overrides if word.startswith("name=")]
+    before = read_record(names[-1])["overrides"] if names else []
+    given = {word.partition("=")[0] for word in overrides}
+    kept = [word for word in before if word.partition("=")[0] not in given]
+    if kept:
+        print(f"name={names[-1]} goes on with {shlex.join(kept)}")
+    return [*kept, *overrides]
+
+
+def read_record(name: str) -> dict[str, Any]:
+    """Reads the record of a run (run.yaml); without one, it has no overrides, settings, rows and code."""
+    nothing: dict[str, Any] = {"overrides": [], "settings": {}, "rows": {}, "code": {}}
+    try:
+        return {**nothing, **yaml.safe_load((ROOT / "results" / name / "run.yaml").read_text(encoding="utf-8"))}
+    except (OSError, TypeError, ValueError, yaml.YAMLError):
+        return nothing
+
+
 def change_lines(plan: Plan) -> list[str]:
-    """Returns what to say before existing results are made again: which settings and whose code have changed."""
+    """Returns what to say before existing results are made again: which settings and whose code have changed.
+
+    Raises:
+        UserError: if the results are of other people or panoramas.
+    """
     plan.record["code"] = {path.stem: code_hash(path.stem) for path in sorted(SCRIPTS.glob("*.py"))}
     save_cache()
-    try:
-        before = yaml.safe_load((ROOT / plan.out / "run.yaml").read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError):
-        return []
-    then, now = (flat({key: record.get(key, {}) for key in ("settings", "rows")}) for record in (before, plan.record))
+    before = read_record(plan.shared["name"])
+    then, now = (flat({key: record[key] for key in ("settings", "rows")}) for record in (before, plan.record))
+    for key in ("figures.source", "figures.folder", "panoramas.source", "panoramas.folder"):
+        if (old := then.get(f"settings.{key}", now[f"settings.{key}"])) != now[f"settings.{key}"]:
+            raise UserError(
+                f"{plan.out} was made with {key}={old}: give this run a name of its own, name=NAME, or remove the "
+                f"folder {plan.out}"
+            )
     settings = sorted(key for key in then.keys() & now.keys() if then[key] != now[key] and ".track." not in key)
-    code = [rule for rule, digest in before.get("code", {}).items() if plan.record["code"].get(rule) != digest]
+    code = [rule for rule, digest in before["code"].items() if plan.record["code"].get(rule) != digest]
     lines = []
     if settings:
         shown = ", ".join(key.removeprefix("settings.") for key in settings[:4])

@@ -134,6 +134,7 @@ def test_rows_may_have_splits_of_their_own():
     ("hydra", "message"),
     [
         ("sweep.only=[nobody]", "no row nobody"),
+        ("sweep.only=[wide]", r"wide is in no experiment: \+experiments\.wide\.rows=\[wide\] makes one of it"),
         ("+sweep.rows.wide=['bake.rays=9']", "changes bake"),
         ("+sweep.rows.wide=['train.start=wide']", "is the row itself"),
         ("+sweep.rows.wide=['trace.samples=9']", "changes trace"),

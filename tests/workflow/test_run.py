@@ -84,6 +84,30 @@ def test_changed_settings_are_told_with_the_way_to_keep_both(calls, capsys):
     assert capsys.readouterr().out == ""
 
 
+def test_a_name_remembers_its_run(calls, capsys):
+    """What is given again counts; another word for its data would mix the maps of both."""
+    module.run([*WORDS, "name=mine", "panoramas.count=25"], False, None, False, ["all"], [])
+    capsys.readouterr()
+    module.run(["name=mine", "train.lr=0.1"], False, None, False, ["all"], [])
+    out = capsys.readouterr().out
+    assert out.startswith("name=mine goes on with scale=smoke experiment=one panoramas.count=25\n")
+    settings = calls[-1][1]["settings"]
+    assert (settings["panoramas"]["count"], settings["train"]["lr"], settings["train"]["steps"]) == (25, 0.1, 24)
+    module.run(["name=mine", "panoramas.count=26"], False, None, False, ["all"], [])
+    told = "scale=smoke experiment=one train.lr=0.1 name=mine panoramas.count=26"
+    assert calls[-1][1]["overrides"] == told.split()
+
+
+def test_results_of_other_people_are_not_mixed(calls, tmp_path):
+    for name in ("a.obj", "b.obj", "other/a.obj", "other/b.obj"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    run("name=mine", "figures=scans", f"figures.folder={tmp_path}")
+    with pytest.raises(UserError, match=r"results/mine was made with figures\.folder=.*: give this run a name"):
+        run("name=mine", f"figures.folder={tmp_path / 'other'}")
+    assert len(calls) == 1
+
+
 def test_changed_code_is_told(calls, capsys, tmp_path):
     run()
     record = tmp_path / "results" / "smoke" / "run.yaml"

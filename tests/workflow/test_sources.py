@@ -55,7 +55,7 @@ def test_three_meshes_and_two_panoramas_give_a_report(sources, tmp_path):
     record = json.loads((repo / "results/mine/figures.json").read_text())
     assert set(record["figures"]) == {"broken", "colored", "plain", "textured"}
     assert set(record["left_out"]) == {"broken"} and "broken is left out" in run.stdout
-    assert read_info(repo / "results/mine/maps/plain.v1.exr")["figure"] == "plain"
+    assert read_info(repo / "results/mine/maps/plain/plain.v1.exr")["figure"] == "plain"
     page = (repo / "results/mine/report/report.html").read_text()
     assert "broken.ply" in page and page.count("data:image/") >= 5
     assert (repo / "results/mine/report/one.csv").stat().st_size > 100
@@ -66,6 +66,9 @@ def test_three_meshes_and_two_panoramas_give_a_report(sources, tmp_path):
     veto.write_text("# one\n")
     (jobs,) = planned(repo, words)
     assert jobs["lights"] == 1
+    shutil.copy(sources / "scans" / "colored.ply", sources / "scans" / "another.ply")
+    (jobs,) = planned(repo, [word for word in words if "table" not in word])
+    assert (jobs["scan"], jobs["bake"], jobs["pack"]) == (1, 5, 1)
 
 
 @pytest.mark.slow
