@@ -77,7 +77,8 @@ def write_movie(
         turns = 0.0 if turns is None else turns
         notes: Counter[str] = Counter()
         frames, count, clip_fps = relight_clip(relighter, path, mask, light, options, size, turns, notes)
-        write_video(out, progress(frames, "frames", total=count), fps or clip_fps)
+        sound = path if path.is_file() and fps is None else None
+        write_video(out, progress(frames, "frames", total=count), fps or clip_fps, sound)
         return (light.notes if light else []) + [f"{note} (frames: {number})" for note, number in notes.most_common()]
     photo = load_photo(path, mask, options.mask_model).downscaled(size)
     pixels, people = photo.pixels, relighter.infer(photo, None, not options.together, options.white_balance)
@@ -229,6 +230,8 @@ def _with_masks(
         if drawn.pixels.shape != photo.pixels.shape:
             raise UserError(f"mask video {masks} is of another size than the clip: they must be equal")
         yield LoadedPhoto(photo.pixels, fit_edge(photo.pixels, drawn.codes.max(-1)), photo.name)
+    if next(stream, None) is not None:
+        raise UserError(f"mask video {masks} has more frames than the clip: each frame has its own")
 
 
 def smooth_over_time(

@@ -1,9 +1,11 @@
 """Reading and writing video files with PyAV and Pillow, without a system ffmpeg."""
 
+import sys
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
-from itertools import pairwise
+from itertools import pairwise, repeat
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
@@ -12,10 +14,20 @@ from relight.errors import UserError
 from relight.files import atomic_write, writable_file
 from relight.photos.read import Photo, list_photos, read_photo
 
+if TYPE_CHECKING:
+    from av import VideoFrame
+    from av.filter import Graph
+    from av.video.stream import VideoStream
+
 CODECS = {".mp4": ("libx264", {"crf": "18", "preset": "medium"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
 FPS = 25.0  # of what does not state its rate
 READABLE = (".mp4", ".mov", ".webm", ".mkv", ".avi", ".m4v", ".gif")
 WRITABLE = (*CODECS, ".gif")
+MAX_FPS = 60  # of a clip whose rate varies
+SRGB = "iec61966-2-1"
+HDR = {16: "PQ", 18: "HLG"}  # transfer characteristics of ITU-T H.273
+WIDE = (9, 11, 12)  # color primaries of BT.2020 and P3
+KNOWN_MATRICES = (0, 1, 4, 5, 6, 7, 8, 9, 10, 14)  # of H.273; 2 is not specified
 MIN_GIF_TICKS = 2  # hundredths of a second of a frame; many players slow shorter ones down
 
 
@@ -29,7 +41,9 @@ def writable_video(path: Path | str) -> Path:
     return writable_file(path, "movie")
 
 
-def write_video(path: Path | str, frames: Iterable[np.ndarray], fps: float = FPS) -> None:
+def write_video(
+    path: Path | str, frames: Iterable[np.ndarray], fps: float = FPS, sound: Path | str | None = None
+) -> None:
     """Writes a video, whole or not at all.
 
     Odd sizes gain a repeated row or column, since codecs halve the resolution of color. Colors are tagged BT.709.
@@ -38,6 +52,7 @@ def write_video(path: Path | str, frames: Iterable[np.ndarray], fps: float = FPS
         path: of the file, .mp4 (H.264), .webm (VP9) or .gif.
         frames: (H,W,3) uint8 sRGB, all of one size.
         fps: frames per second.
+        sound: a video whose sound the new one gets, as it is coded there; .gif has none.
 
     Raises:
         UserError: for another suffix, if there are no frames, or if the file cannot be written.
@@ -48,6 +63,8 @@ def write_video(path: Path | str, frames: Iterable[np.ndarray], fps: float = FPS
             _write_gif(tmp, frames, fps)
         else:
             _write_video(tmp, frames, fps, *CODECS[path.suffix.lower()])
+            if sound:
+                _add_sound(tmp, Path(sound))
 
 
 def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: str, options: dict[str, str]) -> None:
@@ -78,6 +95,29 @@ def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: st
         container.mux(stream.encode())
 
 
+def _add_sound(path: Path, source: Path) -> None:
+    """Adds the sound of a video to another one, whose container must take its codec (else it stays silent)."""
+    import av
+
+    with_sound = path.with_name(f"{path.stem}-sound{path.suffix}")
+    try:
+        with av.open(str(source)) as spoken, av.open(str(path)) as shown, av.open(str(with_sound), "w") as out:
+            if not spoken.streams.audio:
+                return
+            streams = {
+                id(one): out.add_stream_from_template(one) for one in (shown.streams.video[0], spoken.streams.audio[0])
+            }
+            packets = [*shown.demux(video=0), *spoken.demux(audio=0)]
+            for packet in sorted((p for p in packets if p.dts is not None), key=lambda p: float(p.dts * p.time_base)):
+                packet.stream = streams[id(packet.stream)]
+                out.mux(packet)
+        with_sound.replace(path)
+    except (av.FFmpegError, ValueError) as error:
+        print(f"{source}: its sound is left out: {path.suffix} does not take it ({error})", file=sys.stderr)
+    finally:
+        with_sound.unlink(missing_ok=True)
+
+
 def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
     """Writes a GIF with one palette for all frames, made from four of them, so that colors do not flicker.
 
@@ -102,11 +142,15 @@ def is_video(path: Path | str) -> bool:
 def read_frames(path: Path | str) -> tuple[Iterator[Photo], int | None, float]:
     """Reads the frames of a video file or a folder of pictures, one by one.
 
+    Frames of a video come upright, with square pixels, in sRGB, at a constant rate: where the file's own rate varies,
+    frames are repeated, so that each is seen at its time.
+
     Returns:
         The frames, their number if it is known, and frames per second.
 
     Raises:
-        UserError: if the path is neither, or, at the frame where it shows, if the file is damaged.
+        UserError: if the path is neither, or, at the frame where it shows, if the file is damaged or its frames change
+            their size.
     """
     path = Path(path)
     if path.is_dir():
@@ -119,20 +163,84 @@ def read_frames(path: Path | str) -> tuple[Iterator[Photo], int | None, float]:
     try:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
-            count, fps = stream.frames or None, float(stream.average_rate or FPS)
-    except (av.FFmpegError, IndexError) as error:
+            times = sorted(float(p.pts * stream.time_base) for p in container.demux(stream) if p.pts is not None)
+            average = float(stream.average_rate or FPS)
+    except (av.FFmpegError, IndexError, TypeError) as error:
         raise UserError(f"{path} cannot be read as a video ({error})") from None
-    return _decoded(path), count, fps
+    steps = np.diff(times)
+    if len(steps) == 0 or np.abs(steps - np.median(steps)).max() < 0.5 / average:
+        return _decoded(path), len(times) or None, average
+    fps = float(min(MAX_FPS, round(1 / np.quantile(steps, 0.25))))
+    shown = np.round((np.array(times) - times[0]) * fps).astype(int)
+    return _repeated(_decoded(path), shown), int(shown[-1]) + 1, fps
+
+
+def _repeated(frames: Iterator[Photo], shown: np.ndarray) -> Iterator[Photo]:
+    """Yields each frame until the next one is `shown`, by their numbers (N,) at a constant rate."""
+    for frame, until in zip(frames, np.diff(shown, append=shown[-1] + 1)):
+        yield from repeat(frame, int(until))
 
 
 def _decoded(path: Path) -> Iterator[Photo]:
-    """Yields the frames of a video, upright; raises UserError if it is damaged."""
+    """Yields the frames of a video, upright and in sRGB; raises UserError if it is damaged or changes its size."""
     import av
 
     try:
         with av.open(str(path)) as container:
-            for image in container.decode(video=0):  # phones store portrait clips rotated
-                upright = np.rot90(image.to_ndarray(format="rgb24"), round(image.rotation / 90))
-                yield Photo(np.ascontiguousarray(upright), None, path.stem, what=f"a frame of {path}")
+            stream, graph, size = container.streams.video[0], None, None
+            for number, frame in enumerate(container.decode(stream), 1):
+                if graph is None:
+                    graph, size, notes = _conversion(stream, frame), (frame.width, frame.height), hdr_notes(path, frame)
+                elif size != (frame.width, frame.height):
+                    raise UserError(
+                        f"{path}: frame {number} is {frame.width} x {frame.height} pixels, and those before are "
+                        f"{size[0]} x {size[1]}: a clip has one size"
+                    )
+                graph.vpush(frame)
+                pixels = _upright(graph.vpull().to_ndarray(format="rgb24"), frame)
+                yield Photo(np.ascontiguousarray(pixels), None, path.stem, notes=notes, what=f"a frame of {path}")
     except av.FFmpegError as error:
         raise UserError(f"{path} is damaged or cut short ({error})") from None
+
+
+def _conversion(stream: "VideoStream", frame: "VideoFrame") -> "Graph":
+    """Returns FFmpeg's filters that make frames sRGB with square pixels.
+
+    The matrix is that of the file, or else BT.709 from 720 lines on and BT.601 below, as players take it. Codes of the
+    curves of standard television are displayed as sRGB; HLG and PQ are converted, with diffuse white at 203 nits.
+    """
+    import av
+
+    graph = av.filter.Graph()
+    aspect = stream.sample_aspect_ratio or 1
+    matrix = "auto" if frame.colorspace in KNOWN_MATRICES else "bt709" if frame.height >= 720 else "bt601"
+    wide = f"{max(1, round(frame.width * aspect))}:{frame.height}"
+    chain = [
+        ("scale", f"{wide}:in_color_matrix={matrix}:flags=bicubic+accurate_rnd+full_chroma_int"),
+        ("format", "gbrp16le"),
+    ]
+    if frame.color_trc in HDR or frame.color_primaries in WIDE:
+        curve = "auto" if frame.color_trc in HDR else SRGB
+        chain += [("scale", f"in_transfer={curve}:out_primaries=bt709:out_transfer={SRGB}"), ("format", "gbrp16le")]
+    nodes = [graph.add_buffer(template=stream), *(graph.add(*words) for words in chain)]
+    graph.link_nodes(*nodes, graph.add("format", "rgb24"), graph.add("buffersink")).configure()
+    return graph
+
+
+def hdr_notes(path: Path, frame: "VideoFrame") -> list[str]:
+    """Returns a note if a clip is coded for displays of high dynamic range, whose highlights sRGB does not have."""
+    kind = HDR.get(frame.color_trc)
+    return [
+        f"{path}: it is coded for displays of high dynamic range ({kind}); what is brighter than white is cut"
+    ] * bool(kind)
+
+
+def _upright(pixels: np.ndarray, frame: "VideoFrame") -> np.ndarray:
+    """Returns pixels (H,W,3) turned and mirrored as the display matrix of a frame says (ISO 14496-12, 6.2.2)."""
+    for data in frame.side_data:
+        if data.type.name == "DISPLAYMATRIX":
+            a, b, _, c, d = np.frombuffer(data, np.int32, 5)
+            if abs(b) > abs(a):
+                pixels, a, d = pixels.swapaxes(0, 1), c, b
+            return pixels[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1]
+    return pixels

@@ -1,0 +1,189 @@
+"""Clips as cameras and programs write them: colors, shape, times and sound are those that a player shows."""
+
+from fractions import Fraction
+from types import SimpleNamespace
+
+import av
+import numpy as np
+import pytest
+
+from relight.errors import UserError
+from relight.photos.video import _upright, read_frames, write_video
+
+PATCHES = np.array([[200, 60, 40], [40, 160, 60], [50, 80, 200], [128, 128, 128]])
+LUMA = {"601": (0.299, 0.114), "709": (0.2126, 0.0722), "2020": (0.2627, 0.0593)}  # of red and blue
+# Columns of linear sRGB to linear colors of BT.2020 and of P3, by their chromaticities.
+TO_2020 = np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]])
+TO_P3 = np.array([[0.8225, 0.1775, 0.0], [0.0332, 0.9668, 0.0], [0.0171, 0.0724, 0.9105]])
+
+
+def linear(code: np.ndarray) -> np.ndarray:
+    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+
+
+def srgb(values: np.ndarray) -> np.ndarray:
+    return np.where(values <= 0.0031308, values * 12.92, 1.055 * np.maximum(values, 0) ** (1 / 2.4) - 0.055)
+
+
+def hlg(values: np.ndarray) -> np.ndarray:
+    """BT.2100's HLG of linear BT.2020, with white at 203 of 1,000 nits."""
+    luminance = (values @ [0.2627, 0.6780, 0.0593])[..., None] * 0.203
+    scene = values * 0.203 * luminance ** (-0.2 / 1.2)
+    high = 0.17883277 * np.log(np.maximum(12 * scene - 0.28466892, 1e-9)) + 0.55991073
+    return np.where(scene <= 1 / 12, np.sqrt(3 * scene), high)
+
+
+def pq(values: np.ndarray) -> np.ndarray:
+    """BT.2100's PQ of linear colors, with white at 203 nits."""
+    y = (values * 203 / 10000) ** 0.1593017578125
+    return ((0.8359375 + 18.8515625 * y) / (1 + 18.6875 * y)) ** 78.84375
+
+
+def write(path, codes, matrix="709", bits=8, tags=None, codec="libx264", full=False, aspect=None, times=range(3)):
+    """Writes a picture (H,W,3) of codes in [0,1] as a clip, by the matrices of ITU-R BT.601, 709 and 2020.
+
+    tags: matrix, primaries and transfer by the numbers of ITU-T H.273; None writes none.
+    """
+    red, blue = LUMA[matrix]
+    luma = codes @ [red, 1 - red - blue, blue]
+    chroma = [(codes[..., 2] - luma) / (2 - 2 * blue), (codes[..., 0] - luma) / (2 - 2 * red)]
+    scale, low, high, wide = 2 ** (bits - 8), *((0, 255, 255) if full else (16, 219, 224))
+    planes = [(low + high * luma) * scale, *((128 + wide * plane[::2, ::2]) * scale for plane in chroma)]
+    form = "yuv420p" if bits == 8 else f"yuv420p{bits}le"
+    with av.open(str(path), "w") as file:
+        options = {"crf": "1", "x265-params": "log-level=none"} if codec != "libvpx-vp9" else {"lossless": "1"}
+        stream = file.add_stream(codec, rate=30, options=options)
+        stream.height, stream.width = codes.shape[:2]
+        stream.pix_fmt, context = form, stream.codec_context
+        context.time_base = Fraction(1, 30)
+        if tags:
+            context.colorspace, context.color_primaries, context.color_trc = tags
+        context.color_range = 2 if full else 1
+        if aspect:
+            context.sample_aspect_ratio = aspect
+        for time in times:
+            frame = av.VideoFrame(stream.width, stream.height, form)
+            for plane, values in zip(frame.planes, planes):
+                rows = np.round(values).clip(0, 255 * scale).astype(np.uint8 if bits == 8 else np.uint16)
+                padded = np.zeros((len(rows), plane.line_size), np.uint8)
+                padded[:, : rows.shape[1] * rows.itemsize] = rows.view(np.uint8).reshape(len(rows), -1)
+                plane.update(padded.tobytes())
+            frame.pts, frame.time_base, frame.color_range = time, Fraction(1, 30), 2 if full else 1
+            if tags:
+                frame.colorspace = tags[0]
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode())
+
+
+def picture(width: int, height: int) -> np.ndarray:
+    return np.repeat(PATCHES, width // 4, 0)[None].repeat(height, 0) / 255
+
+
+def patches(pixels: np.ndarray) -> np.ndarray:
+    height, width = pixels.shape[:2]
+    return np.array([pixels[height // 2, width * (2 * i + 1) // 8] for i in range(4)]).astype(int)
+
+
+WIDE = picture(128, 96)
+CODINGS = {
+    "BT.709": (WIDE, {"tags": (1, 1, 1)}),
+    "BT.709, 10 bits": (WIDE, {"tags": (1, 1, 1), "bits": 10}),
+    "BT.601": (WIDE, {"matrix": "601", "tags": (6, 6, 6)}),
+    "BT.601 in HD": (picture(1280, 720), {"matrix": "601", "tags": (6, 6, 6)}),
+    "SD without tags": (picture(640, 480), {"matrix": "601"}),
+    "HD without tags": (picture(1280, 720), {}),
+    "full range": (WIDE, {"tags": (1, 1, 1), "full": True}),
+    "VP9": (WIDE, {"tags": (1, 1, 1), "codec": "libvpx-vp9"}),
+    "HEVC": (WIDE, {"tags": (1, 1, 1), "codec": "libx265"}),
+    "BT.2020": (srgb(linear(WIDE) @ TO_2020.T), {"matrix": "2020", "tags": (9, 9, 14), "bits": 10}),
+    "P3": (srgb(linear(WIDE) @ TO_P3.T), {"tags": (1, 12, 13), "bits": 10}),
+    "HLG": (hlg(linear(WIDE) @ TO_2020.T), {"matrix": "2020", "tags": (9, 9, 18), "bits": 10}),
+    "PQ": (pq(linear(WIDE) @ TO_2020.T), {"matrix": "2020", "tags": (9, 9, 16), "bits": 10}),
+}
+
+
+@pytest.mark.parametrize("coding", CODINGS)
+def test_colors_are_those_of_the_picture(tmp_path, coding):
+    codes, options = CODINGS[coding]
+    path = tmp_path / ("a.webm" if options.get("codec") == "libvpx-vp9" else "a.mp4")
+    write(path, codes, **options)
+    photo = next(read_frames(path)[0])
+    tolerance = 8 if coding == "PQ" else 3  # FFmpeg's table of PQ is coarse in the dark
+    np.testing.assert_allclose(patches(photo.pixels), PATCHES, atol=tolerance)
+    assert any(f"({coding})" in note for note in photo.notes) == (coding in ("HLG", "PQ"))
+
+
+@pytest.mark.parametrize(
+    "matrix", [(1, 0, 0, 1), (0, 1, -1, 0), (-1, 0, 0, -1), (0, -1, 1, 0), (-1, 0, 0, 1), (0, 1, 1, 0)]
+)
+def test_frames_are_turned_and_mirrored_as_displayed(matrix):
+    """The display matrix takes a point (x, y) to (a x + c y, b x + d y), up to a shift."""
+    a, b, c, d = matrix
+    stored = np.arange(12).reshape(3, 4)
+    y, x = np.mgrid[:3, :4]
+    across, down = a * x + c * y, b * x + d * y
+    shown = np.empty((np.ptp(down) + 1, np.ptp(across) + 1), int)
+    shown[down - down.min(), across - across.min()] = stored
+    data = np.array([a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30], np.int32)
+
+    class Data(bytes):
+        type = SimpleNamespace(name="DISPLAYMATRIX")
+
+    frame = SimpleNamespace(side_data=[Data(data.tobytes())])
+    np.testing.assert_array_equal(_upright(stored[..., None], frame)[..., 0], shown)
+
+
+def test_pixels_are_square(tmp_path):
+    write(tmp_path / "a.mp4", picture(144, 108), tags=(1, 1, 1), aspect=Fraction(4, 3))
+    assert next(read_frames(tmp_path / "a.mp4")[0]).pixels.shape == (108, 192, 3)
+
+
+@pytest.mark.parametrize("times", [[*range(30), *range(30, 90, 3), *range(90, 120)], [0, 1, 2, 150, 151]])
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+def test_each_frame_is_seen_at_its_time(tmp_path, times, suffix):
+    write(tmp_path / f"a{suffix}", WIDE, times=times)
+    frames, count, fps = read_frames(tmp_path / f"a{suffix}")
+    read = list(frames)
+    assert len(read) == count
+    begins = [i / fps for i, frame in enumerate(read) if i == 0 or frame is not read[i - 1]]
+    np.testing.assert_allclose(begins, np.array(times) / 30, atol=0.5 / 30 + 1e-3)
+    assert count / fps == pytest.approx((times[-1] + 1) / 30, abs=0.5 / 30)
+
+
+def test_a_clip_that_changes_its_size_is_refused(tmp_path):
+    for name, width in (("a", 128), ("b", 64)):
+        write(tmp_path / f"{name}.h264", picture(width, 96))
+    joined = tmp_path / "c.h264"
+    joined.write_bytes((tmp_path / "a.h264").read_bytes() + (tmp_path / "b.h264").read_bytes())
+    with pytest.raises(
+        UserError, match=r"frame 4 is 64 x 96 pixels, and those before are 128 x 96: a clip has one size"
+    ):
+        list(read_frames(joined)[0])
+
+
+def test_the_movie_has_the_sound_of_its_clip(tmp_path, capsys):
+    clip, rate = tmp_path / "clip.mp4", 44100
+    write(tmp_path / "silent.mp4", WIDE, times=range(60))
+    wave = 0.5 * np.sin(2 * np.pi * 440 * np.arange(2 * rate) / rate, dtype=np.float32)
+    with av.open(str(tmp_path / "silent.mp4")) as silent, av.open(str(clip), "w") as file:
+        video, audio = (
+            file.add_stream_from_template(silent.streams.video[0]),
+            file.add_stream("aac", rate, layout="mono"),
+        )
+        for packet in silent.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = video
+                file.mux(packet)
+        for start in range(0, len(wave) - 1023, 1024):
+            frame = av.AudioFrame.from_ndarray(wave[None, start : start + 1024], "fltp", "mono")
+            frame.sample_rate, frame.pts, frame.time_base = rate, start, Fraction(1, rate)
+            file.mux(audio.encode(frame))
+        file.mux(audio.encode())
+    for name in ("out.mp4", "out.webm"):
+        frames, _, fps = read_frames(clip)
+        write_video(tmp_path / name, (frame.pixels for frame in frames), fps, sound=clip)
+    with av.open(str(tmp_path / "out.mp4")) as movie:
+        heard = np.concatenate([frame.to_ndarray()[0] for frame in movie.decode(audio=0)])
+    assert np.abs(np.fft.rfft(heard[rate // 2 : rate // 2 + rate])).argmax() == 440
+    assert "its sound is left out: .webm does not take it" in capsys.readouterr().err
+    assert not list(tmp_path.glob("*-sound*"))
