@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+PIP := $(BIN)/python -m pip install --disable-pip-version-check
 TORCH := torch==2.13.0
 UV := $(shell sed -n '/^name = "uv"$$/{n;s/version = "\(.*\)"/uv==\1/p}' uv.lock)
 CASES ?= 5000
@@ -11,32 +11,30 @@ KILLS ?= 60
 SHARED := -n 2 --dist loadfile --no-loadscope-reorder
 PYTEST := $(BIN)/python -m pytest $(SHARED)
 
-# Installs an extra with all that it needs, in the versions of uv.lock, checked against its hashes.
+# Installs an extra with all that it needs, in the versions of uv.lock, checked against its hashes; counts on one line.
 define install
 	@$(BIN)/uv export --quiet --frozen --no-emit-project --extra $(1) --output-file .venv/requirements.txt
-	@$(PIP) --require-hashes --no-deps --requirement .venv/requirements.txt
+	@all=$$(grep -c '^[^ #]' .venv/requirements.txt); n=0; \
+		{ $(PIP) --require-hashes --no-deps --requirement .venv/requirements.txt || echo failed; } | \
+		{ while read -r word _; do case $$word in Collecting|Processing|Requirement|Ignoring) n=$$((n + 1)); \
+		printf "\r$$n of $$all packages";; Installing) printf ", installing";; failed) exit 1;; esac; done; echo; }
 endef
 
-.PHONY: all env system run test test-fast fuzz chaos coverage smoke ui docs dist notebook lint format lock clean help
+.PHONY: all env run test test-fast fuzz chaos coverage smoke ui docs dist notebook lint format lock clean help
 .DEFAULT_GOAL := all
 
 all: run  ## install what is missing, then run the whole workflow on the embedded data
 
 env: $(STAMP)  ## create .venv with the packages of uv.lock, checked against its hashes
 
-$(STAMP): pyproject.toml uv.lock tools/system.py
-	@$(PYTHON) tools/system.py
-	@test -x $(BIN)/python || { rm -rf .venv; $(PYTHON) -m venv .venv; }
+$(STAMP): pyproject.toml uv.lock tools/system.py relight/libraries.py
+	@$(PYTHON) -m tools.system
 	@echo "installing the packages of uv.lock into .venv (some minutes the first time)"
-	@$(PIP) $(UV)
+	@$(PIP) --quiet $(UV)
 	$(call install,dev)
 	@$(PIP) $(TORCH)
-	@$(PIP) --no-deps --no-build-isolation --editable .
+	@$(PIP) --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
-
-system:  ## install the system libraries that are missing, by apt as root; no other target does
-	@missing=$$($(PYTHON) tools/system.py --list); test -z "$$missing" || \
-		{ sudo apt-get update -qq && sudo apt-get install -y -qq --no-install-recommends $$missing; }
 
 run: $(STAMP)  ## the workflow; make run ARGS="scale=smoke train.lr=1e-3"
 	@$(BIN)/relight run $(ARGS)

@@ -1,54 +1,65 @@
-"""Checks the system libraries that `make` needs; standard library only.
+"""Makes .venv with pip in it, and gets the system libraries that are missing. Standard library only.
 
-Without them, Open3D cannot be imported, and pymeshlab silently lacks readers. If some are missing, this prints the
-command that installs them on Debian or Ubuntu, and fails; with `--list`, it prints the names of the packages alone.
+As root, apt-get installs them. Without root, it downloads their packages, and .venv/lib gets the libraries in them.
 """
 
-import ctypes
-import platform
+import os
+import shutil
+import subprocess
 import sys
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
-LIBRARIES = {
-    "libEGL.so.1": "libegl1",
-    "libGL.so.1": "libgl1",
-    "libOpenGL.so.0": "libopengl0",
-    "libX11.so.6": "libx11-6",
-    "libudev.so.1": "libudev1",
-    "libidn2.so.0": "libidn2-0",
-    "libusb-1.0.so.0": "libusb-1.0-0",
-}
 PYTHONS = ((3, 11), (3, 13))  # the oldest and the newest that relight runs on
-
-
-def missing() -> list[str]:
-    """Returns the Debian packages of libraries that cannot be loaded and of missing modules."""
-    packages = []
-    try:
-        import ensurepip  # noqa: F401  (Debian keeps it in a package of its own)
-    except ImportError:
-        packages.append("python3-venv")
-    if platform.system() == "Linux":
-        for library, package in LIBRARIES.items():
-            try:
-                ctypes.CDLL(library)
-            except OSError:
-                packages.append(package)
-    return packages
+PYTHON, PIP, LIB = (Path(".venv", name) for name in ("bin/python", "bin/pip3", "lib"))
+WHEEL = "usr/share/python-wheels/pip-*.whl"  # of Debian, whose Python has no ensurepip
 
 
 def main() -> None:
-    """Ends with what is missing, and exit code 1, if Python has another version or system packages are missing."""
+    """Ends with a sentence and exit code 1 if Python has another version, or no pip."""
     major, minor = sys.version_info[:2]
     if not PYTHONS[0] <= (major, minor) <= PYTHONS[1]:
         names = " to ".join(".".join(map(str, version)) for version in PYTHONS)
         sys.exit(f"relight needs Python {names}, and {sys.executable} is {major}.{minor}: make PYTHON=python3.12")
-    if packages := missing():
-        line = f"apt-get install -y --no-install-recommends {' '.join(packages)}"
-        sys.exit(f"relight needs system packages; on Debian or Ubuntu, type:\n    sudo {line}")
+    from relight.libraries import LIBRARIES, missing, remedy
+
+    if not PYTHON.exists():
+        subprocess.run([sys.executable, "-m", "venv", "--clear", "--without-pip", ".venv"], check=True)
+    packages = [LIBRARIES[name] for name in missing(LIB)]
+    if not (PIP.exists() or find_spec("ensurepip")):
+        packages.append("python3-pip-whl")
+    with TemporaryDirectory() as folder:
+        if packages and shutil.which("apt-get"):
+            get(packages, Path(folder))
+        if not PIP.exists():
+            wheels = [path for root in ("/", folder) for path in Path(root).glob(WHEEL)]
+            if not (wheels or find_spec("ensurepip")):
+                sys.exit(f"relight needs pip, and {sys.executable} has no ensurepip: install python3-venv")
+            install = [f"{wheels[0]}/pip", "install", "--no-index", wheels[0]] if wheels else ["-m", "ensurepip"]
+            subprocess.run([PYTHON, *install], stdout=subprocess.DEVNULL, check=True)
+    if names := missing(LIB):
+        print(f"going on without {', '.join(names)}: `relight run`, `bake` and `scans` will not work; {remedy(names)}")
+
+
+def get(packages: list[str], folder: Path) -> None:
+    """Installs Debian packages, each with those that it needs after it, or unpacks them into the folder, if it can."""
+    apt, names = ["apt-get", "-qq", "-o", "Acquire::Languages=none"], [line.split()[0] for line in packages]
+    print("installing" if os.geteuid() == 0 else "unpacking into .venv, without root:", *names, flush=True)
+    if os.geteuid() == 0:
+        subprocess.run([*apt, "update"])
+        install = [*apt, "install", "-y", "--no-install-recommends", *names]
+        subprocess.run(install, stdout=subprocess.DEVNULL, env={**os.environ, "DEBIAN_FRONTEND": "noninteractive"})
+        return
+    (folder / "partial").mkdir()
+    apt += ["-o", f"Dir::State::Lists={folder}", "-o", f"Dir::Cache={folder}"]
+    subprocess.run([*apt, "update"])
+    subprocess.run([*apt, "download", *" ".join(packages).split()], cwd=folder)
+    for package in folder.glob("*.deb"):
+        subprocess.run(["dpkg-deb", "--extract", package, folder], check=True)
+    for libraries in folder.glob("**/lib/*-linux-gnu*"):
+        subprocess.run(["cp", "-a", f"{libraries}/.", LIB], check=True)
 
 
 if __name__ == "__main__":
-    if "--list" in sys.argv:
-        print(*missing())
-    else:
-        main()
+    main()

@@ -9,6 +9,7 @@ import numpy as np
 
 from relight.config import Clean
 from relight.errors import UserError
+from relight.libraries import with_libraries
 from relight.meshes.geometry import connected_parts, face_areas, solidity
 from relight.meshes.mesh import Mesh
 
@@ -101,8 +102,7 @@ def _repair(mesh: Mesh, close_holes: int, repairs: dict[str, int]) -> Mesh:
     result gets uv, material and colors of the given mesh. It needs finite vertices, closes holes of up to `close_holes`
     edges, and raises UserError if no face has an area.
     """
-    import pymeshlab
-
+    pymeshlab = with_libraries("pymeshlab")
     corner = np.zeros((mesh.faces.size, 2))
     corner[:, 0] = np.tile(np.arange(3), len(mesh.faces))
     work = pymeshlab.MeshSet()
@@ -194,8 +194,7 @@ def _split_non_manifold_edges(mesh: pymeshlab.Mesh) -> pymeshlab.MeshSet:
     At an edge of more, the third and later faces get copies of its vertices; that may leave other edges with more than
     two, so it is repeated until there are none. (PyMeshLab's own filter loses the scalars of faces.)
     """
-    import pymeshlab
-
+    pymeshlab = with_libraries("pymeshlab")
     vertices, faces = mesh.vertex_matrix(), mesh.face_matrix().astype(np.int64)
     source = np.arange(len(vertices))  # the original of each vertex
     edge_corners = np.array([[0, 1], [1, 2], [2, 0]])

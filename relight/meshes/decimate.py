@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from relight.libraries import with_libraries
 from relight.meshes.mesh import Mesh
 
 
@@ -17,8 +18,7 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
         mesh: in any frame and unit.
         faces: number of faces that is aimed at.
     """
-    import pymeshlab
-
+    pymeshlab = with_libraries("pymeshlab")
     wedge, first = _wedges(mesh)
     work = pymeshlab.MeshSet()
     work.add_mesh(

@@ -1,10 +1,11 @@
 """Casts rays against a mesh by Open3D (Embree)."""
 
 import numpy as np
-import open3d.core as o3c
-from open3d.t.geometry import RaycastingScene
 
 from relight.errors import UserError
+from relight.libraries import with_libraries
+
+open3d = with_libraries("open3d")
 
 # Distance of ray origins from the surface, over the diagonal of the bounding box: a tenth of it causes self-shadowing,
 # ten times as much leaks light into creases.
@@ -65,10 +66,10 @@ class RayCaster:
         self.normals = np.divide(normals, area, out=np.zeros_like(normals), where=area > 0)
         self.offset = OFFSET * self.diagonal
         self.threads = threads
-        self._scene = RaycastingScene(nthreads=threads)
+        self._scene = open3d.t.geometry.RaycastingScene(nthreads=threads)
         self._scene.add_triangles(
-            o3c.Tensor(np.ascontiguousarray(np.nan_to_num(vertices - self.centre), np.float32)),
-            o3c.Tensor(np.ascontiguousarray(faces, np.uint32)),
+            open3d.core.Tensor(np.ascontiguousarray(np.nan_to_num(vertices - self.centre), np.float32)),
+            open3d.core.Tensor(np.ascontiguousarray(faces, np.uint32)),
         )
 
     def to_local(self, points: np.ndarray) -> np.ndarray:
@@ -77,7 +78,7 @@ class RayCaster:
 
     def occluded(self, rays: np.ndarray) -> np.ndarray:
         """Returns whether rays (N,6) float32, origin relative to the centre and direction, hit any face, (N,) bool."""
-        return self._scene.test_occlusions(o3c.Tensor.from_numpy(rays), nthreads=self.threads).numpy()
+        return self._scene.test_occlusions(open3d.core.Tensor.from_numpy(rays), nthreads=self.threads).numpy()
 
     def intersect(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Finds the first intersections of rays.
@@ -88,7 +89,7 @@ class RayCaster:
         Returns:
             Face (N,) uint32, MISS where there is none, and barycentric weights (N,3) of its corners.
         """
-        hits = self._scene.cast_rays(o3c.Tensor.from_numpy(rays), nthreads=self.threads)
+        hits = self._scene.cast_rays(open3d.core.Tensor.from_numpy(rays), nthreads=self.threads)
         u, v = hits["primitive_uvs"].numpy().astype(np.float64).T
         return hits["primitive_ids"].numpy(), np.stack([1 - u - v, u, v], -1)
 

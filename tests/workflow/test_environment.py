@@ -1,15 +1,18 @@
 """uv's lock, conda's environment, the Makefile and pyproject.toml say the same."""
 
+import os
 import re
 import runpy
 import subprocess
 import tomllib
+from pathlib import Path
 
 import pytest
 import yaml
 from packaging.requirements import Requirement
 
 from relight.config import ROOT
+from relight.libraries import LIBRARIES
 
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PROJECT = PYPROJECT["project"]
@@ -67,6 +70,47 @@ def test_conda_has_a_python_that_relight_supports():
     assert "--editable .[dev]" in pip
     python = next(item for item in environment["dependencies"] if str(item).startswith("python="))
     assert Requirement(f"python{PROJECT['requires-python']}").specifier.contains(python.removeprefix("python=") + ".0")
+
+
+def test_conda_brings_the_system_libraries():
+    """By the names of conda-forge, whose recipes name the libraries in each package."""
+    names = {
+        "libEGL.so.1": "libegl",
+        "libGL.so.1": "libgl",
+        "libOpenGL.so.0": "libopengl",
+        "libX11.so.6": "xorg-libx11",
+        "libcom_err.so.2": "e2fsprogs-libs",
+        "libidn2.so.0": "libidn2",
+        "libudev.so.1": "libudev1",
+        "libusb-1.0.so.0": "libusb",
+    }
+    listed = yaml.safe_load((ROOT / "environment.yml").read_text())["dependencies"]
+    assert [names[library] for library in LIBRARIES if names[library] not in listed] == []
+
+
+@pytest.mark.parametrize("user", ["root", "ann"])
+def test_make_gets_system_libraries(tmp_path, monkeypatch, user):
+    """As root it installs the packages; as another user it unpacks them, and all that they need, into .venv."""
+    get = runpy.run_path(str(ROOT / "tools" / "system.py"))["get"]
+    apt = f'echo "$@" >> {tmp_path}/calls; case "$*" in *download*) touch x.deb;; esac'
+    dpkg = 'mkdir -p "$3/usr/lib/x86_64-linux-gnu"; touch "$3/usr/lib/x86_64-linux-gnu/libX11.so.6"'
+    for name, script in (("apt-get", apt), ("dpkg-deb", dpkg)):
+        (tmp_path / name).write_text(f"#!/bin/sh\n{script}\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setattr(os, "geteuid", lambda: 0 if user == "root" else 1000)
+    monkeypatch.chdir(tmp_path)
+    for folder in (Path(".venv", "lib"), Path("temporary")):
+        folder.mkdir(parents=True)
+    get(["libx11-6 libxcb1", "libusb-1.0-0"], tmp_path / "temporary")
+    update, last = (tmp_path / "calls").read_text().splitlines()
+    assert update.endswith(" update")
+    if user == "root":
+        assert last.endswith(" install -y --no-install-recommends libx11-6 libusb-1.0-0")
+        assert "temporary" not in update + last and not list(Path(".venv", "lib").iterdir())
+    else:
+        assert last.endswith(" download libx11-6 libxcb1 libusb-1.0-0") and last.count(f"={tmp_path}/temporary") == 2
+        assert [path.name for path in Path(".venv", "lib").iterdir()] == ["libX11.so.6"]
 
 
 def test_licences_of_all_packages_are_told():

@@ -1,0 +1,81 @@
+"""The system libraries of Open3D and PyMeshLab: which they are, and how they are found."""
+
+import shutil
+import subprocess
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from relight import libraries
+from relight.errors import UserError
+
+NEEDS = {
+    "libEGL.so.1": ["libGLdispatch.so.0"],
+    "libGL.so.1": ["libGLdispatch.so.0", "libGLX.so.0"],
+    "libOpenGL.so.0": ["libGLdispatch.so.0"],
+    "libX11.so.6": ["libxcb.so.1"],
+    "libGLX.so.0": ["libX11.so.6", "libGLdispatch.so.0"],
+    "libxcb.so.1": ["libXau.so.6", "libXdmcp.so.6"],
+    "libXdmcp.so.6": ["libbsd.so.0"],
+    "libbsd.so.0": ["libmd.so.0"],
+}
+ALL = sorted({*libraries.LIBRARIES, *NEEDS, *(name for names in NEEDS.values() for name in names)})
+
+
+def needs(name: str) -> set[str]:
+    return {name}.union(*(needs(other) for other in NEEDS.get(name, [])))
+
+
+@pytest.fixture
+def loaded(monkeypatch):
+    """A loader as glibc's: it finds libraries by name only if they are loaded, and names the first that it lacks."""
+    names = set()
+
+    def load(path):
+        for name in [*NEEDS.get(Path(path).name, []), *([] if "/" in path else [path])]:
+            if name not in names:
+                raise OSError(f"{name}: cannot open shared object file: No such file or directory")
+        names.add(Path(path).name)
+
+    monkeypatch.setattr(libraries.ctypes, "CDLL", load)
+    return names
+
+
+@pytest.mark.parametrize("lacking", ["nothing", *ALL])
+def test_libraries_of_the_folder_are_loaded_after_those_that_they_need(tmp_path, loaded, lacking):
+    for name in {*ALL} - {lacking}:
+        (tmp_path / name).touch()
+    assert libraries.missing(tmp_path) == [name for name in libraries.LIBRARIES if lacking in needs(name)]
+    assert loaded <= {name for name in ALL if lacking not in needs(name)}
+
+
+def test_a_missing_library_is_one_sentence(monkeypatch):
+    monkeypatch.setitem(libraries.LIBRARIES, "libnone.so.9", "libnone9 libother1")
+    with pytest.raises(UserError, match=r"^open3d needs libnone\.so\.9: `apt-get install libnone9`, as root"):
+        libraries.with_libraries("open3d")
+
+
+FILTERS = ["libfilter_clean.so", "libfilter_meshing.so", "libfilter_measure.so"]  # plugins of PyMeshLab's in use
+EVERYWHERE = ("ld-linux", "libc.", "libdl.", "libgcc_s.", "libm.", "libpthread.", "libresolv.")
+EVERYWHERE += ("libstdc++.", "libz.")  # on each Linux with Python
+
+
+def linked(path: Path) -> list[str]:
+    shown = subprocess.run(["readelf", "-d", path], capture_output=True, text=True, check=True).stdout
+    return [line.split("[")[1].rstrip("]") for line in shown.splitlines() if "(NEEDED)" in line]
+
+
+@pytest.mark.skipif(not shutil.which("readelf"), reason="needs readelf, of binutils")
+def test_they_are_those_that_the_packages_link_to():
+    outside = set()
+    for package, module, plugins in (("open3d", "pybind", []), ("pymeshlab", "pmeshlab", FILTERS)):
+        files = {path.name: path for path in Path(find_spec(package).origin).parent.rglob("*.so*")}
+        pending, seen = [*plugins, *(name for name in files if name.startswith(f"{module}."))], set()
+        while pending:
+            if (name := pending.pop()) not in seen:
+                seen.add(name)
+                pending += linked(files[name]) if name in files else []
+        assert len(seen) > 10
+        outside |= {name for name in seen - files.keys() if not name.startswith(EVERYWHERE)}
+    assert outside == {*libraries.LIBRARIES}
