@@ -16,8 +16,8 @@ define install
 	@$(BIN)/uv export --quiet --frozen --no-emit-project --extra $(1) --output-file .venv/requirements.txt
 	@all=$$(grep -c '^[^ #]' .venv/requirements.txt); n=0; \
 		{ $(PIP) --require-hashes --no-deps --requirement .venv/requirements.txt || echo failed; } | \
-		{ while read -r word _; do case $$word in Collecting|Processing|Requirement|Ignoring) n=$$((n + 1)); \
-		printf "\r$$n of $$all packages";; Installing) printf ", installing";; failed) exit 1;; esac; done; echo; }
+		{ while read -r line; do case $$line in Collecting*|Processing*|Requirement*|Ignoring*) n=$$((n + 1)); \
+		printf "\r$$n of $$all packages";; "Installing coll"*) printf ", unpacking";; failed) exit 1;; esac; done; echo; }
 endef
 
 .PHONY: all env run test test-fast fuzz chaos coverage smoke ui docs dist notebook lint format lock clean help
