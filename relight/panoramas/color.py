@@ -67,11 +67,13 @@ def convert_primaries(pixels: np.ndarray, chromaticities: ArrayLike | None) -> l
     Returns:
         What was changed as one sentence, or an empty list.
     """
-    if chromaticities is None or np.allclose(chromaticities, REC709, atol=2e-3):
+    if chromaticities is None:
         return []
     matrix = chromaticity_matrix(chromaticities)
     if matrix is None:
         return ["its chromaticities are not those of a color space: they were taken for Rec. 709"]
+    if np.allclose(chromaticities, REC709, atol=2e-3):
+        return []
     for row in range(0, len(pixels), 256):  # 256 rows at a time, to limit memory
         pixels[row : row + 256] = pixels[row : row + 256] @ matrix.T.astype(np.float32)
     return ["colors were converted to Rec. 709 from the file's chromaticities"]

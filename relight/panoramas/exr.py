@@ -6,7 +6,7 @@ Only `OpenEXR.File` is used: the older `InputFile` crashes the process on trunca
 import io
 import os
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,14 +17,17 @@ import numpy as np
 from relight.errors import UserError
 from relight.panoramas.color import XYZ, convert_primaries
 from relight.panoramas.panorama import check_size
+from relight.srgb import decode
 
 MAX_BYTES = 2**29  # decoded size, all channels at four bytes
 UNCHECKED_BYTES = 2**26  # decoded size up to which the compression ratio is not checked
 MAX_COMPRESSION = 2**11  # decoded size over file size
 MAX_WINDOW_RATIO = 64  # area of the display window over that of the data window
 MAX_TILE_PIXELS = 2**20  # OpenEXR allocates whole tiles, even if the image is smaller
-SPACES = ("colorInteropID", "oiio:ColorSpace", "colorSpace")  # attributes that name the color space
-OWN_SPACE = re.compile(r"709|srgb|^(linear|scene_linear|lin|raw|data)$")
+SPACE = re.compile(r"(.*[:./])?color[_ ]?(space|interop_?id)", re.I)  # attributes that name the color space
+REC709_SPACE = re.compile(r"(?!.*non).*(lin.*(709|srgb)|(709|srgb).*lin).*|(scene[-_ ])?lin(ear)?|raw|data|", re.I)
+LINEAR_SPACE = re.compile(r"(?!.*non).*lin|aces(cg|2065.*)?$|.*xyz", re.I)
+CODES = re.compile(r"(utility - )?srgb([-_ ]+(tx|texture|rec709_(scene|display)|encoded rec\.709.*|iec.*))?", re.I)
 MAX_NEGATIVE = 0.01  # share of the largest value, below zero, that colors may have; positions have more
 
 
@@ -57,17 +60,17 @@ class Header:
         display: window of the image.
         envmap: "latlong", "cube" or None.
         chromaticities: x and y of the primaries and of white (8 numbers), or None.
-        named_space: the color space that an attribute names, if it is not Rec. 709.
+        space: the color space that an attribute names, or "".
     """
 
     deep: bool
     tile: tuple[int, int] | None
     channels: dict[str, tuple[int, int]]
-    data: tuple[int, int, int, int]
-    display: tuple[int, int, int, int]
+    data: tuple[int, ...]
+    display: tuple[int, ...]
     envmap: str | None
-    chromaticities: tuple[float, ...] | None
-    named_space: str | None = None
+    chromaticities: Any
+    space: str
 
     @property
     def size(self) -> tuple[int, int]:
@@ -84,54 +87,53 @@ def read_exr(path: Path) -> ExrPicture:
     """
     import OpenEXR
 
-    headers = read_headers(path, OpenEXR)
-    number = choose_part(path, headers)
+    headers = _read_headers(path, OpenEXR)
+    number = _choose_part(path, headers)
     header = headers[number]
     try:
-        with suppress_output():
+        with _suppress_output():
             parts = OpenEXR.File(str(path), separate_channels=True, num_threads=1).parts
         if len(parts) < len(headers):  # the binding omits unreadable parts, which shifts the indices of the others
             missing = "its pixels" if len(headers) == 1 else f"the pixels of {len(headers) - len(parts)} of its parts"
             raise UserError(f"{path}: cut short or damaged: {missing} cannot be read; download the file again")
         stored = parts[number].channels
-        names = color_channels(header.channels) or ""
-        window_pixels = stack_channels(path, names, lambda name: np.asarray(stored.pop(name).pixels))
+        names = _color_channels(header.channels) or ""
+        window_pixels = np.empty((*header.size[::-1], 3), np.float32)
+        for channel in range(3):
+            window_pixels[..., channel] = stored[names[channel % len(names)]].pixels
         alpha = np.asarray(stored["A"].pixels, np.float32) if "A" in header.channels else None
     except UserError:
         raise
     except Exception as error:  # the binding raises many types, UnicodeDecodeError included
-        raise UserError(f"{path}: OpenEXR cannot read all of its pixels ({one_line(error)})") from error
+        raise UserError(f"{path}: OpenEXR cannot read all of its pixels ({_one_line(error)})") from error
     repairs = [f"part {number} of {len(headers)} was read"] if len(headers) > 1 else []
-    pixels = to_display_window(path, header, window_pixels, repairs)
-    if color_channels(header.channels) == "XYZ":
+    pixels = _to_display_window(path, header, window_pixels, repairs)
+    if names == "XYZ":
         if np.fmin.reduce(pixels, axis=None) < -MAX_NEGATIVE * np.fmax.reduce(pixels, axis=None):
             raise UserError(f"{path}: its channels X, Y and Z have negative values, as positions do; light has R, G, B")
         convert_primaries(pixels, XYZ)
         repairs.append("its channels X, Y and Z were taken as CIE XYZ and converted to Rec. 709")
     else:
-        repairs += convert_primaries(pixels, header.chromaticities)
-        if header.chromaticities is None and header.named_space:
-            repairs.append(f"it names the color space {header.named_space} without chromaticities: taken for Rec. 709")
+        repairs += _decode(header, pixels) + convert_primaries(pixels, header.chromaticities)
     if alpha is not None and alpha.shape == window_pixels.shape[:2]:
-        alpha = to_display_window(path, header, alpha[..., None], [])[..., 0]
+        alpha = _to_display_window(path, header, alpha[..., None], [])[..., 0]
     return ExrPicture(pixels, header.envmap, repairs, alpha)
 
 
-def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
-    """Reads the headers of all parts, without pixels.
-
-    Raises:
-        UserError: if any step fails; in a damaged file even decoding a name may.
-    """
+def _read_headers(path: Path, OpenEXR: Any) -> list[Header]:
+    """Reads the headers of all parts; raises UserError if any step fails: in a damaged file decoding a name may."""
     envmaps = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
     try:
         headers = []
-        with suppress_output():
+        with _suppress_output():
             parts = OpenEXR.File(str(path), header_only=True).parts
         for part in parts:
-            header = dict(part.header)
-            data, display = (window(header[name]) for name in ("dataWindow", "displayWindow"))
-            colors, tiles = header.get("chromaticities"), header.get("tiles")
+            header = {name.lower(): value for name, value in part.header.items()}  # of any spelling
+            data, display = (
+                tuple(int(pixel) for corner in header[name] for pixel in corner)
+                for name in ("datawindow", "displaywindow")
+            )
+            tiles = header.get("tiles")
             headers.append(
                 Header(
                     deep=header.get("type") not in (None, OpenEXR.scanlineimage, OpenEXR.tiledimage),
@@ -140,24 +142,39 @@ def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
                     data=data,
                     display=display,
                     envmap=envmaps.get(header["envmap"]) if "envmap" in header else None,
-                    chromaticities=None if colors is None else tuple(float(number) for number in colors),
-                    named_space=_named_space(header),
+                    chromaticities=header.get("chromaticities"),
+                    space=_space(header),
                 )
             )
         return headers
     except Exception as error:
-        raise UserError(f"{path}: OpenEXR cannot read its header ({one_line(error)})") from error
+        raise UserError(f"{path}: OpenEXR cannot read its header ({_one_line(error)})") from error
 
 
-def _named_space(header: dict[str, Any]) -> str | None:
-    """Returns the color space that a header names, unless it is linear Rec. 709."""
-    named = next((str(header[name]) for name in SPACES if name in header), "")
-    named = named or ("ACES" if header.get("acesImageContainerFlag") else "")
-    return named if named and not OWN_SPACE.search(named.lower()) else None
+def _space(header: dict[str, Any]) -> str:
+    """Returns the color space that a header names, by colorInteropID, the newest attribute, first; or ""."""
+    names = sorted(filter(SPACE.fullmatch, header))  # the newest is the first in the alphabet, too
+    named = next((str(header[name]).strip() for name in names if header[name]), "")
+    return named or ("ACES" if header.get("acesimagecontainerflag") else "")
+
+
+def _decode(header: Header, pixels: np.ndarray) -> list[str]:
+    """Decodes pixels (H,W,3) in place if they are codes of sRGB, as the header says and as none is above 1.
+
+    Returns what is unusual about the space that the header names in a sentence, or an empty list.
+    """
+    said = f"it names the color space {header.space}"
+    if CODES.fullmatch(header.space) and np.fmax.reduce(pixels, axis=None) <= 1.001:
+        for row in range(0, len(pixels), 256):  # 256 rows at a time, to limit memory
+            pixels[row : row + 256] = decode(pixels[row : row + 256])
+        return [f"{said}: its codes were decoded"]
+    if header.chromaticities is not None:
+        return [] if not header.space or LINEAR_SPACE.match(header.space) else [f"{said}: taken as linear"]
+    return [] if REC709_SPACE.fullmatch(header.space) else [f"{said} without chromaticities: taken for linear Rec. 709"]
 
 
 @contextmanager
-def suppress_output() -> Iterator[None]:
+def _suppress_output() -> Iterator[None]:
     """Suppresses the messages that OpenEXR prints about damaged files, from C++ to stderr and from Python to stdout."""
     null_device, saved_stderr = os.open(os.devnull, os.O_WRONLY), None
     try:
@@ -173,17 +190,10 @@ def suppress_output() -> Iterator[None]:
         os.close(null_device)
 
 
-def window(box: Any) -> tuple[int, int, int, int]:
-    """Converts a window of the OpenEXR binding to (x0, y0, x1, y1) in pixels; x1 and y1 are included."""
-    (x0, y0), (x1, y1) = box
-    return int(x0), int(y0), int(x1), int(y1)
+def _choose_part(path: Path, headers: list[Header]) -> int:
+    """Returns the index of the first part with colors.
 
-
-def choose_part(path: Path, headers: list[Header]) -> int:
-    """Returns the index of the first part with RGB, XYZ or luminance channels.
-
-    Raises:
-        UserError: if there is none, a part is deep or too large, or a channel is subsampled.
+    Raises UserError if there is none, a part is deep or too large, or a channel is subsampled.
     """
     decoded, selected = 0, None
     for number, header in enumerate(headers):
@@ -195,7 +205,7 @@ def choose_part(path: Path, headers: list[Header]) -> int:
             tile = f"{header.tile[0]} x {header.tile[1]}"
             raise UserError(f"{path}: damaged: its tiles ({tile}) are larger than the image ({width} x {height})")
         decoded += width * height * len(header.channels) * 4
-        if selected is None and color_channels(header.channels):
+        if selected is None and _color_channels(header.channels):
             selected = number
     stored = path.stat().st_size
     if decoded > max(UNCHECKED_BYTES, MAX_COMPRESSION * stored):
@@ -218,7 +228,7 @@ def choose_part(path: Path, headers: list[Header]) -> int:
     return selected
 
 
-def color_channels(channels: Collection[str]) -> str | None:
+def _color_channels(channels: Collection[str]) -> str | None:
     """Returns which channels hold the color: "RGB", "XYZ" or "Y", luminance; None if none do.
 
     Y beside X alone is a coordinate. Z alone is a depth, so Y beside it is luminance.
@@ -230,49 +240,13 @@ def color_channels(channels: Collection[str]) -> str | None:
     return "Y" if "Y" in channels and "X" not in channels else None
 
 
-def stack_channels(path: Path, names: str, pop_channel: Callable[[str], np.ndarray]) -> np.ndarray:
-    """Stacks three channels, or one three times, to (h,w,3) float32.
-
-    Args:
-        path: for error messages.
-        names: of the channels, a letter each.
-        pop_channel: returns the pixels (h,w) of a channel; each array is freed as soon as it is copied.
-
-    Raises:
-        UserError: if the channels differ in size.
-    """
-    if len(names) == 1:
-        return np.repeat(pop_channel(names).astype(np.float32)[..., None], 3, 2)
-    first = pop_channel(names[0])
-    pixels = np.empty((*first.shape, 3), np.float32)
-    pixels[..., 0] = first
-    del first
-    for c, name in enumerate(names[1:], 1):
-        plane = pop_channel(name)
-        if plane.shape != pixels.shape[:2]:
-            raise UserError(f"{path}: its channels differ in size: {', '.join(names)} must have the same")
-        pixels[..., c] = plane
-    return pixels
-
-
-def to_display_window(path: Path, header: Header, pixels: np.ndarray, repairs: list[str]) -> np.ndarray:
+def _to_display_window(path: Path, header: Header, pixels: np.ndarray, repairs: list[str]) -> np.ndarray:
     """Crops and pads pixels from the data window to the display window; missing ones are black.
 
-    Args:
-        path: for messages.
-        header: has both windows.
-        pixels: (h,w,C) of the data window.
-        repairs: gets a line for each difference of the windows.
-
-    Returns:
-        (H,W,C) float32 of the display window; `pixels` themselves if the windows are equal.
-
-    Raises:
-        UserError: if pixels and header disagree, or if the windows do not overlap.
+    `pixels` (h,w,C) become (H,W,C), and `repairs` gets a line for each difference of the windows. Raises UserError if
+    they do not overlap.
     """
     (x0, y0, x1, y1), (display_x0, display_y0, display_x1, display_y1) = header.data, header.display
-    if pixels.shape[1::-1] != header.size:
-        raise UserError(f"{path}: damaged: the size of its pixels is not that of its header")
     if header.display == header.data:
         return pixels
     width, height = display_x1 - display_x0 + 1, display_y1 - display_y0 + 1
@@ -292,6 +266,6 @@ def to_display_window(path: Path, header: Header, pixels: np.ndarray, repairs: l
     return canvas
 
 
-def one_line(error: Exception) -> str:
+def _one_line(error: Exception) -> str:
     """Returns the message of an exception on one line, or its type if it has none."""
     return " ".join(str(error).split())[:200] or type(error).__name__

@@ -15,16 +15,7 @@ from relight.errors import UserError
 from relight.panoramas.color import XYZ, convert_primaries
 from relight.panoramas.panorama import check_size
 
-PLAIN = (
-    0.64,
-    0.33,
-    0.29,
-    0.60,
-    0.15,
-    0.06,
-    1 / 3,
-    1 / 3,
-)  # Radiance's default, which hardly any file means
+PLAIN = (0.64, 0.33, 0.29, 0.60, 0.15, 0.06, 1 / 3, 1 / 3)  # Radiance's default, which hardly any file means
 RESOLUTION = re.compile(rb"([+-])([XY]) +(\d{1,9}) +([+-])([XY]) +(\d{1,9})\s*")
 MAX_HEADER = 65536
 # Pixels and bytes of a packet by its first byte; tables are the fastest. Code 0 is invalid, so it overfills any line.
@@ -45,14 +36,14 @@ def read_hdr(path: Path) -> tuple[np.ndarray, list[str]]:
     """
     data = path.read_bytes().removeprefix(codecs.BOM_UTF8)
     try:
-        divisor, xyz, primaries, notes, start = read_header(data)
-        is_column_major, sign1, sign2, height, width, start = read_resolution(data, start)
+        divisor, xyz, primaries, notes, start = _read_header(data)
+        is_column_major, sign1, sign2, height, width, start = _read_resolution(data, start)
         check_size(path, width, height)
         # The shortest scanlines: one old run of four bytes, or a marker and four channels of runs.
         min_bytes = height * (4 if width < 8 else 8)
         if len(data) - start < min_bytes:
             raise Malformed(f"{len(data) - start} bytes of pixels cannot hold {width} x {height} pixels")
-        pixels = read_pixels(data, start, height, width)
+        pixels = _read_pixels(data, start, height, width)
     except Malformed as problem:
         raise UserError(f"{path}: not a whole Radiance picture: {problem}") from None
     for channel in np.flatnonzero(divisor != 1):
@@ -71,12 +62,10 @@ class Malformed(Exception):
     """Raised for bytes that are not a Radiance picture; the message is the reason."""
 
 
-def read_header(data: bytes) -> tuple[np.ndarray, bool, np.ndarray | None, list[str], int]:
-    """Reads the header; indented lines belong to the headers of pictures that this one was made from.
+def _read_header(data: bytes) -> tuple[np.ndarray, bool, np.ndarray | None, list[str], int]:
+    """Returns divisor (3,), whether pixels are XYZE, chromaticities (8,) or None, notes, and the end of the header.
 
-    Returns:
-        The product (3,) of EXPOSURE and COLORCORR, whether pixels are XYZE, the chromaticities (8,) if they are not
-        the default, notes, and the end of the header.
+    The divisor is the product of EXPOSURE and COLORCORR; indented lines belong to pictures that this one was made from.
     """
     if not data.startswith(b"#?"):
         raise Malformed("it does not begin with #?")
@@ -96,42 +85,30 @@ def read_header(data: bytes) -> tuple[np.ndarray, bool, np.ndarray | None, list[
                     raise Malformed(f"its FORMAT is {value.decode('latin-1')!r}")
                 xyz = value.strip().endswith(b"xyze")
             case b"EXPOSURE":
-                divisor *= parse_positive(value, 1)
+                divisor *= _numbers(value, 1, 1e-30)
             case b"COLORCORR":
-                divisor *= parse_positive(value, 3)
+                divisor *= _numbers(value, 3, 1e-30)
             case b"GAMMA" if value.strip() not in (b"1", b"1.0", b"1.00"):
                 notes.append(f"its GAMMA of {value.strip().decode('latin-1')} is left out: pixels are taken as linear")
             case b"PRIMARIES":
-                found = parse_numbers(value, 8)
+                found = _numbers(value, 8, -1e30)
                 primaries = None if not found.any() or np.allclose(found, PLAIN, atol=2e-3) else found
 
 
-def parse_numbers(text: bytes, count: int) -> np.ndarray:
-    """Parses the `count` numbers of a header value to an array (count,); raises Malformed for anything else."""
+def _numbers(text: bytes, count: int, least: float) -> np.ndarray:
+    """Returns the `count` numbers of a header value, from `least` to 1e30; raises Malformed for anything else."""
     try:
         values = np.array([float(part) for part in text.split()])
     except ValueError:
         values = np.array([])
-    if len(values) != count or not np.isfinite(values).all():
-        raise Malformed(f"a header value is {text.decode('latin-1')!r}, not {count} number(s)")
+    if len(values) != count or not np.all((values > least) & (values < 1e30)):
+        kind = "positive number(s)" if least > 0 else "numbers"
+        raise Malformed(f"a header value is {text.decode('latin-1')!r}, not {count} {kind}")
     return values
 
 
-def parse_positive(text: bytes, count: int) -> np.ndarray:
-    """Parses the `count` positive numbers of a header value to (count,); raises Malformed for anything else."""
-    values = parse_numbers(text, count)
-    if not np.all((values > 1e-30) & (values < 1e30)):
-        raise Malformed(f"a header value is {text.decode('latin-1')!r}, not {count} positive number(s)")
-    return values
-
-
-def read_resolution(data: bytes, position: int) -> tuple[bool, bytes, bytes, int, int, int]:
-    """Parses the resolution line.
-
-    Returns:
-        Whether scanlines are columns, the signs of the two axes, the number and length of the scanlines, and the
-        position of the first pixel.
-    """
+def _read_resolution(data: bytes, position: int) -> tuple[bool, bytes, bytes, int, int, int]:
+    """Returns whether scanlines are columns, the signs of the axes, the number and length of scanlines, and the end."""
     end = data.find(b"\n", position, position + 256)
     match = RESOLUTION.fullmatch(data[position:end]) if end >= 0 else None
     if match is None or match[2] == match[5]:
@@ -139,18 +116,8 @@ def read_resolution(data: bytes, position: int) -> tuple[bool, bytes, bytes, int
     return match[2] == b"X", match[1], match[4], int(match[3]), int(match[6]), end + 1
 
 
-def read_pixels(data: bytes, position: int, height: int, width: int) -> np.ndarray:
-    """Decodes all scanlines; each may be flat, or in the old or new run-length coding.
-
-    Args:
-        data: the file.
-        position: byte of the first scanline.
-        height: rows.
-        width: pixels of a row.
-
-    Returns:
-        (height,width,3) float32, linear.
-    """
+def _read_pixels(data: bytes, position: int, height: int, width: int) -> np.ndarray:
+    """Decodes all scanlines, from byte `position` of the file on, to (height,width,3) float32."""
     # A value is m * 2^(e - 136), and 0 for e = 0; float32 holds all but the 20 smallest exponents.
     scale = np.ldexp(1.0, np.arange(256) - 136).astype(np.float32)
     scale[0] = 0
@@ -159,27 +126,17 @@ def read_pixels(data: bytes, position: int, height: int, width: int) -> np.ndarr
     for row in range(0, height, ROWS):
         block = np.empty((min(ROWS, height - row), width, 4), np.uint8)
         for line in block:
-            position = read_scanline(data, source, position, line)
+            position = _read_scanline(data, source, position, line)
         factor = scale[block[..., 3]]
         for channel in range(3):  # twice as fast as broadcasting over the channels
             np.multiply(block[..., channel], factor, out=pixels[row : row + len(block), :, channel])
     return pixels
 
 
-def read_scanline(data: bytes, source: np.ndarray, position: int, line: np.ndarray) -> int:
-    """Decodes one scanline, which is flat, or in the old or new run-length coding.
+def _read_scanline(data: bytes, source: np.ndarray, position: int, line: np.ndarray) -> int:
+    """Fills a line (W,4) with the codes of a scanline: flat, or in the old or new run-length coding.
 
-    Args:
-        data: the file.
-        source: the same bytes as an array.
-        position: of the scanline in the file, bytes.
-        line: (W,4) uint8, is filled with the RGBE codes.
-
-    Returns:
-        The position of the next scanline.
-
-    Raises:
-        Malformed: if the scanline is cut short or has another length.
+    `source` is `data`, the file, as an array. Returns the position of the next scanline.
     """
     width = len(line)
     marker = data[position : position + 4]
@@ -188,26 +145,16 @@ def read_scanline(data: bytes, source: np.ndarray, position: int, line: np.ndarr
     if 8 <= width < 32768 and marker[0] == marker[1] == 2 and marker[2] < 128:
         if marker[2] << 8 | marker[3] != width:
             raise Malformed(f"a scanline says it has {marker[2] << 8 | marker[3]} pixels, not {width}")
-        return read_runs(data, source, position + 4, line)
+        return _read_runs(data, source, position + 4, line)
     flat = source[position : position + 4 * width].reshape(-1, 4) if len(data) - position >= 4 * width else None
     if flat is not None and not np.any((flat[:, 0] == 1) & (flat[:, 1] == 1) & (flat[:, 2] == 1)):
         line[:] = flat
         return position + 4 * width
-    return read_old_runs(data, position, line)
+    return _read_old_runs(data, position, line)
 
 
-def read_runs(data: bytes, source: np.ndarray, position: int, line: np.ndarray) -> int:
-    """Decodes a scanline of the new run-length coding, channel by channel.
-
-    Args:
-        data: the file.
-        source: the same bytes as an array.
-        position: of the first packet in the file, after the marker.
-        line: (W,4) uint8, is filled with the RGBE codes.
-
-    Returns:
-        The position of the next scanline.
-    """
+def _read_runs(data: bytes, source: np.ndarray, position: int, line: np.ndarray) -> int:
+    """Decodes a scanline of the new run-length coding, channel by channel, as `_read_scanline` does."""
     width, begin = len(line), position
     packet_starts = []
     try:
@@ -234,18 +181,10 @@ def read_runs(data: bytes, source: np.ndarray, position: int, line: np.ndarray) 
     return position
 
 
-def read_old_runs(data: bytes, position: int, line: np.ndarray) -> int:
+def _read_old_runs(data: bytes, position: int, line: np.ndarray) -> int:
     """Decodes a scanline of the old run-length coding: (1,1,1,n) repeats the previous pixel n times.
 
     A second such code right after the first counts 256 n times, and so on.
-
-    Args:
-        data: the file.
-        position: of the scanline in the file.
-        line: (W,4) uint8, is filled with the RGBE codes.
-
-    Returns:
-        The position of the next scanline.
     """
     width, filled, shift = len(line), 0, 0
     while filled < width:

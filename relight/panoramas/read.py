@@ -107,13 +107,6 @@ def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
 def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str | None) -> str:
     """Returns the layout that the user names, else that of the attribute `envmap`, else that of the aspect ratio.
 
-    Args:
-        path: for messages.
-        width: pixels.
-        height: pixels.
-        layout: `auto`, `latlong`, `angular`, `ball`, `cross`, `strip` or `strip-gl`.
-        envmap: of an OpenEXR file, `latlong` or `cube`; None if it has none.
-
     Raises:
         UserError: if the layout is ambiguous, or if it does not fit the aspect ratio.
     """

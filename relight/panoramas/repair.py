@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import convolve
 
 from relight.errors import UserError
 
 ROWS = 64  # rows that are tested at a time
 MAX_SHARE = 0.01  # of the pixels; a picture with more is broken
-NEIGHBOUR_OFFSETS = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j])
 
 
 def repair_pixels(path: Path, pixels: np.ndarray, repair: bool) -> list[str]:
@@ -44,28 +44,13 @@ def repair_pixels(path: Path, pixels: np.ndarray, repair: bool) -> list[str]:
         )
     if len(holes) > MAX_SHARE * height * width:
         raise UserError(f"{path}: {count}; more than {MAX_SHARE:.0%} cannot be repaired: download the file again")
-    fill_holes(pixels, holes)
-    return [f"{count}; they were replaced by the mean of their neighbours"]
-
-
-def fill_holes(pixels: np.ndarray, holes: np.ndarray) -> None:
-    """Fills holes in pixels (H,W,3) in place, ring by ring.
-
-    Args:
-        pixels: (H,W,3).
-        holes: (N,2) rows and columns.
-    """
-    size = np.array(pixels.shape[:2])
-    known = np.ones(size, bool)
+    known = np.ones((height, width), bool)
     known[tuple(holes.T)] = False
-    while len(holes):
-        neighbours = holes[:, None] + NEIGHBOUR_OFFSETS
-        inside = ((neighbours >= 0) & (neighbours < size)).all(-1)
-        row, column = np.moveaxis(np.clip(neighbours, 0, size - 1), -1, 0)
-        usable = inside & known[row, column]
-        rim = usable.any(1)
-        weight = usable[rim, :, None] / usable[rim].sum(1)[:, None, None]
-        values = np.where(usable[rim, :, None], pixels[row[rim], column[rim]], 0)
-        pixels[tuple(holes[rim].T)] = (weight * values).sum(1)
-        known[tuple(holes[rim].T)] = True
-        holes = holes[~rim]
+    pixels[~known] = 0
+    while not known.all():  # ring by ring
+        weight = convolve(known.astype(np.float32), np.ones((3, 3)), mode="constant")
+        rim = ~known & (weight > 0)
+        for channel in range(3):
+            pixels[rim, channel] = convolve(pixels[..., channel], np.ones((3, 3)), mode="constant")[rim] / weight[rim]
+        known |= rim
+    return [f"{count}; they were replaced by the mean of their neighbours"]

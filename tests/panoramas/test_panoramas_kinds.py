@@ -1,6 +1,10 @@
 """What panoramas may say, and the right value: marks, line ends, headers of other pictures, primaries, channels."""
 
 import codecs
+import json
+import shutil
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import OpenEXR
@@ -10,6 +14,7 @@ from relight.errors import UserError
 from relight.panoramas import read_panorama
 from relight.panoramas.color import REC709, XYZ, chromaticity_matrix
 
+PAGE = Path(__file__).parents[2] / "relight/viewer/web/page/hdr.js"
 P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
 REC2020 = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290)
 E = (1 / 3, 1 / 3)
@@ -121,6 +126,56 @@ def test_hdr_of_impossible_primaries_says_what_was_taken(tmp_path):
     assert found.repairs == ["its chromaticities are not those of a color space: they were taken for Rec. 709"]
 
 
+# Files that are written in other ways: the lines of the header, and the whole file.
+SPELLINGS = {
+    "a mark": hdr(b"", start=codecs.BOM_UTF8 + b"#?RADIANCE\n"),
+    "blanks around =": hdr(b"EXPOSURE = 2\n").replace(b"FORMAT=", b"FORMAT = "),
+    "an empty line with blanks": hdr(b"").replace(b"rgbe\n\n", b"rgbe\n \t\n"),
+    "two blanks in the resolution": hdr(b"").replace(b"-Y 32 +X 64", b"-Y  32  +X  64 "),
+    "a line of 9,000 bytes": hdr(b"pcomb " + b"-e r=1 " * 1300 + b"\n"),
+    "XYZE": hdr(b"").replace(b"rgbe", b"xyze"),
+    "two numbers": hdr(b"COLORCORR=1 2\n"),
+    "no end": hdr(b"")[:40],
+    "no pixels": hdr(b"")[:80],
+}
+
+
+def test_hdr_on_the_page_is_read_as_here_or_refused(tmp_path):
+    """The viewer's reader in JavaScript, by node: the same pixel and notes, but that other primaries are an error."""
+    if (node := shutil.which("node")) is None:
+        pytest.skip("no node on this machine")
+    files = {name: hdr(lines) for name, (lines, _) in HEADERS.items()} | SPELLINGS
+    files |= {lines.decode(): hdr(lines) for lines in [*SAID, b"EXPOSURE=2,0\n", b"EXPOSURE=\n", b"FORMAT=float\n"]}
+    for number, data in enumerate(files.values()):
+        (tmp_path / f"{number}.hdr").write_bytes(data)
+    script = """import { readFileSync } from "node:fs";
+        const { readHDR } = await import(process.argv[1]), found = [];
+        for (let i = 0; i < Number(process.argv[3]); i++) {
+          const { buffer, byteOffset, length } = readFileSync(`${process.argv[2]}/${i}.hdr`);
+          try {
+            const { pixels, note } = readHDR(buffer.slice(byteOffset, byteOffset + length));
+            found.push([[...pixels.subarray(0, 3)], note]);
+          } catch (error) { found.push([null, error.message]); }
+        }
+        console.log(JSON.stringify(found));"""
+    command = [node, "--input-type=module", "-e", script, PAGE.as_uri(), str(tmp_path), str(len(files))]
+    answers = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    refused_there = []
+    for number, (name, (pixel, said)) in enumerate(zip(files, answers)):
+        try:
+            found = read_panorama(tmp_path / f"{number}.hdr")
+        except UserError:
+            assert pixel is None and said.startswith("The .hdr"), name
+            continue
+        if pixel is None:
+            refused_there.append(name)
+        else:
+            np.testing.assert_allclose(pixel, found.pixels[0, 0], rtol=1e-6, err_msg=name)
+            assert bool(said) == bool(found.repairs), name
+    colors = ["of Display P3", "with white E", "with white D50", "of CIE XYZ", "and EXPOSURE"]
+    assert refused_there == [*(f"PRIMARIES {other}" for other in colors), "CR LF", "XYZE"]
+
+
 @pytest.mark.parametrize("xy", [P3, REC2020, D50, SHARP])
 def test_exr_and_hdr_convert_chromaticities_alike(tmp_path, xy):
     (tmp_path / "a.hdr").write_bytes(hdr(primaries(xy)))
@@ -176,6 +231,23 @@ def test_exr_of_positions_is_refused(tmp_path, values, says):
         ({"oiio:ColorSpace": "Linear"}, ""),
         ({"colorInteropID": "lin_rec709_scene"}, ""),
         ({"oiio:ColorSpace": "ACEScg", "chromaticities": REC709}, ""),
+        ({"oiio:ColorSpace": "Utility - Linear - sRGB"}, ""),
+        ({"oiio:ColorSpace": "Linear Rec.709 (sRGB)"}, ""),
+        ({"oiio:ColorSpace": "Filmic sRGB"}, "color space Filmic sRGB without chromaticities: taken for linear"),
+        ({"oiio:ColorSpace": "sRGB", "colorInteropID": "lin_rec709_scene"}, ""),  # the newer one counts
+        ({"colorspace": "ACEScg"}, "color space ACEScg"),
+        ({"ColorSpace": "ACEScg"}, "color space ACEScg"),
+        ({"color_space": "ACEScg"}, "color space ACEScg"),
+        ({"oiio:colorspace": "lin_rec2020_scene"}, "color space lin_rec2020_scene"),
+        ({"exr/oiio:ColorSpace": "ACES2065-1"}, "color space ACES2065-1"),
+        ({"colorinteropid": "srgb_p3d65_scene"}, "color space srgb_p3d65_scene"),
+        ({"acesimagecontainerflag": 1}, "color space ACES"),
+        ({"colorspace": "Rec709"}, "color space Rec709"),  # by OpenImageIO, codes of BT.709
+        ({"colorspace": "Gamma2.2 Rec.709"}, "color space Gamma2.2"),
+        ({"colorspace": "Non-linear sRGB"}, "color space Non-linear sRGB"),
+        ({"colorspace": "ACEScct", "chromaticities": REC709}, "color space ACEScct: taken as linear"),
+        ({"colorspace": ""}, ""),
+        ({"Chromaticities": "0.64 0.33"}, "its chromaticities are not those of a color space"),
     ],
 )
 def test_exr_that_only_names_its_color_space(tmp_path, header, says):
@@ -184,6 +256,29 @@ def test_exr_that_only_names_its_color_space(tmp_path, header, says):
     found = read_panorama(tmp_path / "a.exr")
     np.testing.assert_allclose(found.pixels[0, 0], CODES, rtol=1e-5)
     assert says in " ".join(found.repairs) and bool(says) == bool(found.repairs)
+
+
+SRGB = ["sRGB", "srgb", "srgb_rec709_scene", "srgb_tx", "sRGB - Texture", "sRGB Encoded Rec.709 (sRGB)"]
+
+
+@pytest.mark.parametrize("name", SRGB)
+@pytest.mark.parametrize("attribute", ["oiio:ColorSpace", "colorspace", "colorInteropID"])
+def test_exr_of_srgb_codes_is_decoded(tmp_path, name, attribute):
+    """.5 is the code of .2140, and .03 lies on the straight part; above 1 there are no codes, so the name is wrong."""
+    for brightest, pixel in ((1.0, (0.2140, 0.03 / 12.92, 1)), (1.5, (0.5, 0.03, 1.5))):
+        planes = {c: np.full((32, 64), code, np.float32) for c, code in zip("RGB", (0.5, 0.03, brightest))}
+        OpenEXR.File({attribute: name}, planes).write(str(tmp_path / "a.exr"))
+        found = read_panorama(tmp_path / "a.exr")
+        np.testing.assert_allclose(found.pixels[0, 0], pixel, rtol=1e-3)
+        (note,) = found.repairs
+        assert f"names the color space {name}" in note and ("decoded" in note) == (brightest == 1)
+
+
+def test_exr_of_srgb_codes_and_other_primaries_is_decoded_first(tmp_path):
+    planes = {c: np.full((32, 64), code, np.float32) for c, code in zip("RGB", (0.5, 0.5, 0.0))}
+    OpenEXR.File({"colorspace": "sRGB", "Chromaticities": P3}, planes).write(str(tmp_path / "a.exr"))
+    expected = np.maximum(to_709(P3) @ [0.2140, 0.2140, 0], 0)
+    np.testing.assert_allclose(read_panorama(tmp_path / "a.exr").pixels[0, 0], expected, rtol=1e-3, atol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -235,6 +330,21 @@ def test_pfm_whose_header_ends_so(tmp_path, name, order, scale, first):
     picture[0, 0] = first  # rows run from the bottom up
     (tmp_path / "a.pfm").write_bytes(PFMS[name] % scale + picture.astype(order + "f4").tobytes())
     np.testing.assert_array_equal(read_panorama(tmp_path / "a.pfm").pixels, picture[::-1])
+
+
+@pytest.mark.parametrize("header", [
+    b"PF\n64\n32\n-1.0\n", b"PF\r\n64\r\n32\r\n-1.0\r\n", b"PF\n64 \n 32\n-1.000000\n", b"PF\r64\r32\r-1.0\r",
+    b"Pf\n64\n32\n-1\n", b"PF\n64\n32\n1.0\n",
+])  # fmt: skip
+def test_pfm_of_photoshop_runs_from_the_top_down(tmp_path, header):
+    """Photoshop breaks the line between width and height, and nobody else does."""
+    picture = np.full((32, 64, 3 if header.startswith(b"PF") else 1), 0.1, ">f4" if b"\n1.0" in header else "<f4")
+    picture[:16] = 2
+    (tmp_path / "a.pfm").write_bytes(header + picture.tobytes())
+    found = read_panorama(tmp_path / "a.pfm")
+    np.testing.assert_allclose(found.pixels[[0, -1], 0], [[2] * 3, [0.1] * 3], rtol=1e-6)
+    assert found.repairs == ["its rows were taken from the top down, as its header is Photoshop's"]
+    assert read_panorama(tmp_path / "a.pfm", upside_down=True).pixels[-1, 0, 0] == 2
 
 
 @pytest.mark.parametrize(("scale", "says"), [(b"-2.0", "its scale of 2 is left out"), (b"-1", ""), (b"-0.5", "of 0.5")])

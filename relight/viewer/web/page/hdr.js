@@ -3,42 +3,47 @@
 
 import { Y0, Y1, Y2, Y20, Y22 } from "./sh.js";
 
-const MAX_PIXELS = 2 ** 26;
+const MAX_PIXELS = 2 ** 25, MAX_HEADER = 65536;
+const NUMBERS = { EXPOSURE: 1, COLORCORR: 3, PRIMARIES: 8 }; // of a line of the header
+const NEUTRAL = [[0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329], [0.64, 0.33, 0.29, 0.6, 0.15, 0.06, 1 / 3, 1 / 3], Array(8).fill(0)];
 
+// Pixels, their size, and a note for the user, mostly empty.
 export function readHDR(buffer) {
-  const bytes = new Uint8Array(buffer);
+  let bytes = new Uint8Array(buffer), at = 0;
+  if (bytes[0] === 0xef && bytes[1] === 0xbb && bytes[2] === 0xbf) bytes = bytes.subarray(3); // UTF-8's mark
   if (bytes[0] !== 0x23 || bytes[1] !== 0x3f) {
     throw new Error("This is not a Radiance .hdr file (it does not begin with #?).");
   }
-  let at = 0;
   const line = () => {
     const end = bytes.indexOf(10, at);
-    if (end < 0 || end - at > 4096) throw new Error("The .hdr header does not end.");
-    const text = new TextDecoder("latin1").decode(bytes.subarray(at, end)).replace(/\r$/, "");
+    if (end < 0 || end > MAX_HEADER) throw new Error("The .hdr header does not end.");
+    const text = new TextDecoder("latin1").decode(bytes.subarray(at, end)).trimEnd();
     at = end + 1;
     return text;
   };
   const divide = [1, 1, 1];
+  let note = "";
   for (let text = line(); text !== ""; text = line()) {
-    const [, name, value] = text.match(/^(FORMAT|EXPOSURE|COLORCORR)=(.*)$/) ?? [];
-    if (name === "FORMAT" && value.trim() !== "32-bit_rle_rgbe") {
-      throw new Error(`The .hdr format ${value.trim()} is not RGBE.`);
-    }
-    if (name !== "EXPOSURE" && name !== "COLORCORR") continue;
-    const factors = value.trim().split(/\s+/).map(Number);
-    if (factors.some((f) => !(f > 0 && f < Infinity)) || factors.length !== (name === "EXPOSURE" ? 1 : 3)) {
+    const [, name, value] = text.match(/^([A-Z]+)\s*=\s*(.*)$/) ?? [];
+    if (name === "FORMAT" && value !== "32-bit_rle_rgbe") throw new Error(`The .hdr format ${value} is not RGBE.`);
+    if (name === "GAMMA" && Number(value) !== 1) note = `Its GAMMA of ${value} is left out: pixels are taken as linear.`;
+    if (!(name in NUMBERS)) continue;
+    const numbers = value.split(/\s+/).map(Number), isColor = name === "PRIMARIES";
+    if (numbers.length !== NUMBERS[name] || !numbers.every((n) => isFinite(n) && (isColor || n > 0))) {
       throw new Error(`The .hdr header has a bad ${name}.`);
     }
-    for (let c = 0; c < 3; c++) divide[c] *= factors[factors.length === 1 ? 0 : c];
+    if (!isColor) divide.forEach((_, c) => (divide[c] *= numbers[c % numbers.length]));
+    else if (!NEUTRAL.some((known) => known.every((n, i) => Math.abs(n - numbers[i]) < 2e-3))) {
+      throw new Error("The .hdr has PRIMARIES of another color space: save it in those of Rec. 709.");
+    }
   }
-  const size = line().match(/^([+-])([XY]) (\d{1,9}) ([+-])([XY]) (\d{1,9})\s*$/);
+  const size = line().match(/^([+-])([XY]) +(\d{1,9}) +([+-])([XY]) +(\d{1,9})$/);
   if (!size || size[2] === size[5]) throw new Error("The .hdr file has no valid line of resolution.");
   const rows = Number(size[3]), columns = Number(size[6]);
   if (!rows || !columns || rows * columns > MAX_PIXELS) {
     throw new Error(`An .hdr of ${columns} x ${rows} pixels is refused.`);
   }
-  const scanlines = readScanlines(bytes, at, rows, columns);
-  return orient(scanlines, rows, columns, size, divide);
+  return { ...orient(readScanlines(bytes, at, rows, columns), rows, columns, size, divide), note };
 }
 
 function readScanlines(bytes, at, rows, columns) {
@@ -95,7 +100,7 @@ function orient(scanlines, rows, columns, [, sign1, axis1, , sign2], divide) {
 // A lat-long panorama (centre -z, right +x) as 27 coefficients, by the exact integral of each basis function over each
 // pixel: for x = sin(t) sin(p), y = cos(t), z = -sin(t) cos(p) it separates into a factor of the row and of the column.
 export function project({ width, height, pixels }) {
-  if (width !== 2 * height) throw new Error(`A panorama of ${width} x ${height} is not lat-long, which is 2:1.`);
+  if (Math.abs(width - 2 * height) > 0.01 * width) throw new Error(`A panorama of ${width} x ${height} is not lat-long, which is 2:1.`);
   const difference = (f, edges) => edges.slice(1).map((e, i) => f(e) - f(edges[i]));
   const rowEdges = Array.from({ length: height + 1 }, (_, i) => (i / height) * Math.PI);
   const columnEdges = Array.from({ length: width + 1 }, (_, j) => (2 * j / width - 1) * Math.PI);

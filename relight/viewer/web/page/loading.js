@@ -73,6 +73,7 @@ const openPanorama = reading(async (file) => {
   if (!light.some((v) => v)) throw new Error("The panorama is black.");
   addLight(nameOf(file), light, panorama);
   set({ yaw: 0, tilt: 0 });
+  if (panorama.note) notify(panorama.note);
 });
 
 // A picture of a place: its light, and it can be shown behind the figure.
