@@ -61,19 +61,19 @@ def obj(folder, color="", library="", use="usemtl A", named="mtllib a.mtl", some
     return albedo(folder / "a.obj")
 
 
-def glb(folder, texture=None, factor=None, color=None, wrap=None, u=0.5, skin=None):
+def glb(folder, texture=None, factor=None, color=None, wrap=None, u=0.5, weights=None, emits=False):
     color = None if color is None else np.array([color] * 3)
     parts = [np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes(), np.full((3, 2), (u, 0.5), "<f4").tobytes(),
              texture or b"", b"" if color is None else color.tobytes()]  # fmt: skip
     start = np.cumsum([0, *map(len, parts)]).tolist()
     attributes = {"POSITION": 0, "TEXCOORD_0": 1} | ({} if color is None else {"COLOR_0": 2})
-    base = {} if texture is None else {"baseColorTexture": {"index": 0}}
+    base = {} if texture is None or emits else {"baseColorTexture": {"index": 0}}
     base |= {} if factor is None else {"baseColorFactor": [factor] * 3 + [1]}
     scene = {
         "asset": {"version": "2.0"},
-        "nodes": [{"mesh": 0} | ({} if skin is None else {"skin": skin})],
+        "nodes": [{"mesh": 0} | ({} if weights is None else {"weights": weights})],
         "meshes": [{"primitives": [{"attributes": attributes} | ({"material": 0} if base else {})]}],
-        "materials": [{"pbrMetallicRoughness": base}],
+        "materials": [{"pbrMetallicRoughness": base} | ({"emissiveTexture": {"index": 0}} if emits else {})],
         "textures": [{"source": 0} | ({"sampler": 0} if wrap else {})],
         "samplers": [{"wrapS": wrap or 10497}],
         "images": [{"bufferView": 2}],
@@ -108,9 +108,9 @@ def exr(folder, channels, header=()):
     return folder / "a.exr"
 
 
-def pfm(folder, end, scale=b"-1.0"):
+def pfm(folder, end, scale=b"-1.0", size=b"64 32"):
     body = np.full((32, 64, 3), PIXEL / 256, "<f4").tobytes()
-    (folder / "a.pfm").write_bytes(b"PF" + end + b"64 32" + end + scale + end + body)
+    (folder / "a.pfm").write_bytes(b"PF" + end + size + end + scale + end + body)
     return radiance(folder / "a.pfm")
 
 
@@ -238,6 +238,9 @@ FILES = {
     "`.obj`": {
         "`map_Kd` of code 188, `Kd .2 .2 .2`": lambda f: obj(f, library="Kd .2 .2 .2\nmap_Kd t.png"),
         "`map_Kd` of code 188, vertex colors .5": lambda f: obj(f, ".5 .5 .5", "map_Kd t.png"),
+        "`map_Ka` of code 188 alone, `Kd 1 1 1`": lambda f: obj(f, library="Kd 1 1 1\nmap_Ka t.png"),
+        "`map_Ke` of code 188 alone, `Kd 0 0 0`": lambda f: obj(f, library="Kd 0 0 0\nmap_Ke t.png"),
+        "`Kd 0 0 0`": lambda f: obj(f, library="Kd 0 0 0"),
         "`Kd 1 .502 0`": lambda f: obj(f, library=f"Kd {ORANGE}"),
         "`Kd 255 128 0`": lambda f: obj(f, library="Kd 255 128 0"),
         "a material that is defined twice, red and blue": lambda f: obj(f, library="Kd 1 0 0\nnewmtl A\nKd 0 0 1"),
@@ -260,7 +263,8 @@ FILES = {
         "the same, wrap `CLAMP_TO_EDGE`": lambda f: glb(f, STRIPES, u=1.25, wrap=33071),
         "the same, wrap `MIRRORED_REPEAT`": lambda f: glb(f, STRIPES, u=1.25, wrap=33648),
         "factor 2": lambda f: glb(f, factor=2),
-        "a skeleton, factor .5": lambda f: glb(f, factor=0.5, skin=0),
+        "a morph target in use, factor .5": lambda f: glb(f, factor=0.5, weights=[1]),
+        "factor 0, `emissiveTexture` of code 188": lambda f: glb(f, GREY, 0, emits=True),
         "no material, no colors": glb,
     },
     "`.hdr`": {
@@ -277,11 +281,13 @@ FILES = {
         "channels `R` `G` `B`": lambda f: radiance(exr(f, RGB)),
         "`chromaticities` of Display P3": lambda f: radiance(exr(f, RGB, {"chromaticities": P3})),
         "`oiio:ColorSpace` ACEScg, no `chromaticities`": lambda f: radiance(exr(f, RGB, {"oiio:ColorSpace": "ACEScg"})),
+        "`colorspace` sRGB": lambda f: radiance(exr(f, RGB, {"colorspace": "sRGB"})),
         "channels `X` `Y` `Z` of white, .9505 1 1.089": lambda f: radiance(exr(f, {"X": 0.9505, "Y": 1, "Z": 1.089})),
         "channel `Y`": lambda f: radiance(exr(f, {"Y": 100 / 256})),
     },
     "`.pfm`": {"header in LF": lambda f: pfm(f, b"\n"), "header in CR LF": lambda f: pfm(f, b"\r\n"),
-              "a scale of 2": lambda f: pfm(f, b"\n", b"-2.0")},
+              "a scale of 2": lambda f: pfm(f, b"\n", b"-2.0"),
+              "width and height on two lines": lambda f: pfm(f, b"\n", size=b"64\n32")},
     "photo": {
         "nothing more": photo,
         "an ICC profile of sRGB, under any name": srgb,

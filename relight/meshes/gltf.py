@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from relight.errors import UserError
 from relight.meshes.gltf_file import PICTURE_FORMATS, Gltf
@@ -76,7 +77,9 @@ def _read(gltf: Gltf) -> RawMesh:
             raise UserError(f"{gltf.path} has over {MAX_FACES} faces: decimate it first")
         if faces.size and faces.max() >= len(points):
             raise UserError(f"{gltf.path}: a face names vertex {faces.max()}, but the part has {len(points)}")
-        if np.linalg.det(matrix[:3, :3]) < 0:  # a mirrored node turns its faces inside out
+        linear = matrix[..., :3, :3]
+        side = np.sign(np.linalg.det(linear))
+        if np.sum(side) < 0:  # a mirrored node turns its faces inside out
             faces = faces[:, ::-1]
         number = primitive.get("material")
         if number not in index_of:
@@ -86,12 +89,14 @@ def _read(gltf: Gltf) -> RawMesh:
         color, normal = (primitive["attributes"].get(name) for name in ("COLOR_0", "NORMAL"))
         parts.append(
             Part(
-                points=points @ matrix[:3, :3].T + matrix[:3, 3],
+                points=_times(linear, points) + matrix[..., :3, 3],
                 faces=faces,
                 uv=_uv(gltf, primitive, surfaces[index], faces),
                 material=np.full(len(faces), index),
                 color=None if color is None else _colors(gltf.accessor(color)[:, :3], notes)[faces],
-                normal=np.zeros_like(points) if normal is None else _turned(gltf.accessor(normal), matrix[:3, :3]),
+                normal=np.zeros_like(points)
+                if normal is None
+                else _turned(gltf.accessor(normal), linear) * side[..., None],
             )
         )
     if not total:
@@ -111,10 +116,19 @@ def _read(gltf: Gltf) -> RawMesh:
     )
 
 
+def _times(matrix: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Returns vectors (V,3) after one linear map (3,3), or after one for each (V,3,3)."""
+    return np.einsum("...ij,...j->...i", matrix, vectors)
+
+
 def _turned(normal: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Returns normals (V,3) after a linear map (3,3) of the points; their lengths are of no use."""
-    cofactors = np.stack([np.cross(matrix[(k + 1) % 3], matrix[(k + 2) % 3]) for k in range(3)])  # det times M^-T
-    return normal.astype(np.float64) @ cofactors.T * np.sign(np.linalg.det(matrix))
+    """Returns normals (V,3) after linear maps of the points, as in `_times`, but for the sign of the determinant.
+
+    Their lengths are of no use.
+    """
+    rows = np.moveaxis(matrix, -2, 0)
+    cofactors = np.stack([np.cross(rows[(k + 1) % 3], rows[(k + 2) % 3]) for k in range(3)], axis=-2)  # det times M^-T
+    return _times(cofactors, normal.astype(np.float64))
 
 
 def _uv(gltf: Gltf, primitive: dict[str, Any], surface: Surface, faces: np.ndarray) -> np.ndarray:
@@ -147,11 +161,12 @@ def _colors(values: np.ndarray, notes: list[str]) -> np.ndarray:
 
 
 def _poses(gltf: Gltf, node: dict[str, Any]) -> list[str]:
-    """Returns warnings of what moves the vertices of a node's mesh, and is not read: skins, morphs, instances."""
+    """Returns warnings of what moves the vertices of a node's mesh, and is not read: morphs, instances, animations."""
     weights = node.get("weights") or gltf.item("meshes", node["mesh"]).get("weights") or []
     left_out = {
-        "skeleton and pose": "skin" in node,
+        "animations": gltf.json.get("animations"),
         "morph targets": any(weights),
+        "switches of visibility (KHR_node_visibility)": "KHR_node_visibility" in gltf.json.get("extensionsUsed", []),
         "copies (EXT_mesh_gpu_instancing)": "EXT_mesh_gpu_instancing" in node.get("extensions", {}),
     }
     return [f"its {what} are left out: apply them before export" for what, is_used in left_out.items() if is_used]
@@ -161,7 +176,18 @@ def _primitives(gltf: Gltf) -> Iterator[tuple[dict[str, Any], dict[str, Any], np
     """Yields the primitives of the default scene, or of all nodes if there is none, depth first.
 
     Yields:
-        Its node, the primitive, and the transform (4,4) from the node's frame to the scene's.
+        Its node, the primitive, and the transform to the scene's frame: (4,4), or (V,4,4) for vertices of a skin.
+    """
+    placed = _transforms(gltf)
+    for index, matrix in placed.items():
+        node = gltf.item("nodes", index)
+        if "mesh" in node:
+            for primitive in gltf.item("meshes", node["mesh"])["primitives"]:
+                yield node, primitive, _skinning(gltf, node, primitive, placed) if "skin" in node else matrix
+
+
+def _transforms(gltf: Gltf) -> dict[int, np.ndarray]:
+    """Returns the nodes that `_primitives` describes, and the transform (4,4) from the frame of each to the scene's.
 
     Raises:
         UserError: if the nodes do not form a tree.
@@ -172,31 +198,45 @@ def _primitives(gltf: Gltf) -> Iterator[tuple[dict[str, Any], dict[str, Any], np
     else:
         roots = sorted(set(range(len(nodes))) - {child for node in nodes for child in node.get("children", [])})
     stack = [(root, np.eye(4)) for root in reversed(roots)]
-    seen = set()
+    placed: dict[int, np.ndarray] = {}
     while stack:
         index, above = stack.pop()
         node = gltf.item("nodes", index)
-        if index in seen:
+        if index in placed:
             raise UserError(f"{gltf.path}: node {index} is reached twice; nodes must form a tree")
-        seen.add(index)
-        matrix = above @ _matrix(node)
-        if "mesh" in node:
-            for primitive in gltf.item("meshes", node["mesh"])["primitives"]:
-                yield node, primitive, matrix
-        stack += [(child, matrix) for child in reversed(node.get("children", []))]
+        placed[index] = above @ _matrix(node)
+        stack += [(child, placed[index]) for child in reversed(node.get("children", []))]
+    return placed
+
+
+def _skinning(gltf: Gltf, node: dict[str, Any], primitive: dict[str, Any], placed: dict[int, np.ndarray]) -> np.ndarray:
+    """Returns the transforms (V,4,4) of a primitive's vertices by the joints of its node's skin, in the pose as stored.
+
+    By the standard, joints alone move a skin: the transform of the node with the mesh, and of its parents, is ignored.
+    """
+    skin, attributes = gltf.item("skins", node["skin"]), primitive["attributes"]
+    joints = np.stack([placed[joint] for joint in skin["joints"]])
+    if "inverseBindMatrices" in skin:
+        joints = joints @ gltf.accessor(skin["inverseBindMatrices"])[: len(joints)].reshape(-1, 4, 4).swapaxes(1, 2)
+    sets = [number for number in range(len(attributes)) if f"JOINTS_{number}" in attributes]
+    if not sets:
+        return np.eye(4)
+    index, weight = (
+        np.concatenate([gltf.accessor(attributes[f"{name}_{number}"]) for number in sets], axis=1)
+        for name in ("JOINTS", "WEIGHTS")
+    )
+    weight = weight.astype(np.float64)
+    weight[~weight.any(axis=1), 0] = 1
+    weight /= weight.sum(axis=1, keepdims=True)
+    return sum((w[:, None, None] * joints[j] for w, j in zip(weight.T, index.T)), np.zeros((len(weight), 4, 4)))
 
 
 def _matrix(node: dict[str, Any]) -> np.ndarray:
     """Returns a node's transform (4,4), from a column-major matrix or translation, rotation (x,y,z,w) and scale."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
-    rotation = np.array(node.get("rotation", (0, 0, 0, 1)), np.float64)
-    x, y, z, w = rotation / (float(np.linalg.norm(rotation)) or 1.0)
-    turned = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
+    rotation = node.get("rotation", ())
+    turned = Rotation.from_quat(rotation if any(rotation) else (0, 0, 0, 1)).as_matrix()
     matrix = np.eye(4)
     matrix[:3, :3] = turned * np.array(node.get("scale", (1, 1, 1)), np.float64)
     matrix[:3, 3] = node.get("translation", (0, 0, 0))
@@ -237,9 +277,14 @@ def _surface(gltf: Gltf, number: int | None, notes: list[str]) -> Surface:
     extensions = entry.get("extensions", {})
     given = _legacy_base(extensions.get("KHR_materials_pbrSpecularGlossiness", {})) | base
     factor, slot = given.get("baseColorFactor"), given.get("baseColorTexture")
+    name = str(entry.get("name", ""))
+    glow = entry.get("emissiveFactor"), entry.get("emissiveTexture")
+    if slot is None and factor is not None and not any(factor[:3]) and (glow[1] or any(glow[0] or ())):
+        factor, slot = glow if any(glow[0] or ()) else (None, glow[1])
+        notes.append(f"the material {name or number!r} is black but for what it emits: this is taken as its color")
     if factor is None and slot is None:
         return Surface(None, placement, 0)
-    color, name = np.array((factor or (1, 1, 1))[:3], np.float32), str(entry.get("name", ""))
+    color = np.array((factor or (1, 1, 1))[:3], np.float32)
     if color.max() > 1 or color.min() < 0:
         notes.append(f"the color of the material {name or number!r} is outside 0 to 1: it is clipped")
     specular = extensions.get("KHR_materials_specular")

@@ -17,7 +17,7 @@ from relight.text import decode
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942  # kinds of a .glb file's chunks: "JSON" and "BIN" in ASCII
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 # Extensions that a file may require although nothing here reads them: they change neither shape nor base color.
 WITHOUT_EFFECT = {f"KHR_materials_{name}" for name in (
     "anisotropy", "clearcoat", "diffuse_transmission", "dispersion", "emissive_strength", "ior", "iridescence", "sheen",

@@ -17,9 +17,10 @@ MAX_BYTES = 16 << 20  # a material has under 1 kB
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 VECTOR = rf"{NUMBER}(?:\s+{NUMBER}){{0,2}}"  # the second and third are optional
 OPTION = re.compile(
-    rf"-(?:clamp\s+(?P<clamp>\S+)|(?:blendu|blendv|cc|imfchan|type)\s+\S+|(?:bm|boost|texres)\s+{NUMBER}"
+    rf"(?i)-(?:clamp\s+(?P<clamp>\S+)|(?:blendu|blendv|cc|imfchan|type)\s+\S+|(?:bm|boost|texres)\s+{NUMBER}"
     rf"|mm\s+{NUMBER}\s+{NUMBER}|(?P<vector>[ost])\s+(?P<values>{VECTOR}))\s+(?=\S)"
 )
+MAPS = (b"map_kd", b"map_ka", b"map_ke")  # of the color; the first that a material has counts
 NO_PLACEMENT = np.array([1.0, 1.0, 0.0, 0.0])
 
 
@@ -131,8 +132,8 @@ def _texts(name: bytes) -> set[str]:
 def read_mtl(path: Path) -> dict[bytes, Surface]:
     """Reads a .mtl file and its textures.
 
-    A texture is not multiplied by Kd, as exporters write .8 or 0 beside it as often as 1. Without a texture, the color
-    is Kd, taken as sRGB as most exporters write it.
+    A texture is not multiplied by Kd, as exporters write .8 or 0 beside it as often as 1. It is that of map_Kd, or else
+    of map_Ka or map_Ke. Without a texture, the color is Kd, taken as sRGB as most exporters write it.
 
     Returns:
         The materials by name.
@@ -142,29 +143,39 @@ def read_mtl(path: Path) -> dict[bytes, Surface]:
     """
     if path.stat().st_size > MAX_BYTES:
         raise UserError(f"{path} is too large for a material library")
-    library: dict[bytes, Surface] = {}
+    entries: dict[bytes, dict[bytes, bytes]] = {}  # the statements of each material, by key
+    twice: set[bytes] = set()
     textures: dict[Path, np.ndarray] = {}  # that were read: materials may share them
-    surface = None
+    statements: dict[bytes, bytes] = {}
     with open_lines(path) as opened:
         lines = join_lines(opened.read()).splitlines()
     for line in lines:
         key, rest = (*line.split(None, 1), b"", b"")[:2]  # empty where the line lacks them
-        key, rest = key.lower(), rest.strip()
-        if key == b"newmtl":
-            twice = f"{path.name} defines the material {spellings(rest)[0]!r} twice: the last one counts"
-            surface = library[rest] = Surface(None, NO_PLACEMENT, [twice] if rest in library else [])
-        elif surface is None:
-            continue
-        elif key == b"kd" and (surface.material is None or surface.material.texture is None):
-            color, notes = _parse_color(path, rest)
-            surface.material, surface.warnings = Material(color), surface.warnings + notes
-        elif key == b"map_kd":
-            written, surface.placement, clamp = _parse_map(rest)
-            file = find_file(path, written, *_without_comment(written))
-            if file not in textures:
-                textures[file] = read_texture(file, f"{path}: texture {spellings(written)[0]}")
-            surface.material = Material(texture=textures[file], wrap=(CLAMP, CLAMP) if clamp else (REPEAT, REPEAT))
+        statements[key.lower()] = rest.strip()
+        if key.lower() == b"newmtl":
+            twice |= {rest.strip()} & entries.keys()
+            entries[rest.strip()] = statements = {}
+    library = {name: _surface(path, statements, textures) for name, statements in entries.items()}
+    for name in twice:
+        library[name].warnings.insert(
+            0, f"{path.name} defines the material {spellings(name)[0]!r} twice: the last one counts"
+        )
     return library
+
+
+def _surface(path: Path, statements: dict[bytes, bytes], textures: dict[Path, np.ndarray]) -> Surface:
+    """Returns the surface of a material's statements, by key; `textures` holds and gets those of the library."""
+    key = next((key for key in MAPS if statements.get(key)), b"map_kd" if b"map_kd" in statements else None)
+    if key is None:
+        color, notes = _parse_color(path, statements[b"kd"]) if b"kd" in statements else (None, [])
+        return Surface(None if color is None else Material(color), NO_PLACEMENT, notes)
+    written, placement, clamp = _parse_map(statements[key])
+    file = find_file(path, written, *_without_comment(written))
+    if file not in textures:
+        textures[file] = read_texture(file, f"{path}: texture {spellings(written)[0]}")
+    material = Material(texture=textures[file], wrap=(CLAMP, CLAMP) if clamp else (REPEAT, REPEAT))
+    notes = [] if key == b"map_kd" else [f"its only texture {file.name} is of {key.decode()}: taken as the color"]
+    return Surface(material, placement, notes)
 
 
 def join_lines(text: bytes) -> bytes:
@@ -197,11 +208,12 @@ def _parse_map(text: bytes) -> tuple[bytes, np.ndarray, bool]:
     placement, clamp, rest = NO_PLACEMENT.copy(), False, text.decode("latin-1")
     while match := OPTION.match(rest):
         values = [float(value) for value in (match["values"] or "").split()]
-        if match["vector"] == "s":
+        vector = (match["vector"] or "").lower()
+        if vector == "s":
             placement[:2] = [*values, 1.0][:2]  # a second number may be missing
-        elif match["vector"] == "o":
+        elif vector == "o":
             placement[2:] = [*values, 0.0][:2]
         if match["clamp"]:
-            clamp = match["clamp"] == "on"
+            clamp = match["clamp"].lower() == "on"
         rest = rest[match.end() :]
     return rest.strip().strip('"').encode("latin-1"), placement, clamp

@@ -94,17 +94,11 @@ class Faces:
 
     def _parse_corners(self, words: list[bytes]) -> np.ndarray:
         """Parses words `v`, `v/t`, `v//n` or `v/t/n` to (N,2) v and t, 0 for none; fast if all have one form."""
+        text = b" ".join(words).replace(b"//", b"/0/")
         slashes = words[0].count(b"/")  # of each word, if all have one form
-        text = b" ".join(words)
-        if b"/" not in text:
-            vertex = parse(self.path, text, np.int64)
-            return np.stack([vertex, np.zeros_like(vertex)], axis=-1)
-        alike = text.count(b"/") == slashes * len(words) and all(word.count(b"/") == slashes for word in words)
-        if alike and slashes == 2 and text.count(b"//") == len(words) and b"// " not in text + b" ":  # all are v//n
-            vertex = self._table(text.replace(b"//", b" "), len(words), columns=2)[:, 0]
-            return np.stack([vertex, np.zeros_like(vertex)], axis=-1)
-        if alike and b"//" not in text and b"/ " not in text + b" ":  # all are v/t, or all are v/t/n
-            return self._table(text.replace(b"/", b" "), len(words), columns=slashes + 1)[:, :2]
+        if all(word.count(b"/") == slashes for word in words) and b"/ " not in text + b" ":
+            table = self._table(text.replace(b"/", b" "), len(words), columns=slashes + 1)
+            return table[:, :2] if slashes else np.pad(table, ((0, 0), (0, 1)))
         pairs = [(word.split(b"/") + [b""])[:2] for word in words]
         return self._table(b" ".join(b"%s %s" % (v, t or b"0") for v, t in pairs), len(words), columns=2)
 

@@ -105,13 +105,23 @@ def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
 
 
 def _colorless(raw: RawMesh) -> list[str]:
-    """Returns a warning in a list if some or all faces have no color at all, else an empty list."""
-    if raw.color is not None or None not in raw.materials:
-        return []
-    if not any(raw.materials):
-        return ["the file has neither materials nor vertex colors: the albedo is white"]
-    bare = np.array([material is None for material in raw.materials])[raw.material]
-    return [f"{int(bare.sum())} of {len(bare)} faces have neither a material nor vertex colors: they are white"]
+    """Returns warnings of faces without any color, of a mesh that is white, and of one that is mostly black."""
+    of_face = np.zeros(len(raw.faces), int) if raw.material is None else raw.material
+    given = [material or Material() for material in raw.materials]
+    black = np.array([not (m.color.any() and (m.texture is None or m.texture.any())) for m in given])[of_face]
+    if raw.color is not None:
+        black |= ~raw.color.any(axis=(1, 2))
+    if 2 * black.sum() > len(black):
+        return [f"{int(black.sum())} of {len(black)} faces are black: see where the file keeps its colors"]
+    if raw.color is None and None in raw.materials:
+        if not any(raw.materials):
+            return ["the file has neither materials nor vertex colors: the albedo is white"]
+        bare = np.array([material is None for material in raw.materials])[of_face]
+        return [f"{int(bare.sum())} of {len(bare)} faces have neither a material nor vertex colors: they are white"]
+    is_white = all(m.texture is None and m.color.min() > 0.999 for m in given)
+    if is_white and (raw.color is None or np.fmin.reduce(raw.color, axis=None) > 0.999):
+        return ["its materials and vertex colors are all white: see where the file keeps its colors"]
+    return []
 
 
 def _rounding(vertices: np.ndarray, size: float) -> list[str]:

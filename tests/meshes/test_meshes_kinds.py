@@ -152,7 +152,7 @@ LIBRARIES = {
     "twice": ({"a.mtl": RED % b"A" + b"newmtl A\nKd 0 1 0\n"}, (0, 1, 0), "defines the material 'A' twice: the last"),
     "in two files": ({"a.mtl": RED % b"A", "b.mtl": b"newmtl A\nKd 0 1 0\n"}, (0, 1, 0), "b.mtl defines the material"),
     "one file twice": ({"a.mtl": RED % b"A", "./a.mtl": RED % b"A"}, (1, 0, 0), ""),
-    "grey of one number": ({"a.mtl": b"newmtl A\nKd 1\n"}, (1, 1, 1), ""),
+    "one number": ({"a.mtl": b"newmtl A\nKd 1\n"}, (1, 1, 1), "are all white"),
     "below 0": ({"a.mtl": b"newmtl A\nKd 1 -1 0\n"}, (1, 0, 0), "values down to -1 are clipped to 0"),
     "twice, with a texture": ({"a.mtl": b"newmtl A\nKd 0 0 1\nmap_Kd -bm 1 -s 2 2 2 t.png # skin\n"}, (1, 0, 0), ""),
 }  # fmt: skip
@@ -480,6 +480,17 @@ def factor(*values):
     return lambda scene: scene["materials"][0].update(pbrMetallicRoughness={"baseColorFactor": values})
 
 
+def emitting(base, factor=None, textured=True, legacy=False):
+    def change(scene):
+        color = {"diffuseFactor" if legacy else "baseColorFactor": base} if base else {}
+        scene["materials"][0] = {"extensions": {"KHR_materials_pbrSpecularGlossiness": color}} if legacy else {
+            "pbrMetallicRoughness": color}  # fmt: skip
+        scene["materials"][0] |= {"emissiveFactor": factor} if factor else {}
+        scene["materials"][0] |= {"emissiveTexture": {"index": 0}} if textured else {}
+
+    return change
+
+
 COPIES = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}
 CODED_PICTURE = base64.b64encode(DARK_RED).decode()
 DARK = (0.578, 0, 0)
@@ -488,10 +499,19 @@ SCENES = {
     "a factor of 0 to 255": (factor(255, 128, 0, 255), (1, 1, 0), "outside 0 to 1: it is clipped"),
     "a factor below 0": (factor(1, -1, 0, 1), (1, 0, 0), "outside 0 to 1"),
     "a factor": (factor(0.5, 0.2, 0, 1), (0.5, 0.2, 0), ""),
-    "a skeleton": (node(skin=0), DARK, "skeleton and pose are left out: apply them"),
+    "black that emits a texture": (emitting((0, 0, 0, 1)), DARK, "is black but for what it emits"),
+    "black that emits a texture by half": (emitting((0, 0, 0, 1), (0.5, 1, 1)), (0.289, 0, 0), "black but for"),
+    "black that emits a texture by 0": (emitting((0, 0, 0, 1), (0, 0, 0)), DARK, "black but for"),
+    "black that emits a color": (emitting((0, 0, 0, 1), (0.5, 0.2, 0), False), (0.5, 0.2, 0), "black but for"),
+    "legacy black that emits a texture": (emitting((0, 0, 0, 1), legacy=True), DARK, "is black but for"),
+    "a color that emits a texture": (emitting((0.5, 0.2, 0, 1)), (0.5, 0.2, 0), ""),
+    "white that emits a little": (emitting((1, 1, 1, 1), (0.1, 0, 0), False), (1, 1, 1), "are all white"),
+    "black": (factor(0, 0, 0, 1), (0, 0, 0), "1 of 1 faces are black"),
+    "a texture that emits alone": (emitting(None), (1, 1, 1), "neither materials nor vertex colors"),
     "morph targets at rest": (lambda scene: scene["meshes"][0].update(weights=[0, 0]), DARK, ""),
     "morph targets of the mesh": (lambda scene: scene["meshes"][0].update(weights=[0, 1]), DARK, "morph targets are"),
     "morph targets of the node": (node(weights=[0.5]), DARK, "morph targets are left out"),
+    "hidden nodes": (lambda scene: scene.update(extensionsUsed=["KHR_node_visibility"]), DARK, "switches of vis"),
     "copies": (node(extensions=COPIES), DARK, "copies (EXT_mesh_gpu_instancing) are left out"),
     "a texture moved to the right": (placed(offset=[0.5, 0]), BLUE_, ""),
     "a texture turned by half": (placed(rotation=np.pi), BLUE_, ""),
@@ -585,6 +605,57 @@ def test_gltf_texture_coordinates_of_integers(tmp_path, kind, component, normali
     numbers = np.array([(right, np.iinfo(kind).max // 2)] * 3, kind).tobytes()
     path = write(tmp_path, {"a.glb": content[:place] + numbers + content[place + len(numbers) :]})
     np.testing.assert_allclose(albedo(read_mesh(path)), BLUE_, atol=1e-6)
+
+
+TEXTURED = used(b"A").replace(b"f 1 2 3", b"vt .25 .5\nf 1/1 2/1 3/1")
+# Statements beside t.png, red on the left and blue on the right -> albedo at u = .25, and what a warning says.
+STATEMENTS = {
+    "Ka 1 1 1\nKd 1 1 1\nmap_Ka t.png": (RED_, "its only texture t.png is of map_ka: taken as the color"),
+    "Kd 0 0 0\nKe 1 1 1\nmap_Ke t.png": (RED_, "is of map_ke"),
+    "map_Ke black.png\nmap_Ka t.png": (RED_, "is of map_ka"),
+    "map_Ka gone.png\nmap_Kd t.png\nmap_Ke gone.png": (RED_, ""),
+    "map_Kd t.png\nmap_Ka black.png\nKd 0 0 0": (RED_, ""),
+    "map_Kd\nmap_Ka t.png": (RED_, "is of map_ka"),
+    "map_Ka\nmap_Ke\nKd 0 0 1": (BLUE_, ""),
+    "KD 0 0 0\nMAP_KA -O .5 T.PNG": (BLUE_, "is of map_ka"),
+    "map_Ka -s 3 1 1 -blendu off -o 0 0 0 t.png": (BLUE_, "is of map_ka"),
+    "map_Ka C:\\scans\\my body\\t.png": (RED_, "is of map_ka"),
+    "map_Ka \"my skin.png\"": (BLUE_, "texture my skin.png is of map_ka"),
+    "Kd 0 0 0\nmap_Kd -S 3 -CLAMP OFF t.png": (BLUE_, ""),
+    "Kd 0 0 0\nmap_d t.png\nbump t.png": ((0, 0, 0), "1 of 1 faces are black"),
+    "Kd 1 1 1\nmap_Ks t.png\nrefl -type sphere t.png": ((1, 1, 1), "are all white"),
+    "map_Kd black.png": ((0, 0, 0), "faces are black"),
+    "Kd 0 0 0\nKe 1 .5 .2": ((0, 0, 0), "faces are black"),
+    "Ka .5 .5 .5": ((1, 1, 1), "neither materials nor vertex colors"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("library", STATEMENTS)
+def test_mtl_of_these_statements(tmp_path, library):
+    color, warned = STATEMENTS[library]
+    files = {"a.obj": TEXTURED, "a.mtl": f"newmtl A\n{library}\n".encode(), "t.png": STRIPES,
+             "my skin.png": png((0, 0, 255)), "black.png": png((0, 0, 0))}  # fmt: skip
+    mesh = read_mesh(write(tmp_path, files))
+    np.testing.assert_allclose(albedo(mesh), color, atol=1e-6)
+    assert warned in " ".join(mesh.info["warnings"]) and bool(warned) == bool(mesh.info["warnings"])
+
+
+@pytest.mark.parametrize("missing", ["map_Ka gone.png", "map_Ke gone.png"])
+def test_mtl_whose_only_texture_is_missing_is_refused(tmp_path, missing):
+    with pytest.raises(UserError, match=r"a\.mtl names gone\.png, but there is no such file"):
+        read_mesh(write(tmp_path, {"a.obj": TEXTURED, "a.mtl": f"newmtl A\nKd 1 1 1\n{missing}\n".encode()}))
+
+
+def test_colors_of_which_more_than_half_are_black_or_all_are_white(tmp_path):
+    faces = b"f 1 2 3\nf 1 2 3\nf 1 2 3\nusemtl B\nf 1 2 3\nf 1 2 3\n"
+    for a, b, says in ((b"0 0 0", b"1 0 0", "3 of 5 faces are black"), (b"1 0 0", b"0 0 0", ""),
+                       (b"1 1 1", b"1 1 .9", ""), (b"1 1 1", b"1 1 1", "all white")):  # fmt: skip
+        library = b"newmtl A\nKd " + a + b"\nnewmtl B\nKd " + b
+        mesh = read_mesh(write(tmp_path, {"a.obj": used(b"A").replace(FACE, faces), "a.mtl": library}))
+        assert says in " ".join(mesh.info["warnings"]) and bool(says) == bool(mesh.info["warnings"])
+    for color, says in ((b"0 0 0", "1 of 1 faces are black"), (b"1 1 1", "all white"), (b".5 .5 .5", "")):
+        mesh = read_mesh(write(tmp_path, {"a.obj": POINTS.replace(b"\n", b" " + color + b"\n") + FACE}))
+        assert says in " ".join(mesh.info["warnings"]) and bool(says) == bool(mesh.info["warnings"]), color
 
 
 @pytest.mark.parametrize(("option", "color"), [("", RED_), ("-clamp on ", BLUE_), ("-clamp off ", RED_)])
