@@ -1,5 +1,6 @@
 """The command line."""
 
+import io
 import sys
 from typing import Annotated, Any, Literal
 
@@ -127,7 +128,7 @@ def ui(
         list[str] | None,
         typer.Argument(help="Settings that select the runs: name=mine, track.uri=sqlite:///other.db ..."),
     ] = None,
-    port: Annotated[int, typer.Option(help="Port of the local server.")] = 5000,
+    port: Annotated[int, typer.Option(help="Port of the local server.", min=1, max=65535)] = 5000,
 ) -> None:
     """Browse the runs in MLflow, on this machine only."""
     from relight.config import composed
@@ -147,6 +148,8 @@ def need_clone(command: str) -> None:
 
 def main() -> None:
     """Runs the command line; a UserError is printed in one line, with exit code 1."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files are bytes; a terminal of ASCII shows ? for a degree
+        sys.stdout.reconfigure(errors="surrogateescape" if sys.stdout.encoding.lower() == "utf-8" else "replace")
     try:
         app()
     except UserError as error:

@@ -1,6 +1,7 @@
 """Runs MLflow's server for `relight ui`."""
 
 import os
+import socket
 import sys
 
 from relight.config import ROOT, Track
@@ -21,13 +22,15 @@ def serve(track: Track, port: int) -> None:
         port: port of the server, on this machine only.
 
     Raises:
-        UserError: if nothing is tracked.
+        UserError: if nothing is tracked, or the port is taken.
     """
     if not track.uri:
         raise UserError("track.uri is null: nothing is recorded in MLflow")
     os.chdir(ROOT)
     is_server = track.uri.startswith("http")
     server = track.uri.rstrip("/") if is_server else f"http://127.0.0.1:{port}"
+    if not is_server:
+        _require_free(port)
     _, experiment = connect(track)
     print(f"MLflow: {server}/#/experiments/{experiment}/runs{VIEW}", flush=True)
     if is_server:
@@ -35,3 +38,17 @@ def serve(track: Track, port: int) -> None:
     os.environ |= {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false", "MLFLOW_LOGGING_LEVEL": "WARNING"}
     command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", track.uri, "--workers", "1"]
     os.execv(sys.executable, [*command, "--host", "127.0.0.1", "--port", str(port)])
+
+
+def _require_free(port: int) -> None:
+    """Raises UserError for a port that another program has, or that the system does not give."""
+    address = "127.0.0.1", port
+    with socket.socket() as caller, socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as servers do: closed just now is free
+        try:
+            if caller.connect_ex(address) == 0:  # macOS lets one bind where AirPlay answers
+                raise OSError
+            listener.bind(address)
+        except OSError as error:
+            why = error.strerror or "another program answers there"
+            raise UserError(f"port {port} cannot be used ({why}): give another with --port") from None

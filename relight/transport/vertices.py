@@ -108,9 +108,8 @@ def bake_vertices(
     require_at_least(0, order=order, bounces=bounces)
     original_vertices = mesh.vertices
     mesh = _scaled_for_float32(mesh)
-    caster, radiosity = RayCaster(mesh.vertices, mesh.faces, threads), None
-    if bounces:
-        caster, radiosity = solve_radiosity(mesh, caster, rays, order, seed, bounces)
+    caster = RayCaster(mesh.vertices, mesh.faces, threads)
+    split_caster, radiosity = solve_radiosity(mesh, caster, rays, order, seed, bounces) if bounces else (caster, None)
     used, first_use = np.unique(mesh.faces.reshape(-1), return_index=True)
     normals = vertex_normals(mesh)[used].astype(np.float64)
     if mesh.normal is not None:  # those of the file, unless they are zero or point away from the faces
@@ -119,7 +118,7 @@ def bake_vertices(
         normals = np.where(fits[:, None], given, normals)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)  # to double precision
     points = _shifted_into_faces(caster, used, normals)
-    transport, gathered = integrate(caster, points, normals, normals, rays, order, seed, radiosity)
+    transport, gathered = integrate(split_caster, points, normals, normals, rays, order, seed, radiosity)
 
     every = np.arange(len(mesh.faces))
     corners = [sample_albedo(mesh, every, np.broadcast_to(weights, (len(every), 3))) for weights in np.eye(3)]

@@ -13,6 +13,7 @@ from relight.maps import coefficient_names
 from relight.meshes import Material, Mesh, read_mesh
 from relight.sh import basis, unoccluded
 from relight.transport import bake_vertices
+from relight.transport.bounce import MAX_EDGE
 
 
 def two_balls():
@@ -93,6 +94,33 @@ def test_a_box_on_a_floor_has_no_black_rim(seed):
     np.testing.assert_allclose(occlusion[4:8], 1, atol=1e-6)  # the top
     np.testing.assert_allclose(occlusion[8:][vertices[8:, 2] == 0], 0.5, atol=0.03)  # the floor takes half
     np.testing.assert_allclose(occlusion[8:][vertices[8:, 2] == 1], 0.5, atol=0.03)
+
+
+@pytest.mark.parametrize("bounces", [1, 3])
+def test_bounces_in_a_bowl_of_long_edges(bounces):
+    """From any point of a hemisphere's inside, half of what the cosine weighs is sky, and half the inside itself."""
+    rings, sectors, albedo = 10, 32, 0.8
+    theta = np.linspace(np.pi / 2, np.pi, rings + 1)[:-1].repeat(sectors)
+    phi = (
+        2 * np.pi * np.tile(np.arange(sectors), rings) / sectors
+        + np.repeat(np.arange(rings) % 2, sectors) * np.pi / sectors
+    )
+    ring = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
+    vertices = np.concatenate([ring, [[0, 0, -1]]])
+    faces = trimesh.convex.convex_hull(vertices).faces  # outward; the lid goes
+    faces = faces[(vertices[faces][:, :, 2] < 0).any(axis=1)][:, ::-1]
+    mesh = plain(vertices, faces)
+    mesh.materials = [Material(np.float32([albedo, albedo / 2, 0]))]
+    edges = vertices[faces] - np.roll(vertices[faces], 1, 1)
+    assert np.linalg.norm(edges, axis=2).max() > MAX_EDGE * np.linalg.norm(np.ptp(vertices, axis=0))  # they are split
+    baked = bake_vertices(mesh, 1024, bounces=bounces)
+    inside = vertices[:, 2] < -1e-6  # at the rim, faces and normals are on one side
+    np.testing.assert_allclose(baked.transport[inside, 0] / 0.886227, 0.5, atol=0.02)
+    for channel, rho in enumerate((albedo, albedo / 2, 0)):
+        expected = 0.5 * sum((rho / 2) ** k for k in range(1, bounces + 1))
+        np.testing.assert_allclose(
+            baked.bounced[inside, 0, channel] / 0.886227, expected, atol=0.02 * max(expected, 0.01)
+        )
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -1,0 +1,36 @@
+"""What is printed where a terminal, or a file that takes its place, cannot show every character."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+C = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+# environment -> the bytes of a degree sign, and of the name of a file that is not UTF-8
+TERMINALS = {
+    "ASCII": ({"PYTHONIOENCODING": "ascii"}, b"?", b"K?.hdr"),
+    "the C locale without UTF-8": (C, b"?", b"K?.hdr"),
+    "Latin-1": ({"PYTHONIOENCODING": "latin-1"}, b"\xb0", b"K?.hdr"),
+    "a console of DOS": ({"PYTHONIOENCODING": "cp437"}, b"\xf8", b"K?.hdr"),
+    "the C locale": ({"LC_ALL": "C"}, b"\xc2\xb0", b"K\xf6.hdr"),
+    "UTF-8": ({"PYTHONIOENCODING": "utf-8"}, b"\xc2\xb0", b"K\xf6.hdr"),
+}
+
+
+@pytest.mark.parametrize("name", TERMINALS)
+def test_a_light_is_printed_on_every_terminal(tmp_path, name):
+    environment, degree, file = TERMINALS[name]
+    path = os.fsencode(tmp_path) + b"/K\xf6.hdr"
+    with open(path, "wb") as panorama:
+        panorama.write(
+            b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes([200, 100, 50, 128] * 4 + [9, 9, 9, 128] * 4)
+        )
+    kept = {
+        key: value for key, value in os.environ.items() if not key.startswith(("LC_", "LANG", "PYTHONUTF8", "PYTHONIO"))
+    }
+    command = [os.fsencode(sys.executable), b"-m", b"relight.cli", b"light", path]
+    done = subprocess.run(command, capture_output=True, env={**kept, **environment, "COLUMNS": "300"})
+    assert done.returncode == 0, done.stderr.decode(errors="replace")[-2000:]
+    assert b"/" + file in done.stdout
+    assert b"+90" + degree in done.stdout  # the light comes from above
