@@ -108,7 +108,8 @@ class Panoramas:
     source: str = setting("generated panoramas, or the files of a folder", choices=("generated", "folder"))
     folder: str | None = setting("folder of panoramas, with subfolders", None)
     count: int = setting("number of generated rooms", least=0)
-    skies: int = setting("number of generated skies", least=0)
+    skies: int = setting("number of generated skies", 0, least=0)
+    lamps: int = setting("number of generated studios with lamps", 0, least=0)
     layout: str = setting(
         "layout of the files; auto detects it by metadata and aspect ratio",
         choices=("auto", "latlong", "angular", "ball", "cross", "strip", "strip-gl"),

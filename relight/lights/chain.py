@@ -120,7 +120,7 @@ def project_panoramas(
     """Projects all panoramas that the settings name.
 
     Args:
-        panoramas: a folder, or the numbers of generated rooms and skies.
+        panoramas: a folder, or the numbers of generated rooms, skies and studios.
         order: of the spherical harmonics.
         progress: whether to show a bar.
 
@@ -132,10 +132,10 @@ def project_panoramas(
         UserError: if the settings name no panorama or none can be read.
     """
     if panoramas.source == "generated":
-        sources = [f"room:{seed}" for seed in range(panoramas.count)]
-        sources += [f"sky:{seed}" for seed in range(panoramas.skies)]
+        counts = {"room": panoramas.count, "sky": panoramas.skies, "lamps": panoramas.lamps}
+        sources = [f"{kind}:{seed}" for kind, count in counts.items() for seed in range(count)]
         if not sources:
-            raise UserError("panoramas.count and panoramas.skies are 0: at least one panorama is needed")
+            raise UserError("panoramas.count, panoramas.skies and panoramas.lamps are 0: at least one panorama is needed")
         light_of: Callable[[str], Projected] = partial(generated_light, order=order, flip=panoramas.flip)
     else:
         folder = Path(panoramas.folder or "")

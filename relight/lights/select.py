@@ -103,8 +103,6 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     usual.split[test] = "test"
     record["warnings"] += split_warnings(usual, settings)
     if len(unusual):
-        # Scaled to their reference brightness, back-lit ones would be brighter than a rule allows any channel to be.
-        unusual = darkened(unusual, RULES[settings.rules].channel)
         unusual = cluster(unusual, min(MAX_UNUSUAL, len(unusual)), settings.seed)
         unusual.split[:] = split_unusual(unusual, usual)
     lights = concatenate(usual, unusual)
@@ -297,7 +295,7 @@ def split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -
         record: of the selection; gets this step, and a warning if every light breaks a rule.
 
     Returns:
-        The usual lights and the unusual ones.
+        The usual lights and the unusual ones, none too bright for a camera (`darkened`).
 
     Raises:
         UserError: if all lights have scale 0.
@@ -316,7 +314,7 @@ def split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -
     copies.reason[:] = joined_names(broken)
     reasons = {name: int((rule & ~usual).sum()) for name, rule in broken.items()}
     record_step(record, "unusual", len(copies), int(usual.sum()), reasons)
-    return copies.rows(usual), copies.rows(~usual & ~broken["dark"])
+    return darkened(copies.rows(usual)), darkened(copies.rows(~usual & ~broken["dark"]))
 
 
 def unlit_panoramas(sources: list[str], copies: LightSet, usual: LightSet) -> dict[str, str]:
@@ -339,15 +337,14 @@ def unlit_panoramas(sources: list[str], copies: LightSet, usual: LightSet) -> di
     return {source: words or "too dark, or vetoed" for source, words in reasons.items()}
 
 
-def darkened(lights: LightSet, limit: float) -> LightSet:
-    """Scales lights down until the brightest channel is at most `limit`, in irradiance on normals that face the camera.
+def darkened(lights: LightSet) -> LightSet:
+    """Scales lights down until no channel is brighter than rooms may be, in irradiance on normals that face the camera.
 
-    A camera would expose so: a back-lit light scaled to its reference brightness is many times too bright elsewhere.
+    A camera would expose so: a light from the side or the back that is scaled to its reference brightness is many times
+    too bright elsewhere.
     """
-    brightest = np.concatenate(
-        [measure(lights.coefficients[i : i + BATCH])["channel_most"] for i in range(0, len(lights), BATCH)]
-    )
-    factor = np.minimum(1, limit / brightest)
+    parts = [measure(lights.coefficients[i : i + BATCH])["channel_most"] for i in range(0, len(lights), BATCH)]
+    factor = np.minimum(1, RULES["rooms"].channel / np.concatenate([np.zeros(0), *parts]))
     coefficients = (lights.coefficients * factor[:, None, None]).astype(np.float32)
     return replace(lights, coefficients=coefficients, scale=lights.scale * factor)
 
