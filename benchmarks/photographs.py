@@ -1,15 +1,15 @@
 """Measures errors of networks for photographs on test figures: on relit pictures, and on augmented ones.
 
     python benchmarks/photographs.py results/photo relight/weights/photo.onnx [other.onnx ...]
-    python benchmarks/photographs.py results/held ... --all
+    python benchmarks/photographs.py results/held results/photo/train/state/photo.s0/state.pt ... --all
 
-The first argument is a folder of `relight run experiment=photo`: its packed set, lights and split. Each test figure
-(with --all, each figure) is seen under three test lights. "Photographs" have the framing, masks, exposures and camera
-of augment=photo; "and tints" also its white balances and recolored clothes; "and gloss" also glossy materials in each
-picture. Light errors are relative errors of irradiance; others are RMSE of vectors in the mask. Columns with a star are
-after the best factor for each picture, since a photograph does not determine a scene's brightness. Detail is the energy
-of the error's detail over the truth's (`losses.detail`): 1 for maps without detail; that of shading is under the true
-light.
+The first argument is a folder of `relight run experiment=photo`: its packed set, lights and split. A network may also
+be the state of a training of this experiment that still runs. Each test figure (with --all, each figure) is seen under
+three test lights. "Photographs" have the framing, masks, exposures and camera of augment=photo; "and tints" also its
+white balances and recolored clothes; "and gloss" also glossy materials in each picture. Light errors are relative
+errors of irradiance; others are RMSE of vectors in the mask. Columns with a star are after the best factor for each
+picture, since a photograph does not determine a scene's brightness. Detail is the energy of the error's detail over the
+truth's (`losses.detail`): 1 for maps without detail; that of shading is under the true light.
 """
 
 import os
@@ -30,6 +30,8 @@ from relight.learning.checkpoint import load_network
 from relight.learning.color import shade
 from relight.learning.data import RelitSet, read_split
 from relight.learning.losses import detail
+from relight.learning.networks import Network, build
+from relight.training_name import TrainingName
 
 PHOTOGRAPHS = ["train.color=photo", "augment=photo"]
 KINDS = {
@@ -82,6 +84,17 @@ def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: 
     return np.concatenate([np.array(rows, float).mean(0), np.array(energies, float).mean(0)])
 
 
+def network_of(path: Path) -> Network:
+    """Returns the network of a file, or of the state of a training of `experiment=photo`: its moving average."""
+    if path.suffix != ".pt":
+        return load_network(path)[0]
+    row = composed(["experiment=photo"]).sweep.rows[TrainingName.parse(path.parent.name).row]
+    settings = composed(["experiment=photo", *row])
+    network = build(OmegaConf.to_object(settings.model), settings.train.size or settings.bake.size)
+    network.load_state_dict(torch.load(path, weights_only=True)["average"])
+    return network.eval()
+
+
 def main() -> None:
     """Prints a row for each kind of pictures and each network."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -95,7 +108,7 @@ def main() -> None:
     print("| pictures | weights | " + " | ".join(columns) + " |\n|---|---|" + "---|" * len(columns))
     for title in args.kinds:
         for path in args.weights:
-            network, _ = load_network(path)
+            network = network_of(path)
             data = RelitSet(
                 args.results / "packed.safetensors", args.results / "lights" / "lights.npz", network.order, "photo"
             )

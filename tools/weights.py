@@ -1,4 +1,4 @@
-"""Turns a network (`relight run experiment=photo`, or mean.py) into the weights that ship, with their card.
+"""Turns the network of `relight run experiment=photo` into the weights that ship, with their card.
 
 They are in half precision, with the lights of the training.
 
@@ -53,8 +53,8 @@ model-index:
 | | |
 |---|---|
 | network | `{model}`, width {width}, {size} px |
-| training | in the stages listed below{note} |
-| training lights | {lights} in the last stage: rooms, skies, studios, real places (`tools/photo_lights.py`) |
+| training | in the stages listed below |
+| training lights | {lights} generated rooms, skies and studios |
 | training pictures | like a camera's: linear light, exposed, clipped, 8-bit sRGB; augmented as docs/training.md says |
 | held out | {test_figures} figures, {test_lights} lights |
 
@@ -69,14 +69,14 @@ What a card of an open model answers:
 | | |
 |---|---|
 | licence of the weights | CC0-1.0 (`NOTICE`) |
-| training data | generated figures and lights, and twelve real panoramas; nobody was scanned or photographed |
-| provenance of the data | MakeHuman's bodies, Poly Haven's panoramas (CC0); all else relight's code (docs/figures.md) |
+| training data | generated figures and lights; nobody was scanned or photographed |
+| provenance of the data | MakeHuman's bodies (CC0); all else relight's code (docs/figures.md) |
 | licence of the data | CC0-1.0; whoever runs relight makes them again from integer seeds |
 | training code | `relight.learning`, Apache-2.0 |
 | Open Source AI Definition 1.0 | has its three parts: code, weights, data to make again (our reading, not certified) |
 | Model Openness Framework | class I but for a paper; docs/lab/weights.md is the report (our reading, not certified) |
 | published research | the method: Kanamori & Endo 2018, doi 10.1145/3272127.3275104 |
-| reproducibility | settings and stages are in the .onnx file; this lineage of stages was run once |
+| reproducibility | one command, from seeds: `relight run experiment=photo` |
 | inference | local, on a CPU, by onnxruntime; nothing is sent |
 | intended for | relighting photographs of people, albedo and light for compositing, baselines for research |
 | not for | measuring skin, identifying people, evidence: maps are inferred, and wrong by the errors above |
@@ -95,7 +95,7 @@ Stages of the training, each continuing the one before:
 
 {training}
 
-Made with the settings of `experiment=photo`, in these stages, and `tools/weights.py`. How the inferred light
+Made by `relight run experiment=photo` and `tools/weights.py`. How the inferred light
 changes with framing, mask and white balance: `python benchmarks/invariance.py relight/weights/photo.onnx`.
 """
 
@@ -114,7 +114,7 @@ def main(results: Path, training: str) -> None:
     infos = json.loads((results / "figures.json").read_text())["figures"]
     generator = sorted({info["generator"] for info in infos.values() if "left_out" not in info})
     stages = lineage(settings, {"figures": len(split["train"]), "generator": generator})
-    kept = {key: settings[key] for key in ("model", "loss", "train", "augment", "note") if key in settings}
+    kept = {key: settings[key] for key in ("model", "loss", "train", "augment")}
     kept["train"] = {**kept["train"], "start": None}  # a path of this machine
     out = OUT / "photo.onnx"
     new = out.with_suffix(".new.onnx")
@@ -125,7 +125,6 @@ def main(results: Path, training: str) -> None:
     with open(results / "evaluate" / f"{training}.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     facts = {
-        "note": f"; {settings['note']}" if "note" in settings else "",
         "parameters": sum(weights.numel() for weights in network.parameters()) / 1e6,
         "model": settings["model"]["name"],
         "width": config.Model(**settings["model"]).width,

@@ -135,7 +135,7 @@ def project_panoramas(
         counts = {"room": panoramas.count, "sky": panoramas.skies, "lamps": panoramas.lamps}
         sources = [f"{kind}:{seed}" for kind, count in counts.items() for seed in range(count)]
         if not sources:
-            raise UserError("panoramas.count, panoramas.skies and panoramas.lamps are 0: at least one panorama is needed")
+            raise UserError("panoramas.count, skies and lamps are 0: at least one panorama is needed")
         light_of: Callable[[str], Projected] = partial(generated_light, order=order, flip=panoramas.flip)
     else:
         folder = Path(panoramas.folder or "")

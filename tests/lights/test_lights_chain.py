@@ -14,7 +14,7 @@ from relight.lights import (
     select_lights,
     write_light_set,
 )
-from relight.lights.chain import generated_light
+from relight.lights.chain import generated_light, project_panoramas
 from relight.lights.cluster import choose_validation_lights, farthest_first, irradiance_features, medoids
 from relight.lights.select import RULES as ALL_RULES
 from relight.lights.select import broken_rules, counted
@@ -127,6 +127,16 @@ def test_a_single_lamp_from_behind_makes_a_light_set_with_a_warning(caplog):
     lights, record = select_lights(lamp[None], ["lamp"], replace(SETTINGS, clusters=6, test=2))
     assert len(lights.of("test")) and len(lights.of("train"))
     assert any("rules" in warning for warning in record["warnings"]) and "rules" in caplog.text
+
+
+def test_strong_lights_are_those_of_all_kinds_exposed_as_a_camera_would():
+    sources, coefficients, *_ = project_panoramas(replace(GENERATED, count=1, skies=3, lamps=12), 2, progress=False)
+    assert sources == ["room:0", "sky:0", "sky:1", "sky:2", *(f"lamps:{seed}" for seed in range(12))]
+    lights, _ = select_lights(coefficients, sources, replace(SETTINGS, rules="strong"))
+    normals, _ = sphere_quadrature(24)
+    brightest = [irradiance(light, normals[normals[:, 2] > 0]).max() for light in lights.coefficients]
+    assert 0.95 * RULES.channel < max(brightest) < 1.001 * RULES.channel
+    assert reference_brightness(lights.of("train").coefficients).min() < 0.6  # not to be brighter elsewhere
 
 
 def test_the_threshold_removes_dark_rooms_unless_the_units_differ(rooms):

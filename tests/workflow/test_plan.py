@@ -6,15 +6,17 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import pytest
 import yaml
 
-from relight.config import CONF, ROOT
+from relight.config import CONF, ROOT, Train
 from relight.errors import UserError
 from relight.lab.checks import check
 from relight.lab.plan import Plan
 from relight.lab.settings import compose_run, expand_sweep, from_config
+from relight.learning.train import learning_rate
 
 
 def plan_of(words: str, **rows: list[str]) -> Plan:
@@ -109,6 +111,19 @@ def test_a_run_goes_on_from_another_of_its_seed():
     assert plan.settings("self_all.s3")["train"]["start"] == "results/smoke/train/ours_full.s3.safetensors"
     assert plan.settings("ours_full.s0")["train"]["start"] is None
     assert plan.scored == ["self_all.s0", "self_all.s3"]
+
+
+def test_the_weights_for_photos_are_trained_at_half_the_size_and_then_at_the_full_one():
+    """One cosine goes over both; else they differ in size, steps and start alone."""
+    plan = plan_of("experiment=photo")
+    assert list(plan.trainings) == ["photo_half.s0", "photo.s0"] and plan.scored == ["photo.s0"]
+    assert len(plan.figures) == 345 and len(plan.map_files) == 345 * 2 * 2  # outfits, views
+    groups = [plan.settings(run) for run in plan.trainings]
+    half, full = (Train(**group.pop("train")) for group in groups)
+    assert groups[0] == groups[1] and full.start == "results/photo/train/photo_half.s0.safetensors"
+    assert vars(half) == vars(full) | {"size": 128, "steps": half.steps, "span": half.span, "start": None}
+    last, first = learning_rate(half, half.steps - 1), learning_rate(replace(full, warmup=0), 0)
+    assert last == pytest.approx(first, rel=1e-3) and learning_rate(full, full.steps - 1) < 0.03 * full.lr
 
 
 def test_rows_that_ask_for_more_figures_than_there_are_are_left_out():
