@@ -14,7 +14,8 @@ from PIL import Image, ImageCms
 
 from relight.meshes import read_mesh
 from relight.panoramas import read_panorama
-from relight.photos.read import read_mask, read_photo
+from relight.photos.mask.find import read_mask
+from relight.photos.picture import Picture
 from relight.photos.write import write_picture
 from relight.srgb import encode
 from relight.transport.surface import sample_albedo
@@ -122,7 +123,7 @@ RGB = dict(zip("RGB", PIXEL / 256))
 
 
 def codes(path):
-    photo = read_photo(path)
+    photo = Picture.of(path)
     return photo.codes[0, 0], photo.notes
 
 
@@ -191,8 +192,7 @@ def mask(folder, person, edge=None):
             values[9, 2:9] = edge
         image = Image.fromarray(values)
     image.save(folder / "m.png")
-    notes = []
-    found = read_mask(folder / "m.png", (16, 16), notes)
+    found, notes = read_mask(folder / "m.png", (16, 16))
     return found[9 if edge is not None else 3, 3], notes
 
 

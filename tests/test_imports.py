@@ -64,6 +64,7 @@ def test_no_circular_imports():
     [
         ("relight", "* **Layers**"),
         ("relight.figures", "`relight/figures`:"),
+        ("relight.photos", "`relight/photos`"),
         ("relight.evaluation", "`relight/evaluation`:"),
     ],
 )

@@ -11,8 +11,11 @@ from relight.errors import UserError
 from relight.panoramas import Panorama, luminance
 from relight.photos.camera import blurred, camera_view
 from relight.photos.color import apply_gain, roll_off
-from relight.photos.read import is_picture, read_photo
+from relight.photos.opening import is_picture
+from relight.photos.picture import Given, Picture
 from relight.srgb import LINEAR
+
+KINDS = ("keep", "none", "color", "picture", "panorama")
 
 
 @dataclass
@@ -28,6 +31,10 @@ class Background:
         tint: (3,) factor on the picture's linear values.
         blur: of the panorama or picture, degrees.
         shadow: whether people cast shadows on a background that is not the photo's own.
+        name: as the user gave it.
+
+    Raises:
+        UserError: for another kind, or if what has no detail is to be blurred.
     """
 
     kind: str = "keep"
@@ -38,6 +45,18 @@ class Background:
     tint: np.ndarray | float = 1.0
     blur: float = 0.0
     shadow: bool = True
+    name: str = "keep"
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise UserError(f"a background of the kind {self.kind!r} is none of {', '.join(KINDS)}")
+        if self.blur and self.kind not in ("picture", "panorama"):
+            raise UserError(f"a panorama or a picture behind can be blurred, not the background {self.name}")
+
+    @property
+    def turns(self) -> bool:
+        """Whether it turns with the light."""
+        return self.kind == "panorama"
 
     @property
     def replaced(self) -> bool:
@@ -85,36 +104,38 @@ class Background:
         return roll_off(view * np.float32(np.pi * self.gain * 2**stops))
 
 
-def read_background(text: str, panorama: Panorama | None = None, blur: float = 0.0) -> Background:
-    """Reads a background as a user names it.
+def read_background(given: Background | Given, blur: float = 0.0, shadow: bool = True) -> Background:
+    """Reads a background as a user gives it.
 
     Args:
-        text: keep, transparent, panorama, a color (#223344, white) or a picture file.
-        panorama: that of the light, if it has one.
+        given: keep, transparent, panorama (the light's), a color (#223344, white), a picture's file, or a picture as
+            `Picture.of` takes it; or a `Background`, as it is.
         blur: of the panorama or picture, degrees.
+        shadow: whether people cast shadows on it.
 
     Raises:
         UserError: if it is none of these.
     """
-    if text == "keep":
-        return Background("keep")
-    if text in ("transparent", "none"):
-        return Background("none")
-    if text == "panorama":
-        if panorama is None:
-            raise UserError(
-                "background panorama: this light has no panorama; give one with --light, or another background"
-            )
-        return Background("panorama", panorama=panorama, blur=blur)
+    if isinstance(given, Background):
+        return given
+    if not isinstance(given, str | Path):
+        picture = Picture.of(given, "the background")
+        return Background("picture", picture=picture.codes, blur=blur, shadow=shadow, name=picture.name)
+    text = str(given)
+    kinds = {"keep": "keep", "transparent": "none", "none": "none", "panorama": "panorama"}
+    if text in kinds:
+        return Background(kinds[text], blur=blur, shadow=shadow, name=text)
     if is_picture(text):
-        return Background("picture", picture=read_photo(text, "background").codes, blur=blur)
+        codes = Picture.of(text, "background").codes
+        return Background("picture", picture=codes, blur=blur, shadow=shadow, name=text)
     try:
-        return Background("color", color=np.array(ImageColor.getrgb(text)[:3], np.uint8))
+        color = np.array(ImageColor.getrgb(text)[:3], np.uint8)
     except ValueError:
-        pass
-    if re.search(r"\.\w+$", text) and Path(text).is_file():
-        raise UserError(f"background {text} is not a picture: give JPEG, PNG, WebP or TIFF")
-    raise UserError(f"background {text!r} is not keep, transparent, panorama, a color (#334455) or a picture file")
+        if re.search(r"\.\w+$", text) and Path(text).is_file():
+            raise UserError(f"background {text} is not a picture: give JPEG, PNG, WebP or TIFF") from None
+        words = "keep, transparent, panorama, a color (#334455) or a picture file"
+        raise UserError(f"background {text!r} is not {words}") from None
+    return Background("color", color=color, blur=blur, shadow=shadow, name=text)
 
 
 def estimate_white(picture: np.ndarray) -> np.ndarray:

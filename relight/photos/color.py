@@ -157,3 +157,10 @@ def to_srgb8(linear: np.ndarray) -> np.ndarray:
     cell = np.sqrt(np.minimum(values, np.float32(_TOP)) * np.float32((_STEPS - 1) ** 2 / _TOP)).astype(np.int16)
     low = _CELLS[cell]
     return low + (values >= _PADDED[low])
+
+
+def as_codes(pixels: np.ndarray) -> np.ndarray:
+    """Returns uint8 sRGB, uint16 sRGB or linear floats, as `Picture` has them, as uint8 sRGB."""
+    if pixels.dtype == np.uint8:
+        return pixels
+    return to_srgb8(pixels) if pixels.dtype.kind == "f" else np.round(pixels / np.float32(257)).astype(np.uint8)

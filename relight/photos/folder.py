@@ -1,35 +1,121 @@
-"""The command `photo` for a folder: in parallel and resumable. A photo that fails does not stop the others."""
+"""The command `photo`: the folder of results of a photo, and of each photo of a folder, in parallel and resumable."""
 
 import hashlib
 import json
 import multiprocessing
 import os
+import re
 from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, Unpack
+
+import numpy as np
 
 from relight import __version__
 from relight.errors import UserError
 from relight.files import writable_folder
-from relight.lights.light import parts_of
+from relight.photos.color import DISPLAY_STOPS, KNEE
+from relight.photos.look import Look
 from relight.photos.mask.find import automatic_model
-from relight.photos.photo import Options, relight_file
-from relight.photos.place import split_place
-from relight.photos.read import list_photos, list_pictures, mask_beside, mask_in
-from relight.photos.trust import notes_of
-from relight.photos.write import write_json
+from relight.photos.network import PhotoNetwork, read_network
+from relight.photos.opening import list_photos, list_pictures, mask_beside, mask_in
+from relight.photos.scene import Scene, SceneOptions, require_white_balance
+from relight.photos.write import (
+    write_before_after,
+    write_inference,
+    write_json,
+    write_light_files,
+    write_maps,
+    write_picture,
+)
 from relight.processes import has_semaphores
 from relight.progress import progress
-
-if TYPE_CHECKING:
-    from relight.lights.light import Light
-    from relight.photos.api import Relighter
+from relight.sh import rotate_y
 
 RECORD = "photo.json"
+BEFORE_AFTER = "before_after.jpg"
+RESULTS = ("relit", "before_after", "albedo", "shading", "maps", "light", "new_light")  # names of files, without suffix
+BYTES_PER_PIXEL = 54  # of the photo, at most, for the results: three pictures and 19 maps of half floats
 MOST_LINES = 12  # of notes in a summary
+
+
+def relight_file(
+    network: PhotoNetwork,
+    path: Path | str,
+    out: Path | str,
+    look: Look,
+    mask: Path | str | None = None,
+    maps: bool = False,
+    **options: Unpack[SceneOptions],
+) -> dict[str, Any]:
+    """Relights a photo and writes all results to a folder (docs/photos.md).
+
+    Everything is read and computed before the first file is written.
+
+    Args:
+        network: that infers.
+        path: of the photo.
+        out: the folder.
+        look: of the result.
+        mask: its file; by default it is found.
+        maps: whether the maps are also written as maps.exr.
+        **options: of `Scene.of`.
+
+    Returns:
+        The record that is written as photo.json.
+
+    Raises:
+        UserError: if an input is wrong, or the folder cannot be written.
+    """
+    out = writable_folder(out, "--out")
+    for given in (path, mask, look.words["light"], look.background.name):
+        if given and Path(given).is_file() and Path(given).resolve().parent == out.resolve() and is_result(given):
+            raise UserError(f"{given} is in the folder of results and would be overwritten: give another --out")
+    scene = Scene.of(path, mask, network, **options)
+    picture, people = scene.picture, scene.people
+    writable_folder(out, "--out", BYTES_PER_PIXEL * picture.pixels[..., 0].size)
+    name = look.light.source if look.light else scene.lamp
+    light, background = scene.exposed(look)
+    relit = next(scene.turned(look, light, background))
+    write_picture(out / f"relit{picture.suffix}", relit)
+    write_before_after(out / BEFORE_AFTER, picture.pixels, relit)
+    write_inference(out, scene)
+    if maps:
+        write_maps(out / "maps.exr", scene)
+    for i, person in enumerate(people, 1):
+        write_light_files(
+            out / ("light" if len(people) == 1 else f"light_{i}"), person.light, f"inferred from {picture.name}"
+        )
+    turned = rotate_y(light, np.radians(look.turn)).astype(np.float32)
+    write_light_files(out / "new_light", turned, f"{name}, turned by {look.turn:g} degrees")
+    record = {
+        "photo": str(path),
+        "picture": f"relit{picture.suffix}",
+        "light": name,
+        "size": picture.shape[::-1],
+        "options": {**look.words, "maps": maps, **options},
+        "shading_png": {"stops": DISPLAY_STOPS, "straight_to": KNEE},
+        "notes": scene.notes + (look.light.notes if look.light else []),
+        "people": [
+            {
+                "square": [round(v, 2) for v in (person.crop.left, person.crop.top, person.crop.side)],
+                "white": [round(float(v), 3) for v in person.white],
+                **asdict(trust),
+            }
+            for person, trust in zip(people, scene.trust)
+        ],
+    }
+    write_json(out / RECORD, record)
+    return record
+
+
+def is_result(path: Path | str) -> bool:
+    """Returns whether a file has the name of one that `relight_file` writes."""
+    return re.sub(r"_\d+$", "", Path(path).name.split(".")[0]) in RESULTS
 
 
 @dataclass
@@ -77,36 +163,38 @@ def note_lines(notes: dict[str, list[str]]) -> list[str]:
 def relight_folder(
     folder: Path | str,
     out: Path | str,
-    options: Options,
+    look: Look,
     masks: Path | str | None = None,
     weights: Path | None = None,
     jobs: int | None = None,
+    maps: bool = False,
+    **options: Unpack[SceneOptions],
 ) -> Summary:
     """Relights every photo of a folder into `out`/<file name>/.
 
-    A photo whose results were made with the same options, weights, files and version is skipped.
+    A photo whose results were made with the same look, options, weights, files and version is skipped. One that fails
+    does not stop the others.
 
     Args:
         folder: of photos.
         out: folder of the results.
-        options: of the command.
+        look: of the results.
         masks: a folder with a mask of the same stem for each photo; by default <stem>_mask.png beside the photo, its
             alpha, or an automatic mask.
-        weights: of the network (.onnx or .safetensors); None for the one that comes with relight.
+        weights: of the network (.onnx); None for the one that comes with relight.
         jobs: processes; by default as many as there are cores.
+        maps: whether the maps are also written as maps.exr.
+        **options: of `Scene.of`.
 
     Raises:
         UserError: if something is wrong with the arguments, and not with a single photo.
     """
-    from relight.photos.api import load
-
     photos = list_photos(folder)
     writable_folder(out, "--out")
     if masks and not Path(masks).is_dir():
         raise UserError(f"mask {masks}: for a folder of photos give a folder of masks")
-    relighter = load(weights)
-    network = relighter.network.digest
-    options.read_background(options.named_light(relighter))  # errors of the options come once, not for each photo
+    require_white_balance(options.get("white_balance", "keep"))
+    network = read_network(weights).digest
     others = {path for path in Path(folder).iterdir() if not path.name.startswith(".")}
     others -= {*photos, *map(mask_beside, photos)}
     folders, unused = {path for path in others if path.is_dir()}, others.intersection(list_pictures(folder))
@@ -115,83 +203,74 @@ def relight_folder(
     tasks = {}
     for photo in photos:
         mask = (mask_in(masks, photo.stem) or Path(masks) / f"{photo.stem}.png") if masks else mask_beside(photo)
-        fingerprint = _fingerprint(options, photo, mask, network)
+        files = photo, mask, automatic_model(options.get("mask_model"))
+        fingerprint = _fingerprint(files, look, maps, options, network)
         if _recorded(Path(out) / photo.name) == fingerprint:
             summary.kept.append(photo.name)
         else:
             tasks[photo.name] = (photo, Path(out) / photo.name, mask, fingerprint)
     Path(out).mkdir(parents=True, exist_ok=True)  # else each process would make it for its check, and remove it again
     jobs = max(1, min(jobs or os.cpu_count() or 1, len(tasks)))
-    for name, reason in progress(_run(tasks, jobs, options, weights), "photos", total=len(tasks)):
+    work = partial(_relight_one, look=look, maps=maps, **options)
+    for name, reason in progress(_run(work, tasks, jobs, weights), "photos", total=len(tasks)):
         if reason is None:
             summary.done.append(name)
-            summary.notes[name] = notes_of(json.loads((Path(out) / name / RECORD).read_text()))
+            summary.notes[name] = json.loads((Path(out) / name / RECORD).read_text())["notes"]
         else:
             summary.failed[name] = reason
     return summary
 
 
-def _run(tasks: dict, jobs: int, options: Options, weights: Path | None) -> Iterator[tuple[str, str | None]]:
-    """Runs the tasks in processes, in the order in which they end.
+def _run(work: partial, tasks: dict, jobs: int, weights: Path | None) -> Iterator[tuple[str, str | None]]:
+    """Runs the tasks in processes, and yields each photo's name with the reason of its failure, or None.
 
-    `tasks` holds, by the photo's name, what `_relight_one` takes after `options`; yields each name with the reason of
-    its failure, or None. When a process dies, for want of memory for example, its pool dies with it: the remaining
-    tasks are then run one process at a time, and a photo that kills this one has failed.
+    When a process dies, for want of memory for
+    example, its pool dies with it: the remaining tasks are then run one process at a time, and a photo that kills this
+    one has failed.
     """
     if not has_semaphores():
-        _start(weights, os.cpu_count() or 1, options)
-        yield from ((name, _relight_one(options, *task)) for name, task in tasks.items())
+        _start(weights, os.cpu_count() or 1, work)
+        yield from ((name, _work(task)) for name, task in tasks.items())
         return
     left = dict(tasks)
     spawn = multiprocessing.get_context("spawn")  # threads of the inference do not survive a fork
     while left:
         threads = max(1, (os.cpu_count() or 1) // jobs)
-        with ProcessPoolExecutor(jobs, spawn, initializer=_start, initargs=(weights, threads, options)) as pool:
-            waiting = {}
-            queue = iter(list(left.items()))
+        with ProcessPoolExecutor(jobs, spawn, initializer=_start, initargs=(weights, threads, work)) as pool:
+            name = ""
             try:
-                while True:
-                    for name, task in queue:  # at most `jobs` wait at a time, so that few are lost with a pool
-                        waiting[pool.submit(_relight_one, options, *task)] = name
-                        if len(waiting) >= jobs:
-                            break
-                    if not waiting:
-                        break
-                    for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-                        reason = future.result()
-                        name = waiting.pop(future)
-                        del left[name]
-                        yield name, reason
+                for name, future in [(name, pool.submit(_work, task)) for name, task in left.items()]:
+                    reason = future.result()
+                    del left[name]
+                    yield name, reason
             except BrokenProcessPool:
-                if jobs == 1:  # the first of those left was running
-                    name = next(iter(left))
+                if jobs == 1:
                     del left[name]
                     yield name, "its process died, perhaps for want of memory"
                 jobs = 1
 
 
-_worker: "tuple[Relighter, Light | None] | None" = None  # those of this process
+_worker: tuple[PhotoNetwork, partial] | None = None  # those of this process
 
 
-def _start(weights: Path | None, threads: int, options: Options) -> None:
-    """Loads the network and the light once for each process, which `_relight_one` uses there."""
-    from relight.photos.api import load
-
+def _start(weights: Path | None, threads: int, work: partial) -> None:
+    """Loads the network once for each process, and keeps what `_work` does with it."""
     global _worker
-    relighter = load(weights, threads)
-    _worker = relighter, options.named_light(relighter)
+    _worker = read_network(weights, threads), work
 
 
-def _relight_one(options: Options, photo: Path, out: Path, mask: Path | None, fingerprint: str) -> str | None:
-    """Relights one photo in a process that `_start` prepared, and records what its results depend on.
-
-    If `mask` is None, the photo's alpha or an automatic mask is used; a later run with the same `fingerprint` skips the
-    photo. Returns the reason of a failure, or None.
-    """
+def _work(task: tuple[Path, Path, Path | None, str]) -> str | None:
     assert _worker is not None  # `_start` ran before
-    relighter, light = _worker
+    network, work = _worker
+    return work(network, *task)
+
+
+def _relight_one(
+    network: PhotoNetwork, photo: Path, out: Path, mask: Path | None, fingerprint: str, **options: Any
+) -> str | None:
+    """Relights one photo and records what its results depend on. Returns the reason of a failure, or None."""
     try:
-        record = relight_file(relighter, photo, out, options, mask, light)
+        record = relight_file(network, photo, out, mask=mask, **options)
         write_json(out / RECORD, {**record, "fingerprint": fingerprint})
         return None
     except UserError as error:
@@ -200,20 +279,18 @@ def _relight_one(options: Options, photo: Path, out: Path, mask: Path | None, fi
         return f"unexpected {type(error).__name__}: {error}"
 
 
-def _fingerprint(options: Options, photo: Path, mask: Path | None, network: str) -> str:
-    """Returns a hash of all that the results depend on: version, options, network, and the files' sizes and times.
+def _fingerprint(files: tuple[Path | None, ...], *parts: Any) -> str:
+    """Returns a hash of all that results depend on: the version, the files' sizes and times, and other values."""
+    stats = [path.stat() if path and path.is_file() else None for path in files]
+    stamps = [[stat.st_size, stat.st_mtime_ns] if stat else None for stat in stats]
+    return hashlib.sha256(json.dumps([__version__, stamps, *parts], default=_plain).encode()).hexdigest()
 
-    `network` is the hash of the network.
-    """
-    model = automatic_model(options.mask_model)
-    lights = [split_place(part)[0] for part in parts_of(options.light)]
-    files = [photo, mask, *lights, options.background, options.light_mask, model]
-    stamps = []
-    for path in files:
-        stat = Path(path).stat() if path and Path(path).is_file() else None
-        stamps.append([stat.st_size, stat.st_mtime_ns] if stat else None)
-    parts = [__version__, asdict(options), stamps, network]
-    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+
+def _plain(value: Any) -> Any:
+    """Returns a value that JSON has: the hash of an array, the attributes of an object, or else its text."""
+    if isinstance(value, np.ndarray):
+        return hashlib.sha256(value.tobytes()).hexdigest()
+    return vars(value) if hasattr(value, "__dict__") else str(value)
 
 
 def _recorded(out: Path) -> str | None:

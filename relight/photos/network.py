@@ -46,6 +46,11 @@ class PhotoNetwork:
         lights = self.config.get("lights")
         return np.asarray(lights, np.float32).reshape(-1, (self.order + 1) ** 2, 3) if lights else None
 
+    @property
+    def stops(self) -> float:
+        """By which the training made its lights brighter at most."""
+        return float(self.config.get("augment", {}).get("exposure", [0.0])[-1])
+
     def infer(self, image: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Infers the maps of one image.
 

@@ -11,10 +11,9 @@ from relight.panoramas import luminance
 from relight.photos.color import chroma
 from relight.photos.guide import FittedMap, Guide, fit_map, luma, square_root
 from relight.photos.network import PhotoNetwork
-from relight.photos.shading import exposure_factor, gain, shading, steady
+from relight.photos.shading import gain, shading, steady
 from relight.srgb import decode, encode, to_linear
 
-AUTO = "auto"  # the light that `opposite_lamp` chooses
 OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the person
 LEAST_CHANNEL = 0.2  # of the luminance: lower bound of the channels of `Person.white`, which lights are divided by
 PAPER_GAMMA = 2.2  # a factor on coded values is its power on linear ones, for networks trained with color=paper
@@ -190,24 +189,3 @@ def balanced(people: Sequence[Person]) -> list[Person]:
         replace(person, albedo=person.albedo * white, light=person.light / white, white=person.white * white)
         for person in people
     ]
-
-
-def mean_light(people: Sequence[Person]) -> np.ndarray:
-    """Returns the mean of the inferred lights of a photo's people, weighted by their areas, (K,3)."""
-    areas = np.array([person.mask.sum() * (person.crop.side / person.crop.size) ** 2 for person in people])
-    return np.tensordot(areas / areas.sum(), np.stack([person.light for person in people]), 1).astype(np.float32)
-
-
-def mean_exposure_factor(people: Sequence[Person], light: np.ndarray) -> float:
-    """Returns the factor on a light (K,3) that keeps the photo's exposure: the geometric mean over its people."""
-    factors = [exposure_factor(person.light, light, person.transport, person.mask) for person in people]
-    return float(np.exp(np.mean(np.log(factors))))
-
-
-def opposite_lamp(people: Sequence[Person]) -> str:
-    """Returns the name of a warm lamp from the side from which the photo's own light does not come (`load_light`).
-
-    So everybody sees at once what has changed.
-    """
-    from_right = float(luminance(mean_light(people).astype(np.float64))[3]) > 0
-    return f"key:#ffc890@{-65 if from_right else 65},20,0.08"

@@ -7,13 +7,15 @@ place:street.jpg@-60,40     most of it comes from 60 degrees to the left of the 
 import re
 from pathlib import Path
 
+import numpy as np
+
 from relight.errors import UserError
 from relight.lights import Light
 from relight.lights.light import direction, parts_of
 from relight.lights.load import parse_number
 from relight.lights.place import place_light
-from relight.photos.person import AUTO
-from relight.photos.read import is_picture, read_photo
+from relight.photos.opening import is_picture
+from relight.photos.picture import Picture
 
 PREFIX = "place:"
 STATED = re.compile(r"(.+)@([-+.0-9]+)(?:,([-+.0-9]+))?")
@@ -23,11 +25,6 @@ ELEVATION = 45  # degrees, where none is stated; the median of 18 real places is
 def is_of_person(light: str) -> bool:
     """Returns whether the name of a light is that of a photo of somebody, whose light it is."""
     return is_picture(light) and not light.startswith(PREFIX) and len(parts_of(light)) == 1
-
-
-def default_light(background: str) -> str:
-    """Returns the light that `auto` means: that of the place in the background if this is a picture, else AUTO."""
-    return f"{PREFIX}{background}" if is_picture(background) else AUTO
 
 
 def split_place(text: str) -> tuple[str, tuple[str, str | None] | None]:
@@ -61,6 +58,13 @@ def light(text: str, order: int = 2) -> Light:
     if stated:
         azimuth, elevation = (parse_number(number or str(ELEVATION), source) for number in stated)
         toward = direction(azimuth, elevation, source)
-    note = f"the light is estimated from {path}: if you know where it comes from, give --light {PREFIX}{path}@-60,40"
-    notes = [] if stated else [f"{note} (60 degrees left, 40 up)"]
-    return Light(place_light(read_photo(path, "place").codes, toward), source, notes=notes).at_order(order)
+    codes = Picture.of(path, "place").codes
+    if stated:
+        return Light(place_light(codes, toward), source).at_order(order)
+    return estimated(codes, path).at_order(order)
+
+
+def estimated(codes: np.ndarray, name: str) -> Light:
+    """Returns the light of the place in a picture (h,w,3) uint8 sRGB, with a note that it is an estimate."""
+    known = f"if you know where it comes from, give --light {PREFIX}{name}@-60,40 (60 degrees left, 40 up)"
+    return Light(place_light(codes), f"{PREFIX}{name}", notes=[f"the light is estimated from {name}: {known}"])

@@ -3,7 +3,7 @@
 All in linear values. Strips keep the memory for an 8k photo small.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,7 +56,6 @@ class Layers:
 
     Attributes:
         top: first row of the part.
-        left: first column.
         linear: (h,w,3) the photo's values.
         alpha: (h,w) the people's share of each pixel, in [0,1].
         foreground: (h,w,3) the people's own color.
@@ -64,7 +63,6 @@ class Layers:
     """
 
     top: int
-    left: int
     linear: np.ndarray
     alpha: np.ndarray
     foreground: np.ndarray
@@ -94,33 +92,54 @@ def render(
     Returns:
         (H,W,3) of the same type, or (H,W,4) for a transparent background. Values of a linear photo are not rolled off.
     """
-    background = background or Background()
-    maps = fit_maps(people, light, mode)
-    coverage = total_coverage(people)
+    return next(frames(pixels, people, [(light, turn)], mode, background or Background(), stops))
+
+
+def frames(
+    pixels: np.ndarray,
+    people: Sequence[Person],
+    lights: Sequence[tuple[np.ndarray | Sequence[np.ndarray], float]],
+    mode: str,
+    background: Background,
+    stops: float,
+) -> Iterator[np.ndarray]:
+    """Relights the people of a photo under several lights. What these do not change is computed once.
+
+    Args:
+        pixels: as `render` takes them.
+        people: likewise.
+        lights: each with the turn of a panorama behind, as `render` takes them.
+        mode: ratio | full.
+        background: behind the people.
+        stops: exposure.
+
+    Yields:
+        Pictures, as `render` returns them.
+    """
+    shape, coverage = pixels.shape[:2], total_coverage(people)
     transparent = background.kind == "none"
-    behind = None
-    if background.replaced:
-        behind = background.linear(pixels.shape[:2], turn, stops)
-        ground = ground_of(people) if background.shadow else None
-        if ground:
-            behind = np.require(behind, requirements="W")
+    ground = ground_of(people) if background.replaced and background.shadow else None
+    still = background.linear(shape, stops=stops) if background.replaced and not background.turns else None
+    rows = [each for each in strips(0, len(pixels)) if background.kind != "keep" or coverage[slice(*each)].any()]
+    layers: Iterable[Layers] = (split_layers(pixels, people, each, transparent) for each in rows)
+    if len(lights) > 1:
+        layers = list(layers)  # of a single picture, which may be large, there is one at a time
+    for light, turn in lights:
+        maps, behind = fit_maps(people, light, mode), None if still is None else np.array(still)
+        if background.turns:
+            behind = background.linear(shape, turn, stops)
+        if ground and behind is not None:
             ground.cast_shadows(behind, light if isinstance(light, np.ndarray) else np.mean(light, 0))
-    out = np.empty((*pixels.shape[:2], 4 if transparent else 3), pixels.dtype)
-    for first, last in strips(0, len(pixels)):
-        rows = out[first:last, :, :3]
-        rows[:] = pixels[first:last]
-        if behind is None and not coverage[first:last].any():  # nobody in this strip
-            continue
-        part = split_layers(pixels, people, (first, last))
+        out = np.empty((*shape, 4 if transparent else 3), pixels.dtype)
+        out[..., :3] = pixels
+        for (first, last), part in zip(rows, layers):
+            if transparent:
+                out[first:last, :, :3] = to_codes(part.foreground, out.dtype)
+            compose(out[first:last, :, :3], part, maps, None if behind is None else behind[first:last], stops)
         if transparent:
-            rows[:] = to_codes(part.foreground, out.dtype)
-            for person in filter(None, part.people):  # opaque: the alpha channel holds the coverage
-                person.linear, person.alpha = person.foreground, np.ones_like(person.alpha)
-        compose(rows, part, maps, None if behind is None else behind[first:last], stops)
-    if transparent:
-        factor = {1: 1, 2: 257, 4: 1 / 255}[out.itemsize]  # by bytes a channel: 255 becomes 255, 65535 or 1.0
-        out[..., 3] = coverage * np.array(factor, out.dtype)
-    return out
+            factor = {1: 1, 2: 257, 4: 1 / 255}[out.itemsize]  # by bytes a channel: 255 becomes 255, 65535 or 1.0
+            out[..., 3] = coverage * np.array(factor, out.dtype)
+        yield out
 
 
 def total_coverage(people: Sequence[Person], rows: slice = slice(None)) -> np.ndarray:
@@ -152,24 +171,24 @@ def fit_maps(
     return [(person.fitted_albedo, person.fit_shading(new_light)) for person, new_light in zip(people, lights)]
 
 
-def split_layers(
-    pixels: np.ndarray, people: Sequence[Person], rows: tuple[int, int], columns: tuple[int, int] | None = None
-) -> Layers:
-    """Separates a part of a photo into people and background. The result does not depend on how rows are cut.
+def split_layers(pixels: np.ndarray, people: Sequence[Person], rows: tuple[int, int], opaque: bool = False) -> Layers:
+    """Separates rows of a photo into people and background. The result does not depend on how rows are cut.
 
     Args:
         pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
         people: in the photo.
         rows: half-open.
-        columns: half-open, with the crops of all people within; all columns by default.
+        opaque: whether the people cover their pixels in full, as where an alpha channel holds the coverage.
     """
-    (first, last), across = rows, slice(*(columns or (0, pixels.shape[1])))
+    first, last = rows
     top, bottom = max(first - REACH, 0), min(last + REACH, len(pixels))
     linear = to_linear(pixels[top:bottom])
     alpha = total_coverage(people, slice(top, bottom)).astype(np.float32) / 255
-    window = slice(first - top, last - top), across  # without the rows that only the foreground's estimate needs
-    part = Layers(first, across.start, linear[window], alpha[window], estimate_foreground(linear, alpha)[window], [])
+    window = slice(first - top, last - top)  # without the rows that only the foreground's estimate needs
+    part = Layers(first, linear[window], alpha[window], estimate_foreground(linear, alpha)[window], [])
     part.people = [_person_pixels(person, part) for person in people]
+    for person in filter(None, part.people) if opaque else ():
+        person.linear, person.alpha = person.foreground, np.ones_like(person.alpha)
     return part
 
 
@@ -181,7 +200,7 @@ def _person_pixels(person: Person, part: Layers) -> PersonPixels | None:
     first, last = person.crop.columns
     where = np.flatnonzero(person.coverage[slice(*rows), first:last])
     down, right = np.divmod(where, last - first)
-    index = down + rows[0] - part.top, right + first - part.left
+    index = down + rows[0] - part.top, right + first
     flat = np.ravel_multi_index(index, part.alpha.shape)  # faster to read by
     linear, foreground = (
         np.asfortranarray(image.reshape(-1, 3).take(flat, axis=0)) for image in (part.linear, part.foreground)

@@ -21,15 +21,6 @@ UNUSUAL = {  # sentences for the rules of relight.lights.select.broken_rules
 }
 
 
-def notes_of(record: dict) -> list[str]:
-    """Returns the notes and warnings in photo.json, one sentence each."""
-    notes = record["notes"] + record["light"]["notes"] + record["mask"]["notes"]
-    for number, person in enumerate(record["people"], 1):
-        who = f"person {number}: " if len(record["people"]) > 1 else ""
-        notes += [f"{who}{warning}" for warning in person["warnings"]]
-    return notes
-
-
 @dataclass
 class Trust:
     """An assessment of one person's inference.

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise, repeat
 from pathlib import Path
@@ -12,7 +13,8 @@ from PIL import Image
 
 from relight.errors import UserError
 from relight.files import atomic_write, writable_file
-from relight.photos.read import Photo, list_photos, read_photo
+from relight.photos.opening import list_photos
+from relight.photos.picture import Picture
 
 if TYPE_CHECKING:
     from av import VideoFrame
@@ -139,7 +141,7 @@ def is_video(path: Path | str) -> bool:
     return Path(path).suffix.lower() in READABLE
 
 
-def read_frames(path: Path | str) -> tuple[Iterator[Photo], int | None, float]:
+def read_frames(path: Path | str) -> tuple[Iterator[Picture], int | None, float]:
     """Reads the frames of a video file or a folder of pictures, one by one.
 
     Frames of a video come upright, with square pixels, in sRGB, at a constant rate: where the file's own rate varies,
@@ -155,7 +157,7 @@ def read_frames(path: Path | str) -> tuple[Iterator[Photo], int | None, float]:
     path = Path(path)
     if path.is_dir():
         files = list_photos(path)
-        return (read_photo(file) for file in files), len(files), FPS
+        return (Picture.of(file) for file in files), len(files), FPS
     if not path.is_file():
         raise UserError(f"movie: there is no file or folder {path}")
     import av
@@ -175,13 +177,13 @@ def read_frames(path: Path | str) -> tuple[Iterator[Photo], int | None, float]:
     return _repeated(_decoded(path), shown), int(shown[-1]) + 1, fps
 
 
-def _repeated(frames: Iterator[Photo], shown: np.ndarray) -> Iterator[Photo]:
+def _repeated(frames: Iterator[Picture], shown: np.ndarray) -> Iterator[Picture]:
     """Yields each frame until the next one is `shown`, by their numbers (N,) at a constant rate."""
     for frame, until in zip(frames, np.diff(shown, append=shown[-1] + 1)):
         yield from repeat(frame, int(until))
 
 
-def _decoded(path: Path) -> Iterator[Photo]:
+def _decoded(path: Path) -> Iterator[Picture]:
     """Yields the frames of a video, upright and in sRGB; raises UserError if it is damaged or changes its size."""
     import av
 
@@ -198,7 +200,8 @@ def _decoded(path: Path) -> Iterator[Photo]:
                     )
                 graph.vpush(frame)
                 pixels = _upright(graph.vpull().to_ndarray(format="rgb24"), frame)
-                yield Photo(np.ascontiguousarray(pixels), None, path.stem, notes=notes, what=f"a frame of {path}")
+                picture = Picture.of(np.ascontiguousarray(pixels), f"a frame of {path}", path.stem)
+                yield replace(picture, notes=[*picture.notes, *notes])
     except av.FFmpegError as error:
         raise UserError(f"{path} is damaged or cut short ({error})") from None
 

@@ -1,7 +1,7 @@
 """The files that `relight photo` writes: pictures, maps and light, in the photo's size and at its place."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +13,14 @@ from relight.files import atomic_write
 from relight.lights import Light, lit_ball, write_light
 from relight.maps import coefficient_names
 from relight.maps.exr import CONVENTION, FRAME
-from relight.photos.color import display_shading, to_srgb8
+from relight.photos.color import as_codes, display_shading, to_srgb8
 from relight.photos.deep import write_deep
 from relight.photos.guide import FittedMap, luma
 from relight.photos.person import Person
-from relight.photos.read import as_codes
 from relight.photos.render import strips, total_coverage
+from relight.photos.scene import Scene
 from relight.photos.shading import shading
-from relight.sh import mean_direction, order_of
+from relight.sh import mean_direction
 from relight.srgb import to_bytes, to_linear
 
 STRIP_SIDE, GAP = 1080, 12  # pixels of the longer side of each picture in a strip, and between them
@@ -58,17 +58,13 @@ def write_before_after(path: Path, before: np.ndarray, after: np.ndarray) -> Non
         strip.save(tmp, format="JPEG", quality=90)
 
 
-def write_inference(folder: Path, people: Sequence[Person], pixels: np.ndarray) -> None:
+def write_inference(folder: Path, scene: Scene) -> None:
     """Writes the inferred maps as pictures, albedo.png and shading.png, transparent around the people.
 
     The shading is scaled for display (color.display_shading).
-
-    Args:
-        folder: of the files.
-        people: as inferred.
-        pixels: (H,W,3) of the photo.
     """
-    pictures = {name: np.zeros((*pixels.shape[:2], 4), np.uint8) for name in ("albedo", "shading")}
+    pixels, people = scene.picture.pixels, scene.people
+    pictures = {name: np.zeros((*scene.picture.shape, 4), np.uint8) for name in ("albedo", "shading")}
     for picture in pictures.values():
         picture[..., 3] = total_coverage(people)
     for person in people:
@@ -80,39 +76,42 @@ def write_inference(folder: Path, people: Sequence[Person], pixels: np.ndarray) 
         write_picture(folder / f"{name}.png", picture)
 
 
-def write_maps(path: Path, people: Sequence[Person], pixels: np.ndarray) -> None:
-    """Writes the inferred maps at the photo's resolution as a layered OpenEXR in half floats.
+def layers(scene: Scene) -> tuple[dict[str, np.ndarray], int, int]:
+    """Returns the inferred maps at the picture's pixels, in the part of it that contains the people.
 
-    It has the channels `albedo.R/G/B`, `shading.R/G/B`, `normal.X/Y/Z`, `transport.L0M0.Y` ... and `coverage.A`. The
-    normals are the mean unoccluded directions (`relight.sh.mean_direction`), in the camera frame. The display window is
-    the photo, the data window the part that contains the people.
-
-    Args:
-        path: .exr.
-        people: as inferred.
-        pixels: (H,W,3) of the photo.
+    Returns:
+        Channels (h,w) float16 by name: `albedo.R/G/B`, `shading.R/G/B`, `normal.X/Y/Z`, `transport.L0M0.Y` ... and
+        `coverage.A`; the first row and column of the part. The normals are the mean unoccluded directions
+        (`relight.sh.mean_direction`), in the camera frame.
     """
-    height, width = people[0].coverage.shape
+    people = scene.people
     top, left = (min(person.crop.window[axis].start for person in people) for axis in (0, 1))
     bottom, right = (max(person.crop.window[axis].stop for person in people) for axis in (0, 1))
     names = [f"{layer}.{c}" for layer, axes in LAYERS.items() for c in axes]
-    names += [f"transport.{name}.Y" for name in coefficient_names(order_of(people[0].transport.shape[2]))]
+    names += [f"transport.{name}.Y" for name in coefficient_names(scene.order)]
     channels = {name: np.zeros((bottom - top, right - left), np.float16) for name in names}
     coverage = total_coverage(people)[top:bottom, left:right]
     channels["coverage.A"] = (coverage / np.float32(255)).astype(np.float16)
     for person in people:
         fits = person.fitted_albedo, person.fitted_transport
-        for (rows, columns), own, albedo, transport in placed_maps(person, pixels, fits):
+        for (rows, columns), own, albedo, transport in placed_maps(person, scene.picture.pixels, fits):
             window = slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left)
             lit, normal = shading(transport, person.light), mean_direction(transport)
             values = np.concatenate([albedo**2, lit, normal, transport], -1)
             for name, channel in zip(names, values.T):
                 channels[name][window][own] = channel
+    return channels, top, left
+
+
+def write_maps(path: Path, scene: Scene) -> None:
+    """Writes the `layers` of a scene as an OpenEXR: the display window is the picture, the data window their part."""
+    channels, top, left = layers(scene)
+    (height, width), (rows, columns) = scene.picture.shape, channels["coverage.A"].shape
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
         "displayWindow": _window(0, 0, width, height),
-        "dataWindow": _window(left, top, right, bottom),
+        "dataWindow": _window(left, top, left + columns, top + rows),
         "software": f"relight {__version__}",
         "frame": FRAME,
         "convention": CONVENTION,
@@ -164,9 +163,9 @@ def write_light_files(stem: Path, coefficients: np.ndarray, source: str) -> None
 
 
 def write_json(path: Path, record: dict) -> None:
-    """Writes a record of JSON values."""
+    """Writes a record of JSON values, and of what has a text."""
     with atomic_write(path) as tmp:
-        tmp.write_text(json.dumps(record, indent=1) + "\n")
+        tmp.write_text(json.dumps(record, indent=1, default=str) + "\n")
 
 
 def _window(left: int, top: int, right: int, bottom: int) -> tuple[np.ndarray, np.ndarray]:

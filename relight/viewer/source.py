@@ -18,7 +18,7 @@ from relight.viewer.figure import Figure
 
 if TYPE_CHECKING:
     from relight.photos.api import Relighter
-    from relight.photos.load import LoadedPhoto
+    from relight.photos.scene import Scene
 
 BRIGHTNESS = 0.8  # the first light's irradiance toward the viewer, the middle of the paper's [.7, .9]
 MIN_FRONT = 0.2  # reference brightness over the sum of the constant coefficients, below which a light is from behind
@@ -95,41 +95,34 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
         return baked_figure(path)
     if path.suffix.lower() in (".obj", ".ply", ".glb", ".gltf", ".npz"):
         raise UserError(f"{path} is no photo and no maps: `relight bake` makes maps of a mesh (.exr)")
-    from relight.photos.load import load_photo
-
     assert relighter is not None, "photos need a relighter"
-    return photo_figure(relighter, load_photo(path, mask).downscaled(size))
+    return photo_figure(relighter.scene(path, mask, size))
 
 
 def portrait(relighter: "Relighter") -> Figure:
     """Makes the figure of the portrait of Eileen Collins by NASA (public domain)."""
-    from relight.photos.load import load_photo
-
-    return replace(photo_figure(relighter, load_photo(PORTRAIT, PORTRAIT_MASK)), title="Eileen Collins (NASA)")
+    return replace(photo_figure(relighter.scene(PORTRAIT, PORTRAIT_MASK)), title="Eileen Collins (NASA)")
 
 
-def photo_figure(relighter: "Relighter", photo: "LoadedPhoto") -> Figure:
+def photo_figure(scene: "Scene") -> Figure:
     """Makes the figure of a photo: what the network infers about its people, at the photo's pixels.
 
     A page has one light a photo: several people share the mean of theirs, weighted by area.
 
     Args:
-        relighter: the network.
-        photo: its pixels (H,W,3) uint8 sRGB; its name is the title of the figure.
+        scene: with a picture of 8 bits, whose name is the title of the figure.
 
     Raises:
         UserError: for a network of `train.color=paper`, whose shading acts on coded values.
     """
-    from relight.photos.load import photo_notes
-    from relight.photos.person import mean_light
     from relight.photos.render import total_coverage
 
-    people, pixels = relighter.infer(photo), photo.pixels
+    people, pixels = scene.people, scene.picture.codes
     coverage = total_coverage(people)
     if any(person.gamma != 1 for person in people):
         raise UserError("the viewer needs a network trained with train.color=photo; this one was trained with paper")
     shape = coverage.shape
-    albedo, transport = np.zeros((*shape, 3), np.float32), np.zeros((*shape, (relighter.order + 1) ** 2), np.float32)
+    albedo, transport = np.zeros((*shape, 3), np.float32), np.zeros((*shape, (scene.order + 1) ** 2), np.float32)
     for person in people:
         crop, window = person.crop, person.crop.window
         covered = person.coverage[window] > 0
@@ -148,5 +141,4 @@ def photo_figure(relighter: "Relighter", photo: "LoadedPhoto") -> Figure:
         ao=np.clip(transport[..., 0] / UNOCCLUDED_T00, 0, 1),
         transport=transport,
     )
-    notes = tuple(photo_notes(photo, people))
-    return Figure(photo.name, maps, pixels / np.float32(255), mean_light(people)[:9], notes=notes)
+    return Figure(scene.picture.name, maps, pixels / np.float32(255), scene.light[:9], notes=tuple(scene.notes))

@@ -15,7 +15,7 @@ from PIL import Image
 
 from relight import srgb
 from relight.errors import UserError
-from relight.lights import load_light
+from relight.lights import Light, load_light
 from relight.panoramas import Panorama, generate_room, project
 from relight.sh import rotate_y
 
@@ -76,20 +76,17 @@ def test_relight_changes_the_people_alone(nodes, portrait):
 def test_relight_by_the_inferred_light_gives_back_the_image(pack, nodes, portrait):
     image, mask = portrait
     module = sys.modules[nodes["RelightRelight"].__module__]
-    (person,) = module.relighter().infer(module.pictures(image)[0], module.coverages(mask, 1)[0])
-    (light,) = nodes["RelightNamedLight"]().run("room:7")
-    light = type(light)(person.light, "its own")
-    relit, _ = nodes["RelightRelight"]().run(image, light, *PLAIN, mask)
+    (scene,) = module.scenes(image, mask)
+    relit, _ = nodes["RelightRelight"]().run(image, Light(scene.light, "astronaut.jpg"), *PLAIN, mask)
     torch.testing.assert_close(relit, image, atol=2e-5, rtol=0)
 
 
 def test_inference_is_done_once_for_a_picture_and_its_mask(nodes, portrait, monkeypatch):
     image, mask = portrait
     module = sys.modules[nodes["RelightRelight"].__module__]
-    module.relighter().memory.clear()
-    calls = []
-    infer_person = module.relighter().infer_person
-    monkeypatch.setattr(module.relighter(), "infer_person", lambda *words: calls.append(1) or infer_person(*words))
+    module.scene_of.cache_clear()
+    calls, scene = [], module.relighter().scene
+    monkeypatch.setattr(module.relighter(), "scene", lambda *words: calls.append(1) or scene(*words))
     for name in ("room:1", "room:2"):
         nodes["RelightRelight"]().run(image, *nodes["RelightNamedLight"]().run(name), *PLAIN, mask)
     assert len(calls) == 1

@@ -1,10 +1,5 @@
 """The Python interface takes arrays, Pillow's images and files alike, and its results show themselves."""
 
-import base64
-import io
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 from PIL import Image
@@ -13,8 +8,7 @@ import relight
 from relight.errors import UserError
 from relight.lights import Light, load_light
 from relight.photos.background import Background
-from relight.photos.load import load_photo
-from relight.photos.read import Photo
+from relight.photos.look import Look
 
 LIGHT = "key:#ffeedd@60,20"
 
@@ -47,8 +41,8 @@ def test_what_is_wrong_is_said(relighter, photo_files):
     me, _, pixels, mask = photo_files
     for image, coverage, says in (
         (Image.fromarray(pixels).convert("CMYK"), mask, "the image is CMYK"),
-        (pixels, Image.fromarray(mask[:, 1:]), r"the mask is 139x180 pixels, but the photo is 140x180"),
-        (pixels, mask[1:], "the mask is 140x179 pixels, but the image is 140x180: they must be equal"),
+        (pixels, Image.fromarray(mask[:, 1:]), "the mask is 139x180 pixels, but the photo is 140x180"),
+        (pixels, mask[1:], "the mask is 140x179 pixels, but the photo is 140x180: they must be equal"),
         (pixels, np.zeros_like(mask), "the mask is empty"),
         (pixels / 255, mask, "the image is float64"),
         (me.with_name("none.png"), mask, "there is no file"),
@@ -66,23 +60,25 @@ def test_what_is_wrong_is_said(relighter, photo_files):
         ({"turn": "x"}, "turn is 'x'"),
         ({"stops": float("nan")}, "stops is nan: give a number from -8 to 8"),
         ({"stops": 1e9}, "from -8 to 8"),
-        ({"background": np.zeros((9, 9, 3), np.uint8)}, "the background is a ndarray"),
+        ({"background": np.zeros((9, 9, 3))}, "the background is float64"),
+        ({"background": "panorama", "light": "key:#ffeedd@45,30"}, "this light has no panorama"),
+        ({"mode": "best"}, "neither ratio nor full"),
+        ({"light": ["room:1", "other.jpg"]}, "is read by `Relighter.read_light`"),
     ],
 )
 def test_options_that_are_no_numbers_or_texts_are_refused(relighter, photo_files, options, says):
     me, mask, *_ = photo_files
     with pytest.raises(relight.UserError, match=says):
-        relighter.relight(me, mask, LIGHT, **options)
+        relighter.relight(me, mask, **{"light": LIGHT, **options})
     assert {"load", "load_light", "UserError"} <= set(dir(relight))
 
 
-def test_a_background_may_be_a_path(relighter, photo_files, tmp_path):
+def test_a_background_may_be_a_file_an_array_or_an_image(relighter, photo_files, tmp_path):
     me, mask, pixels, _ = photo_files
     Image.fromarray(pixels[::-1].copy()).save(tmp_path / "street.png")
-    by_path, by_text = (
-        relighter.relight(me, mask, LIGHT, background=kind(tmp_path / "street.png")) for kind in (Path, str)
-    )
-    assert np.array_equal(by_path, by_text)
+    by_text = relighter.relight(me, mask, LIGHT, background=str(tmp_path / "street.png"))
+    for same in (tmp_path / "street.png", pixels[::-1], Image.fromarray(pixels[::-1].copy())):
+        assert np.array_equal(relighter.relight(me, mask, LIGHT, background=same), by_text)
 
 
 def test_a_light_may_be_an_object_and_must_shine(relighter, photo_files):
@@ -118,6 +114,15 @@ def test_a_light_by_name_and_as_an_object_are_one(relighter, photo_files):
     np.testing.assert_array_equal(relighter.relight(me, mask, own), relighter.relight(me, mask, own.coefficients))
 
 
+def test_a_scene_is_inferred_once_for_many_looks(relighter, photo_files):
+    me, mask, *_ = photo_files
+    scene = relighter.scene(me, mask)
+    for look in ({"light": LIGHT}, {"light": ["room:3", LIGHT], "turn": 30}, {"background": "#334455", "mode": "full"}):
+        np.testing.assert_array_equal(scene.relit(Look(**look)), relighter.relight(me, mask, **look))
+    np.testing.assert_array_equal(scene.relit(Look(["room:3", LIGHT])), scene.relit(Look(f"room:3 + {LIGHT}")))
+    np.testing.assert_array_equal(scene.relit(Look(scene.light)), scene.picture.pixels)
+
+
 def test_notes_are_warnings(relighter, photo_files):
     me, _, pixels, mask = photo_files
     cut = np.roll(mask, np.flatnonzero(mask.any(1))[0] * -1 - 5, 0)
@@ -148,25 +153,8 @@ def test_white_balance(relighter, photo_files):
         relighter.infer(me, white_balance="auto")
 
 
-def test_a_result_shows_before_and_after(relighter, photo_files):
-    """The page holds both pictures; parts and sums of a result are plain arrays."""
-    me, _, pixels, mask = photo_files
-    for background, bands in (("keep", 3), ("transparent", 4)):
-        relit = relighter.relight(me, None, LIGHT, background=background)
-        page = relit._repr_html_()
-        found = [Image.open(io.BytesIO(base64.b64decode(data))) for data in re.findall(r"base64,([^\"]+)", page)]
-        assert re.findall(r"<figcaption>(\w+)", page) == ["before", "after"]
-        for image, expected in zip(found, (pixels, relit), strict=True):
-            near = np.asarray(image.convert("RGBA" if expected.shape[2] == 4 else "RGB"), float)
-            solid = mask == 255
-            assert near.shape == expected.shape and np.abs(near[solid] - np.asarray(expected)[solid]).mean() < 12
-        assert relit.shape == (*mask.shape, bands) and relit[2:]._repr_html_() is None
-        assert type(relit + 1) is np.ndarray and not np.ndim(relit.mean())
-
-
 def test_repr_of_public_objects_is_one_short_line(relighter, draw):
     pixels, mask = draw()
-    photo = load_photo(pixels, mask)
-    person = relighter.infer(photo)[0]
-    for shown in (relighter, photo, person, Photo(pixels, mask, "me"), Background("picture", picture=pixels)):
+    scene = relighter.scene(pixels, mask)
+    for shown in (relighter, scene, scene.picture, scene.people[0], Look(), Background("picture", picture=pixels)):
         assert len(repr(shown)) < 200 and "\n" not in repr(shown)

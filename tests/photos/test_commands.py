@@ -14,7 +14,6 @@ from relight.cli import app
 from relight.errors import UserError
 from relight.lights import load_light
 from relight.photos.folder import MOST_LINES, note_lines
-from relight.photos.person import opposite_lamp
 
 
 def picture(path):
@@ -157,12 +156,12 @@ def bad(tmp_path, weights):
     yield [me, "--out", me], "is a file"
     yield [me, "--out", me / "sub"], "nothing can be written there"
     yield [me, "--out", "/proc/relight"], "nothing can be written there"
-    yield [me, "--background", tmp_path / "none.png"], r"place: there is no file .*none\.png"
+    yield [me, "--background", tmp_path / "none.png"], r"background: there is no file .*none\.png"
     yield [me, "--background", tmp_path / "none.png", "--light", "room:3"], "background: there is no file"
     yield [me, "--light", "key:#ffeedd@45,95"], "elevation 95 must be in -90"
     yield [me, "--light", "key:red@45,30"], "color 'red' must have six hexadecimal digits"
-    yield [me, "--layout", "foo"], "layout 'foo' is none of auto, latlong"
-    yield [me, "--convention", "foo"], "convention 'foo' is none of relight"
+    yield [me, "--layout", "foo"], "the light auto takes no layout"
+    yield [me, "--convention", "foo", "--light", "room:3"], "convention 'foo': must be one of relight"
     yield [me, "--blur", "3"], "a panorama or a picture behind can be blurred, not the background keep"
     yield [me, "--light-mask", me], "a mask of the light is that of a photo of somebody, and the light is auto"
     yield [me, "--light-mask", me, "--light", f"place:{me}"], "and the light is place:"
@@ -194,10 +193,10 @@ def test_a_mask_that_looks_wrong_is_said(run, photo_files, weights, tmp_path):
     me, mask, _, drawn = photo_files
     out = tmp_path / "out"
     assert "the mask" not in run("photo", me, "--out", out, "--weights", weights)
-    assert json.loads((out / "photo.json").read_text())["mask"]["notes"] == []
+    assert json.loads((out / "photo.json").read_text())["notes"] == []
     Image.fromarray(255 - drawn).save(mask)
     assert "note: the mask may be inverted" in run("photo", me, "--out", out, "--weights", weights)
-    assert "inverted" in json.loads((out / "photo.json").read_text())["mask"]["notes"][0]
+    assert "inverted" in json.loads((out / "photo.json").read_text())["notes"][0]
 
 
 def test_results_that_are_given_are_not_overwritten(run, photo_files, weights, tmp_path):
@@ -238,11 +237,11 @@ def test_a_folder_goes_on_after_failures_and_resumes(run, weights, tmp_path, dra
 def test_processes_find_the_folder_that_they_share(photo_files, weights, tmp_path, monkeypatch):
     """Each checks that it can write below it; one that made and removed it would take it from another."""
     from relight.photos import folder
-    from relight.photos.photo import Options
+    from relight.photos.look import Look
 
     out, there = tmp_path / "new" / "out", []
     monkeypatch.setattr(folder, "_run", lambda *_: there.append(out.is_dir()) or [])
-    folder.relight_folder(photo_files[0].parent, out, Options("key:#ffeedd@45,30"), weights=weights)
+    folder.relight_folder(photo_files[0].parent, out, Look("key:#ffeedd@45,30"), weights=weights)
     assert there == [True]
 
 
@@ -259,16 +258,19 @@ def test_the_folder_here_is_relit_beside_itself(photo_files, monkeypatch, tmp_pa
 def test_changed_options_or_files_are_relit_again(photo_files, weights, tmp_path):
     from relight.photos.api import load
     from relight.photos.folder import _fingerprint
-    from relight.photos.photo import Options
+    from relight.photos.look import Look
 
     me, mask, _, _ = photo_files
     network = load(weights).network.digest
-    fingerprint = _fingerprint(Options(), me, mask, network)
-    assert fingerprint == _fingerprint(Options(), me, mask, load(weights).network.digest)
-    assert fingerprint != _fingerprint(Options(stops=1), me, mask, network)
-    assert fingerprint != _fingerprint(Options(), me, mask, load().network.digest)  # the weights that ship
+    fingerprint = _fingerprint((me, mask), Look(), network)
+    assert fingerprint == _fingerprint((me, mask), Look(), load(weights).network.digest)
+    assert fingerprint != _fingerprint((me, mask), Look(stops=1), network)
+    assert fingerprint != _fingerprint((me, mask), Look(), load().network.digest)  # the weights that ship
+    room, behind = Look("room:3", background="panorama"), Look("room:3")
+    assert len({_fingerprint((me, mask), look, network) for look in (room, behind, Look("room:4"))}) == 3
+    assert _fingerprint((me,), room) == _fingerprint((me,), Look("room:3", background="panorama"))
     Image.new("L", (140, 180), 9).save(mask)
-    assert fingerprint != _fingerprint(Options(), me, mask, network)
+    assert fingerprint != _fingerprint((me, mask), Look(), network)
 
 
 @pytest.mark.parametrize("command", ["photo", "movie"])
@@ -299,10 +301,11 @@ def test_photo_writes_the_photo_beside_the_result(photo_files, weights, tmp_path
 @pytest.mark.slow
 def test_opposite_lamp_is_on_the_side_from_which_no_light_comes(relighter, draw):
     pixels, mask = draw()
-    person = relighter.infer(pixels, mask)[0]
+    scene = relighter.scene(pixels, mask)
     for x, side in ((0.5, -65), (-0.5, 65)):
         light = np.zeros((9, 3), np.float32)
         light[0], light[3] = 1, x
-        assert opposite_lamp([replace(person, light=light)]) == f"key:#ffc890@{side},20,0.08"
-    named = relighter.relight(pixels, mask, opposite_lamp([person]))
+        turned = replace(scene, people=[replace(scene.people[0], light=light)])
+        assert turned.lamp == f"key:#ffc890@{side},20,0.08"
+    named = relighter.relight(pixels, mask, scene.lamp)
     np.testing.assert_array_equal(relighter.relight(pixels, mask), named)

@@ -7,8 +7,9 @@ import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from relight.photos.load import load_photo
 from relight.photos.mask.edge import fit_edge
+from relight.photos.mask.find import masked
+from relight.photos.picture import Picture
 from relight.photos.render import estimate_foreground, over
 from relight.srgb import LINEAR, encode
 
@@ -114,13 +115,13 @@ def test_fit_edge_fits_two_values_however_they_are_coded(coder, quality):
 
 
 @pytest.mark.parametrize("given", ["array", "file", "beside", "alpha"])
-def test_load_photo_fits_a_mask_of_two_values_and_keeps_a_soft_one(given, tmp_path):
+def test_masked_fits_a_mask_of_two_values_and_keeps_a_soft_one(given, tmp_path):
     codes, _, inward = composite(WHITE_CLOTH, LAWN)
     for mask, fitted in ((soft(inward + 1), soft(inward + 1)), (binary := masks(inward)["binary"], None)):
         mask_file, photo_file = tmp_path / "me_mask.png", tmp_path / "me.png"
         Image.fromarray(mask).save(mask_file if given != "alpha" else tmp_path / "unused.png")
         Image.fromarray(np.dstack([codes, mask]) if given == "alpha" else codes).save(photo_file)
-        photo = load_photo(photo_file, {"array": mask, "file": mask_file}.get(given))
+        photo = masked(Picture.of(photo_file), {"array": mask, "file": mask_file}.get(given))
         expected = fit_edge(codes, binary) if fitted is None else fitted
         np.testing.assert_array_equal(photo.coverage, expected)
 

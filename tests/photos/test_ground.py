@@ -5,15 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relight.lights import load_light
+from relight.lights import Light, load_light
 from relight.maps.square import extent
 from relight.panoramas import Panorama
-from relight.photos.api import match_exposure
 from relight.photos.background import Background, estimate_white, read_background
 from relight.photos.color import to_srgb8
 from relight.photos.ground import Camera, _fill_with_balls, _transport, ground_under
-from relight.photos.movie import turn_light
-from relight.photos.photo import Options
+from relight.photos.look import Look
 from relight.photos.render import render
 from relight.sh import basis, rotate_y, unoccluded
 from relight.srgb import LINEAR
@@ -143,10 +141,11 @@ def test_nobody_stands_in_a_portrait():
 def test_shadows_are_on_new_backgrounds_only(kind, relighter, draw):
     """The picture is darker beneath the figure than without shadows, and nowhere else; so are frames of a movie."""
     pixels, mask = draw()
-    figures = relighter.infer(pixels, mask)
-    light, _ = match_exposure(figures, relighter.read_light("room:2").coefficients, Background())
-    grey = np.full((180, 140, 3), 150, np.uint8)
-    behind = Background(kind, color=grey[0, 0], picture=grey, panorama=Panorama(np.full((8, 16, 3), 0.1, np.float32)))
+    scene = relighter.scene(pixels, mask)
+    figures, grey = scene.people, np.full((180, 140, 3), 150, np.uint8)
+    own = Light(scene.exposed(Look("room:2"))[0], "me.png", Panorama(np.full((8, 16, 3), 0.1, np.float32)))
+    look = Look(own, background=Background(kind, color=grey[0, 0], picture=grey), match=False)
+    light, behind = scene.exposed(look)
     shaded = render(pixels, figures, light, "ratio", behind)
     without = render(pixels, figures, light, "ratio", replace(behind, shadow=False))
     away = mask == 0
@@ -154,7 +153,7 @@ def test_shadows_are_on_new_backgrounds_only(kind, relighter, draw):
     assert np.array_equal(shaded[mask == 255], without[mask == 255]) and np.array_equal(
         shaded[:60][away[:60]], without[:60][away[:60]]
     )
-    first, second = turn_light(pixels, figures, light, Options(), behind, 2)
+    first, second = scene.turned(look, light, behind, [0, np.pi])
     turned = rotate_y(light, np.pi).astype(np.float32)
     assert np.array_equal(first, shaded)
     assert np.array_equal(second, render(pixels, figures, turned, "ratio", behind, turn=np.pi))

@@ -11,12 +11,12 @@ import tifffile
 from PIL import ExifTags, Image, ImageCms
 
 from relight.errors import UserError
-from relight.photos.color import to_codes
+from relight.photos.color import as_codes, to_codes
 from relight.photos.deep import UPRIGHT
 from relight.photos.mask.edge import fit_edge
-from relight.photos.mask.find import find_mask
+from relight.photos.mask.find import masked, read_mask
+from relight.photos.picture import Picture
 from relight.photos.profile import _curve, to_srgb
-from relight.photos.read import as_codes, photo_from_image, read_mask, read_photo
 from relight.photos.write import write_picture
 from relight.srgb import decode, encode, to_linear
 
@@ -84,7 +84,7 @@ PROFILES = {
 def test_read_photo_converts_by_what_a_profile_holds(tmp_path, name):
     data, right = PROFILES[name]
     Image.fromarray(RGB).save(tmp_path / "a.png", icc_profile=data)
-    photo = read_photo(tmp_path / "a.png")
+    photo = Picture.of(tmp_path / "a.png")
     want = np.round(right(RGB / 255) * 255)
     if np.array_equal(want, RGB):
         np.testing.assert_array_equal(photo.pixels, RGB)
@@ -170,7 +170,7 @@ GAMMAS = {
 @pytest.mark.parametrize("name", GAMMAS)
 def test_read_photo_converts_by_the_gamma_of_a_png(tmp_path, name):
     chunks, right = GAMMAS[name]
-    pixels = read_photo(png_of(tmp_path / "a.png", chunks)).pixels
+    pixels = Picture.of(png_of(tmp_path / "a.png", chunks)).pixels
     want = right(RGB / 255) * 255
     assert np.abs(pixels - want).max() <= 1.5
     if np.array_equal(want, RGB):
@@ -203,7 +203,7 @@ def test_read_photo_converts_by_the_coding_of_a_png(tmp_path, coding, type):
     ):
         chunks += struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
     (tmp_path / "a.png").write_bytes(data[:place] + chunks + data[place:])
-    photo, want = read_photo(tmp_path / "a.png"), CODINGS[coding](pixels / top) * top
+    photo, want = Picture.of(tmp_path / "a.png"), CODINGS[coding](pixels / top) * top
     assert photo.pixels.dtype == type and np.abs(photo.pixels - want).max() <= (1.5 if top == 255 else 129)
     assert bool(photo.notes) == (not np.array_equal(want, pixels))
 
@@ -215,7 +215,7 @@ def test_read_photo_converts_by_the_coding_of_a_png(tmp_path, coding, type):
 def test_read_photo_refuses_a_png_coded_for_other_displays(tmp_path, coding, says):
     png_of(tmp_path / "a.png", [(b"cICP", bytes([*coding, 0, 1]))])
     with pytest.raises(UserError, match=says):
-        read_photo(tmp_path / "a.png")
+        Picture.of(tmp_path / "a.png")
 
 
 @pytest.mark.parametrize("coding", [(1, 13), (12, 13), (9, 16)])
@@ -227,10 +227,10 @@ def test_read_photo_converts_by_the_coding_of_an_avif(tmp_path, coding):
     (tmp_path / "a.avif").write_bytes(data[:place] + struct.pack(">HH", *coding) + data[place + 4 :])
     if coding[1] == 16:
         with pytest.raises(UserError, match="high dynamic range"):
-            read_photo(tmp_path / "a.avif")
+            Picture.of(tmp_path / "a.avif")
         return
     want = CODINGS[coding](flat[0, 0] / 255) * 255
-    assert np.abs(read_photo(tmp_path / "a.avif").pixels - want).max() <= 3
+    assert np.abs(Picture.of(tmp_path / "a.avif").pixels - want).max() <= 3
 
 
 @pytest.mark.parametrize(
@@ -242,7 +242,7 @@ def test_read_photo_believes_a_camera_that_says_adobe_rgb(tmp_path, space, mark,
     flat = np.full((16, 16, 3), (200, 100, 50), np.uint8)
     Image.fromarray(flat).save(tmp_path / "a.png", exif=exif)
     want = np.round(converted(flat[0, 0] / 255, ADOBE, lambda x: x ** (563 / 256)) * 255) if adobe else flat[0, 0]
-    assert np.abs(read_photo(tmp_path / "a.png").pixels[0, 0] - want).max() <= (1 if adobe else 0)
+    assert np.abs(Picture.of(tmp_path / "a.png").pixels[0, 0] - want).max() <= (1 if adobe else 0)
 
 
 def saved(path, frames, **options):
@@ -276,7 +276,7 @@ STILL = {
 
 @pytest.mark.parametrize("name", STILL)
 def test_read_photo_takes_the_first_of_a_picture_and_its_previews(tmp_path, name):
-    photo = read_photo(STILL[name](tmp_path / "a"))
+    photo = Picture.of(STILL[name](tmp_path / "a"))
     want = SMOOTH if name.startswith(("jpg", "gif")) else RGB
     assert photo.pixels.shape == want.shape and np.abs(photo.pixels.astype(int) - want).mean() < 3
 
@@ -294,7 +294,7 @@ MOVING = {
 def test_read_photo_refuses_films_and_pages(tmp_path, name):
     make, says = MOVING[name]
     with pytest.raises(UserError, match=says):
-        read_photo(make(tmp_path / "a"))
+        Picture.of(make(tmp_path / "a"))
 
 
 def rgba(pixels):
@@ -315,7 +315,7 @@ TIFFS = {
 @pytest.mark.parametrize("name", TIFFS)
 def test_read_photo_keeps_16_bits_of_tiff(tmp_path, name):
     tifffile.imwrite(tmp_path / "a.tif", DEEP, photometric="rgb", **TIFFS[name])
-    photo = read_photo(tmp_path / "a.tif")
+    photo = Picture.of(tmp_path / "a.tif")
     np.testing.assert_array_equal(photo.pixels, DEEP)
     assert photo.suffix == ".tif" and photo.codes.dtype == np.uint8
 
@@ -325,21 +325,21 @@ def test_read_photo_of_16_bits_without_its_package_blames_no_file(tmp_path, monk
     tifffile.imwrite(tmp_path / "a.tif", np.full((12, 12, 3), 40000, np.uint16), photometric="rgb")
     monkeypatch.setitem(sys.modules, "av", None)  # as if it were not installed
     with pytest.raises(ModuleNotFoundError) as error:
-        read_photo(tmp_path / "a.tif")
+        Picture.of(tmp_path / "a.tif")
     assert error.value.name == "av"
 
 
 def test_read_photo_refuses_a_tiff_that_two_readers_read_differently(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", DEEP, photometric="rgb", tile=(16, 16))
     with pytest.raises(UserError, match="cannot be read in 16 bits: save it as PNG, or as TIFF in strips"):
-        read_photo(tmp_path / "a.tif")
+        Picture.of(tmp_path / "a.tif")
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif"])
 @pytest.mark.parametrize("values", [DEEP, rgba(DEEP)], ids=["rgb", "rgba"])
 def test_write_picture_of_16_bits_is_read_back(tmp_path, suffix, values):
     write_picture(tmp_path / f"a{suffix}", values)
-    photo = read_photo(tmp_path / f"a{suffix}")
+    photo = Picture.of(tmp_path / f"a{suffix}")
     np.testing.assert_array_equal(photo.pixels, DEEP)
     assert photo.suffix == suffix and (photo.alpha is None) == (values.shape[2] == 3)
     if suffix == ".tif":
@@ -363,7 +363,7 @@ def test_read_photo_turns_16_bits_upright(tmp_path, orientation, suffix):
         1: DEEP, 2: np.fliplr(DEEP), 3: np.rot90(DEEP, 2), 4: np.flipud(DEEP), 5: DEEP.transpose(1, 0, 2),
         6: np.rot90(DEEP, -1), 7: np.rot90(DEEP, 2).transpose(1, 0, 2), 8: np.rot90(DEEP),
     }[orientation]  # fmt: skip
-    np.testing.assert_array_equal(read_photo(tmp_path / f"a{suffix}").pixels, upright)
+    np.testing.assert_array_equal(Picture.of(tmp_path / f"a{suffix}").pixels, upright)
     np.testing.assert_array_equal(UPRIGHT[orientation](DEEP), upright)
 
 
@@ -371,7 +371,7 @@ def test_read_photo_refuses_a_16_bit_png_cut_short(tmp_path):
     write_picture(tmp_path / "a.png", DEEP)
     (tmp_path / "a.png").write_bytes((tmp_path / "a.png").read_bytes()[:4000])
     with pytest.raises(UserError, match="damaged or cut short"):
-        read_photo(tmp_path / "a.png")
+        Picture.of(tmp_path / "a.png")
 
 
 @pytest.mark.parametrize("type", [np.uint8, np.uint16])
@@ -392,7 +392,7 @@ SCENE = RNG.uniform(0, 4, (40, 30, 3)).astype(np.float32)
 
 
 def test_read_photo_of_openexr_is_linear(tmp_path):
-    photo = read_photo(exr(tmp_path / "a.exr", SCENE))
+    photo = Picture.of(exr(tmp_path / "a.exr", SCENE))
     np.testing.assert_array_equal(photo.pixels, SCENE)
     assert photo.suffix == ".exr" and photo.alpha is None
     np.testing.assert_allclose(photo.codes, np.round(encode(SCENE) * 255), atol=1)
@@ -401,11 +401,11 @@ def test_read_photo_of_openexr_is_linear(tmp_path):
 def test_read_photo_of_openexr_divides_by_alpha_and_converts_primaries(tmp_path):
     alpha = np.zeros((40, 30), np.float32)
     alpha[:20], alpha[20:30] = 1, 0.5
-    photo = read_photo(exr(tmp_path / "a.exr", SCENE * alpha[..., None], A=alpha))
+    photo = Picture.of(exr(tmp_path / "a.exr", SCENE * alpha[..., None], A=alpha))
     np.testing.assert_array_equal(photo.alpha, np.round(alpha * 255))
     np.testing.assert_allclose(photo.pixels[:30], SCENE[:30], rtol=1e-6)
     p3 = {"chromaticities": (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)}
-    photo = read_photo(exr(tmp_path / "b.exr", np.ones_like(SCENE), p3))
+    photo = Picture.of(exr(tmp_path / "b.exr", np.ones_like(SCENE), p3))
     np.testing.assert_allclose(photo.pixels, 1, atol=1e-4)
     assert "chromaticities" in photo.notes[0]
 
@@ -428,7 +428,7 @@ def test_read_photo_of_grey_pictures(tmp_path, name):
         exif = Image.Exif()
         exif[ExifTags.Base.Orientation] = 6 if name == "turned.jpg" else 1
         Image.fromarray(grey).save(path, exif=exif, **({"quality": 100} if name.endswith("jpg") else {}))
-    photo = read_photo(path)
+    photo = Picture.of(path)
     expected = {"a.exr": SCENE[..., 0], "turned.jpg": np.rot90(grey, -1)}.get(name, deep if "deep" in name else grey)
     atol = 3 if name.endswith("jpg") else 0
     np.testing.assert_allclose(photo.pixels, np.dstack([expected] * 3), rtol=1e-6, atol=atol)
@@ -440,7 +440,7 @@ def test_read_photo_of_grey_pictures(tmp_path, name):
 def test_read_photo_of_openexr_with_alpha_that_is_not_a_number(tmp_path):
     alpha = np.ones((40, 30), np.float32)
     alpha[3, 4] = np.nan
-    photo = read_photo(exr(tmp_path / "a.exr", SCENE, A=alpha))
+    photo = Picture.of(exr(tmp_path / "a.exr", SCENE, A=alpha))
     assert photo.alpha[3, 4] == 0 and (photo.alpha == 255).sum() == 40 * 30 - 1
 
 
@@ -448,7 +448,7 @@ def test_read_photo_of_openexr_with_alpha_that_is_not_a_number(tmp_path):
 @pytest.mark.parametrize("suffix", [".png", ".tif"])
 def test_read_photo_of_fewer_bits_in_16_says_so(tmp_path, suffix, bits, says):
     write_picture(tmp_path / f"a{suffix}", DEEP >> (16 - bits))
-    photo = read_photo(tmp_path / f"a{suffix}")
+    photo = Picture.of(tmp_path / f"a{suffix}")
     np.testing.assert_array_equal(photo.pixels, DEEP >> (16 - bits))
     assert says in " ".join(photo.notes) and bool(says) == bool(photo.notes)
 
@@ -458,15 +458,15 @@ def test_read_photo_refuses_openexr_that_is_not_finite(tmp_path, value, says):
     scene = SCENE.copy()
     scene[3, 3] = value
     with pytest.raises(UserError, match=says):
-        read_photo(exr(tmp_path / "a.exr", scene))
+        Picture.of(exr(tmp_path / "a.exr", scene))
 
 
 def test_write_picture_of_openexr_is_read_back(tmp_path):
     write_picture(tmp_path / "a.exr", SCENE)
-    np.testing.assert_array_equal(read_photo(tmp_path / "a.exr").pixels, SCENE)
+    np.testing.assert_array_equal(Picture.of(tmp_path / "a.exr").pixels, SCENE)
     alpha = np.linspace(0.1, 1, 40 * 30, dtype=np.float32).reshape(40, 30, 1)
     write_picture(tmp_path / "b.exr", np.concatenate([SCENE, alpha], -1))
-    photo = read_photo(tmp_path / "b.exr")
+    photo = Picture.of(tmp_path / "b.exr")
     np.testing.assert_allclose(photo.pixels, SCENE, rtol=1e-5)
     np.testing.assert_array_equal(photo.alpha, np.round(alpha[..., 0] * 255))
 
@@ -493,8 +493,8 @@ def test_photo_command_writes_in_kind(tmp_path, run, weights, draw, name):
         says = run("photo", tmp_path / source, "--out", tmp_path / f"out_{source}", *light)
     suffix = name[-4:]
     assert f"relit{suffix}" in says
-    found = read_photo(tmp_path / f"out_{name}" / f"relit{suffix}")
-    eight = read_photo(tmp_path / "out_eight.png" / "relit.png")
+    found = Picture.of(tmp_path / f"out_{name}" / f"relit{suffix}")
+    eight = Picture.of(tmp_path / "out_eight.png" / "relit.png")
     assert found.pixels.dtype == type
     assert np.abs(found.codes.astype(int) - eight.pixels).max() <= 1
     person = found.pixels[mask == 255]
@@ -516,7 +516,7 @@ def test_photo_command_keeps_scene_values_above_white(tmp_path, run, weights, dr
     run("photo", tmp_path / "a.exr", "--mask", tmp_path / "mask.png", "--weights", weights, "--out", tmp_path / "one")
     run("photo", tmp_path / "a.exr", "--mask", tmp_path / "mask.png", "--weights", weights, "--out", tmp_path / "four",
         "--stops", 2)  # fmt: skip
-    one, four = (read_photo(tmp_path / out / "relit.exr").pixels for out in ("one", "four"))
+    one, four = (Picture.of(tmp_path / out / "relit.exr").pixels for out in ("one", "four"))
     inside = np.asarray(Image.open(tmp_path / "one/albedo.png"))[..., 3] == 255
     assert inside.mean() > 0.1
     np.testing.assert_allclose(four[inside], 4 * one[inside], rtol=1e-4)
@@ -567,8 +567,7 @@ def test_read_mask_of_every_kind(tmp_path, name):
     image = image if isinstance(image, Image.Image) else Image.fromarray(image)
     path = tmp_path / ("m.tif" if image.mode == "F" else "m.png")
     image.save(path)
-    notes = []
-    mask = read_mask(path, (40, 30), notes)
+    mask, notes = read_mask(path, (40, 30))
     assert mask.dtype == np.uint8 and (mask[PERSON] == person).all() and (mask[~PERSON & (SOFT == 0)] == 0).all()
     assert says in " ".join(notes) and bool(says) == bool(notes)
     if name in ("white", "soft red"):
@@ -594,8 +593,8 @@ def test_read_mask_of_shades(tmp_path, name):
     values, inside, says = SHADES[name]
     path = tmp_path / ("m.tif" if values.dtype == np.float32 else "m.png")
     Image.fromarray(values if values.dtype in (np.float32, np.uint16) else values.astype(np.uint8)).save(path)
-    notes = []
-    assert read_mask(path, (40, 30), notes)[22, 12] == inside
+    mask, notes = read_mask(path, (40, 30))
+    assert mask[22, 12] == inside
     assert says in " ".join(notes) and bool(says) == bool(notes)
 
 
@@ -632,8 +631,8 @@ def test_read_mask_with_nan_says_so_without_a_warning_of_numpy(tmp_path, recwarn
     values[0, 0] = np.nan
     Image.fromarray(values).save(tmp_path / "m.tif")
     Image.fromarray(RGB).save(tmp_path / "a.png")
-    photo = read_photo(tmp_path / "a.png")
-    np.testing.assert_array_equal(find_mask(photo, tmp_path / "m.tif"), SOFT)
+    photo = masked(Picture.of(tmp_path / "a.png"), tmp_path / "m.tif")
+    np.testing.assert_array_equal(photo.coverage, SOFT)
     assert "1 values that are not numbers" in photo.notes[0] and not recwarn.list
 
 
@@ -664,4 +663,4 @@ def test_person_is_shown_in_a_line(relighter, draw):
 def test_photo_from_image_of_pillow_with_metadata():
     image = Image.fromarray(RGB)
     image.info["icc_profile"] = PROFILES["linear, called sRGB"][0]
-    assert np.abs(photo_from_image(image).pixels - encode(RGB / 255) * 255).max() <= 1.5
+    assert np.abs(Picture.of(image).pixels - encode(RGB / 255) * 255).max() <= 1.5

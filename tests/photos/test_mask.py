@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 from relight.cli import app
 from relight.errors import UserError
 from relight.photos.mask import selfie, u2net
-from relight.photos.mask.find import automatic_model, find_mask
+from relight.photos.mask.find import automatic_model, masked
 from relight.photos.mask.tflite import convert
-from relight.photos.read import Photo, read_photo
+from relight.photos.picture import Picture
 from relight.viewer.source import PORTRAIT_MASK
 
 FETCHED = u2net.fetched_model
@@ -112,7 +112,7 @@ def test_the_built_in_mask(wheel):
     assert not found[15:35, 15:35].any() and not found[190:260, 118:123].any()
     assert np.abs(found[:, ::-1].astype(int) - selfie.segment(np.ascontiguousarray(pixels[:, ::-1]))).max() <= 8
     with pytest.raises(UserError, match=r"found nobody in photo dark\.jpg: draw a mask"):
-        find_mask(Photo(pixels // 8, None, "dark", what="photo dark.jpg"))
+        masked(Picture(pixels // 8, what="photo dark.jpg"))
 
 
 @pytest.mark.parametrize(("size", "count"), [((300, 400), 1), ((300, 401), 2), ((200, 900), 6), ((900, 200), 1)])
@@ -212,7 +212,7 @@ def test_rembgs_network(wheel, tmp_path, monkeypatch):
     photo[30:100, 25:60] = 230
     Image.fromarray(photo).save(tmp_path / "a.png")
     brightness_model(tmp_path / "model.onnx")
-    mask = find_mask(read_photo(tmp_path / "a.png"), model=tmp_path / "model.onnx")
+    mask = masked(Picture.of(tmp_path / "a.png"), model=tmp_path / "model.onnx").coverage
     assert mask.shape == (120, 90)
     assert ((mask > 127) != (photo[..., 0] > 127)).mean() < 0.02
     folder = tmp_path / "home" / "models" / "u2net_human_seg"
@@ -220,13 +220,13 @@ def test_rembgs_network(wheel, tmp_path, monkeypatch):
     (tmp_path / "model.onnx").rename(folder / "u2net_human_seg.onnx")
     monkeypatch.setattr(u2net, "fetched_model", FETCHED)
     monkeypatch.setenv("U2NET_HOME", str(tmp_path / "home"))
-    assert np.array_equal(find_mask(read_photo(tmp_path / "a.png")), mask)  # where rembg puts it
+    assert np.array_equal(masked(Picture.of(tmp_path / "a.png")).coverage, mask)  # where rembg puts it
     Image.fromarray(photo[:, :20]).save(tmp_path / "nobody.png")
     with pytest.raises(UserError, match="found nobody"):
-        find_mask(read_photo(tmp_path / "nobody.png"))
+        masked(Picture.of(tmp_path / "nobody.png"))
     (tmp_path / "model.onnx").write_bytes(b"no model")
     with pytest.raises(UserError, match="does not work"):
-        find_mask(read_photo(tmp_path / "a.png"), model=tmp_path / "model.onnx")
+        masked(Picture.of(tmp_path / "a.png"), model=tmp_path / "model.onnx")
     assert automatic_model() == folder / "u2net_human_seg.onnx"
     selfie.setup(wheel)
     assert automatic_model() == selfie.network_file() and automatic_model("own.onnx") == Path("own.onnx")

@@ -9,13 +9,11 @@ from PIL import Image
 
 from relight.errors import UserError
 from relight.maps.square import crop_around
-from relight.photos.api import match_exposure
-from relight.photos.background import Background
-from relight.photos.load import LoadedPhoto
-from relight.photos.movie import _with_masks, smooth_over_time, turn_light, windows
+from relight.photos.look import Look
+from relight.photos.movie import smooth_over_time, windows, with_masks
+from relight.photos.opening import mask_in
 from relight.photos.person import Person
-from relight.photos.photo import Options
-from relight.photos.read import mask_in
+from relight.photos.picture import Picture
 from relight.photos.video import read_frames, write_video
 from relight.srgb import encode
 
@@ -67,22 +65,27 @@ def test_a_failed_movie_leaves_the_old_one(tmp_path):
         read_frames(tmp_path / "b.mp4")
 
 
+def turned(scene, look, count):
+    """Frames of a whole turn of the light."""
+    return list(scene.turned(look, *scene.exposed(look), 2 * np.pi * np.arange(count) / count))
+
+
 @pytest.mark.slow
 def test_turning_light_closes_and_keeps_its_exposure(relighter, draw):
     pixels, mask = draw()
-    figures = relighter.infer(pixels, mask)
-    cover = figures[0].coverage
-    light, _ = match_exposure(figures, relighter.read_light("room:2").coefficients, Background())
-    frames = list(turn_light(pixels, figures, light, Options(), Background(), 8))
+    scene = relighter.scene(pixels, mask)
+    cover = scene.people[0].coverage
+    light, _ = scene.exposed(Look("room:2"))
+    frames = turned(scene, Look("room:2"), 8)
     assert len(frames) == 8
-    assert np.array_equal(frames[0], relighter.relight(pixels, mask, light, match=False))
-    quarter = relighter.relight(pixels, mask, light, turn=90, match=False)
+    assert np.array_equal(frames[0], scene.relit(Look(light, match=False)))
+    quarter = scene.relit(Look(light, turn=90, match=False))
     assert np.abs(frames[2].astype(int) - quarter).max() <= 1
-    whole = list(turn_light(pixels, figures, light, Options(), Background(), 1, turns=1))
+    whole = turned(scene, Look("room:2"), 1)
     assert np.array_equal(whole[0], frames[0])
     assert all(np.array_equal(f[cover == 0], pixels[cover == 0]) for f in frames)
     # a movie that normalised each frame would show a light of twice the strength alike
-    twice = list(turn_light(pixels, figures, 2 * light, Options(), Background(), 2))
+    twice = turned(scene, Look(2 * light, match=False), 2)
     assert twice[1][mask == 255].mean() > frames[4][mask == 255].mean() + 5
 
 
@@ -155,7 +158,7 @@ def test_frames_and_masks_are_paired_by_name_and_by_number(tmp_path):
     frames = read_frames(tmp_path)[0]
     pairs = [
         (photo.name, int((photo.coverage > 127).sum()) // 8)
-        for photo in _with_masks(tmp_path, frames, tmp_path / "masks", Options())
+        for photo in with_masks(tmp_path, frames, tmp_path / "masks")
     ]
     assert pairs == [(str(i), i // 2 + 1) for i in range(1, 12)]
 
@@ -175,7 +178,7 @@ def test_masks_of_a_clip_are_fitted_where_they_have_two_values(masks, tmp_path):
         Image.fromarray(mask).save(tmp_path / "masks" / f"{i}.png")
     write_video(tmp_path / "masks.mp4", iter([np.repeat(large[..., None], 3, -1)] * 2), 25)
     frames = read_frames(tmp_path / "clip")[0]
-    first, second = (photo.coverage for photo in _with_masks(tmp_path / "clip", frames, tmp_path / masks, Options()))
+    first, second = (photo.coverage for photo in with_masks(tmp_path / "clip", frames, tmp_path / masks))
     assert np.abs(first / 255 - alpha).max() < 0.2
     assert masks == "masks.mp4" or np.array_equal(second, soft)
 
@@ -214,13 +217,13 @@ def test_smoothing_removes_flicker_and_keeps_what_is_still():
     mask = np.ones((16, 16), bool)
     base = np.full((16, 16, 9), 0.5, np.float32)
 
-    def infer(pixels, coverage, crop):
+    def infer(picture, crop):
         image = np.full((16, 16, 3), 0.13, np.float32)
         light = (np.ones((9, 3)) + rng.normal(0, 0.2, (9, 3))).astype(np.float32)
         transport = base + rng.normal(0, 0.1, base.shape).astype(np.float32)
         return Person(crop, coverage, mask, image, image, transport, light)
 
-    out = [f for _, f in smooth_over_time([(pixels, coverage)] * 40, lambda c: crop_around(c, 16), infer)]
+    out = [scene.people[0] for scene in smooth_over_time([Picture(pixels, coverage=coverage)] * 40, 16, infer)]
     assert len(out) == 40
     lights = np.stack([f.light for f in out])
     assert lights.std(0).mean() < 0.06  # of 0.2
@@ -235,7 +238,7 @@ def test_what_moves_is_not_smeared():
     mask = np.ones((8, 8), bool)
     values = iter([0.2, 0.9, 0.2, 0.9])
 
-    def infer(pixels, coverage, crop):
+    def infer(picture, crop):
         value = next(values)
         image = np.full((8, 8, 3), value, np.float32)
         return Person(
@@ -243,12 +246,12 @@ def test_what_moves_is_not_smeared():
         )
 
     pixels = np.zeros((20, 20, 3), np.uint8)
-    smooth = smooth_over_time([(pixels, coverage)] * 4, lambda c: crop_around(c, 8), infer)
-    out = [person.transport[0, 0, 0] for _, person in smooth]
+    smooth = smooth_over_time([Picture(pixels, coverage=coverage)] * 4, 8, infer)
+    out = [scene.people[0].transport[0, 0, 0] for scene in smooth]
     assert np.allclose(out, [0.2, 0.9, 0.2, 0.9], atol=1e-3)
 
 
 def test_downscaled_photo_keeps_the_shape():
-    photo = LoadedPhoto(np.zeros((400, 300, 3), np.uint8), np.zeros((400, 300), np.uint8)).downscaled(100)
+    photo = Picture(np.zeros((400, 300, 3), np.uint8), coverage=np.zeros((400, 300), np.uint8)).downscaled(100)
     assert photo.pixels.shape == (100, 75, 3) and photo.coverage.shape == (100, 75)
     assert photo.downscaled(100).coverage.shape == photo.coverage.shape

@@ -15,7 +15,7 @@ from relight import load_light
 from relight.errors import UserError
 from relight.lights.light import direction
 from relight.lights.place import place_light
-from relight.photos.place import default_light
+from relight.photos.look import Look
 from relight.sh import deringed, rotate_y
 from relight.viewer.source import named_lights
 
@@ -75,9 +75,9 @@ def test_load_light_refuses_what_names_no_place(street, name, message):
         load_light(name)
 
 
-def test_default_light_is_that_of_a_picture_behind():
-    assert default_light("street.jpg") == "place:street.jpg"
-    assert {default_light(text) for text in ("keep", "panorama", "#334455", "")} == {"auto"}
+def test_default_light_is_that_of_a_picture_behind(street):
+    assert Look(background="street.png").light.source == "place:street.png"
+    assert {Look(background=text).light for text in ("keep", "transparent", "#334455")} == {None}
 
 
 @pytest.mark.slow
@@ -87,7 +87,7 @@ def test_photo_takes_the_light_of_a_picture_behind(run, photo_files, weights, st
     said = run(*options)
     assert "me.png in the light of place:street.png" in said and "note: the light is estimated from street.png" in said
     of_place = json.loads((tmp_path / "out" / "photo.json").read_text())
-    assert of_place["light"]["name"] == "place:street.png"
+    assert of_place["light"] == "place:street.png"
     light = load_light(tmp_path / "out" / "new_light.json").coefficients
     expected = deringed(place_light(street))
     np.testing.assert_allclose(light / light[0, 0], expected / expected[0, 0], rtol=1e-4, atol=1e-5)

@@ -3,15 +3,17 @@
 import struct
 import sys
 import zlib
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image, ImageCms
 
 from relight.errors import UserError
-from relight.photos.mask.find import count_heads, find_mask, mask_warnings, split_people
-from relight.photos.read import list_photos, read_mask, read_photo
+from relight.photos.mask.find import masked, read_mask
+from relight.photos.mask.people import count_heads, mask_warnings, split_people
+from relight.photos.opening import RAW, list_photos
+from relight.photos.picture import Picture
 
 RGB = np.random.default_rng(0).integers(0, 256, (40, 30, 3)).astype(np.uint8)
 
@@ -56,13 +58,13 @@ def test_bad_photos_are_one_line(name, tmp_path):
     make, says = BAD[name]
     make(tmp_path / name)
     with pytest.raises(UserError, match=says) as error:
-        read_photo(tmp_path / name)
+        Picture.of(tmp_path / name)
     assert name in str(error.value) and "\n" not in str(error.value)
 
 
 def test_missing_photo(tmp_path):
     with pytest.raises(UserError, match="no file"):
-        read_photo(tmp_path / "none.jpg")
+        Picture.of(tmp_path / "none.jpg")
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -83,25 +85,25 @@ def test_exif_rotation(orientation, tmp_path):
         7: np.rot90(stored, 2).transpose(1, 0, 2),
         8: np.rot90(stored, 1),
     }[orientation]
-    assert np.array_equal(read_photo(path).pixels, upright)
+    assert np.array_equal(Picture.of(path).pixels, upright)
 
 
 def test_alpha_and_palette(tmp_path):
     alpha = np.zeros((40, 30), np.uint8)
     alpha[5:20, 5:20] = 200
     Image.fromarray(np.dstack([RGB, alpha])).save(tmp_path / "a.png")
-    photo = read_photo(tmp_path / "a.png")
+    photo = Picture.of(tmp_path / "a.png")
     assert np.array_equal(photo.alpha, alpha) and np.array_equal(photo.pixels, RGB)
     Image.fromarray(np.dstack([RGB, np.full((40, 30), 255, np.uint8)])).save(tmp_path / "b.png")
-    assert read_photo(tmp_path / "b.png").alpha is None  # opaque everywhere says nothing
+    assert Picture.of(tmp_path / "b.png").alpha is None  # opaque everywhere says nothing
     Image.fromarray(RGB).quantize(16).save(tmp_path / "c.png")
-    assert read_photo(tmp_path / "c.png").pixels.shape == (40, 30, 3)
+    assert Picture.of(tmp_path / "c.png").pixels.shape == (40, 30, 3)
 
 
 def test_read_photo_keeps_srgb_bit_for_bit(tmp_path):
     srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB"))
     Image.fromarray(RGB).save(tmp_path / "s.png", icc_profile=srgb.tobytes())
-    assert np.array_equal(read_photo(tmp_path / "s.png").pixels, RGB)
+    assert np.array_equal(Picture.of(tmp_path / "s.png").pixels, RGB)
 
 
 def test_masks_of_every_kind(tmp_path):
@@ -117,9 +119,9 @@ def test_masks_of_every_kind(tmp_path):
     }
     for name, image in kinds.items():
         image.save(tmp_path / name)
-        assert np.array_equal(read_mask(tmp_path / name, (40, 30)), mask), name
+        assert np.array_equal(read_mask(tmp_path / name, (40, 30))[0], mask), name
     Image.fromarray(mask > 127).save(tmp_path / "1.png")
-    assert np.array_equal(read_mask(tmp_path / "1.png", (40, 30)) > 127, mask > 127)
+    assert np.array_equal(read_mask(tmp_path / "1.png", (40, 30))[0] > 127, mask > 127)
     with pytest.raises(UserError, match=r"30x40.*but the photo is 31x40"):
         read_mask(tmp_path / "l.png", (40, 31))
     with pytest.raises(UserError, match="before its EXIF rotation"):
@@ -128,11 +130,11 @@ def test_masks_of_every_kind(tmp_path):
 
 def test_empty_and_full_masks(tmp_path):
     Image.fromarray(RGB).save(tmp_path / "a.png")
-    photo = read_photo(tmp_path / "a.png")
+    photo = Picture.of(tmp_path / "a.png")
     for value, says in ((0, "empty"), (255, "covers the whole photo")):
         Image.fromarray(np.full((40, 30), value, np.uint8)).save(tmp_path / "m.png")
         with pytest.raises(UserError, match=says):
-            find_mask(photo, tmp_path / "m.png")
+            masked(photo, tmp_path / "m.png")
 
 
 def test_people_are_split_left_to_right():
@@ -161,7 +163,7 @@ def person(height=200, width=160, center=0.5):
 
 
 def said(*masks):
-    return " ".join(mask_warnings([SimpleNamespace(coverage=mask * np.uint8(255)) for mask in masks]))
+    return " ".join(mask_warnings([mask * np.uint8(255) for mask in masks]))
 
 
 def test_masks_that_look_wrong():
@@ -188,7 +190,7 @@ def test_the_photo_as_its_own_mask_is_refused(tmp_path):
     pixels = np.clip(np.cumsum(rng.normal(0, 4, (60, 50, 3)), 0) + 128, 0, 255).astype(np.uint8)
     Image.fromarray(pixels).save(tmp_path / "a.png")
     with pytest.raises(UserError, match="is the photo itself"):
-        find_mask(read_photo(tmp_path / "a.png"), tmp_path / "a.png")
+        masked(Picture.of(tmp_path / "a.png"), tmp_path / "a.png")
 
 
 def test_an_empty_folder_is_told_what_is_read(tmp_path):
@@ -196,15 +198,23 @@ def test_an_empty_folder_is_told_what_is_read(tmp_path):
         list_photos(tmp_path)
 
 
+@pytest.mark.parametrize("name", [*(f"a{suffix}" for suffix in RAW), "called.tif"])
+def test_raw_files_are_refused_before_their_thumbnail_is_taken(name, tmp_path):
+    tags = [(50706, "B", 4, bytes([1, 4, 0, 0]), True)]  # DNGVersion
+    tifffile.imwrite(tmp_path / name, RGB, photometric="rgb", extratags=tags)
+    with pytest.raises(UserError, match=rf"{name} is the RAW file of a camera: develop it first"):
+        Picture.of(tmp_path / name)
+
+
 def test_heic_needs_its_reader(tmp_path, monkeypatch):
     (tmp_path / "a.heic").write_bytes(b"....ftypheic")
     monkeypatch.setitem(sys.modules, "pillow_heif", None)  # as if it were not installed
     with pytest.raises(UserError, match=r"HEIC, which needs pillow-heif.*or save it as JPEG"):
-        read_photo(tmp_path / "a.heic")
+        Picture.of(tmp_path / "a.heic")
 
 
 def test_heic_is_read_where_its_reader_is_installed(tmp_path):
     heif = pytest.importorskip("pillow_heif")
     smooth = np.kron(RGB[:5, :5], np.ones((16, 16, 1), np.uint8))
     heif.from_pillow(Image.fromarray(smooth)).save(tmp_path / "a.heic", quality=95)
-    assert np.abs(read_photo(tmp_path / "a.heic").pixels.astype(int) - smooth).mean() < 12
+    assert np.abs(Picture.of(tmp_path / "a.heic").pixels.astype(int) - smooth).mean() < 12

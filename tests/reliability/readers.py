@@ -71,15 +71,15 @@ def network(path: str) -> None:
 
 
 def photo(path: str) -> None:
-    from relight.photos.read import read_photo
+    from relight.photos.picture import Picture
 
-    read_photo(path)
+    Picture.of(path)
 
 
 def mask(path: str) -> None:
-    from relight.photos.read import read_mask
+    from relight.photos.mask.find import read_mask
 
-    assert read_mask(path, (12, 16)).shape == (12, 16)
+    assert read_mask(path, (12, 16))[0].shape == (12, 16)
 
 
 def scores(path: str) -> None:

@@ -10,10 +10,8 @@ from typer.testing import CliRunner
 from relight.errors import UserError
 from relight.lights import load_light, write_light
 from relight.maps import write_left_out, write_maps
-from relight.maps.square import crop_around
 from relight.photos.api import Relighter
 from relight.photos.network import PhotoNetwork
-from relight.photos.person import Person, network_input
 from relight.photos.render import total_coverage
 from relight.sh import basis, irradiance, unoccluded
 from relight.viewer.build import build_viewer
@@ -94,16 +92,15 @@ def test_wrong_input_is_told_in_a_sentence(tmp_path):
     assert not list(tmp_path.glob("*.html"))
 
 
-class Oracle(Relighter):
-    """A relighter without a network: smooth maps of its own invention on squares of 48 px, a light for each person."""
+class Oracle:
+    """Smooth maps of its own invention on squares of 48 px, another light for each second person."""
 
     def __init__(self):
-        super().__init__(PhotoNetwork(48, {"model": {"order": 2}}, "", run=lambda image, mask: []))
+        self.count = 0
 
-    def infer_person(self, image, coverage, crop=None):
-        i = int(np.argwhere(coverage)[:, 1].mean() > image.shape[1] / 2)  # from left to right
-        box = crop_around(coverage, 48)
-        seen, mask = network_input(image, coverage, box)
+    def __call__(self, image, mask):
+        i, self.count = self.count % 2, self.count + 1
+        seen, mask = np.moveaxis(image[0], 0, -1), mask[0, 0]
         y, x = np.mgrid[-1:1:48j, -1:1:48j]
         normal = np.stack([x, -y, np.ones_like(x)], -1) / np.sqrt(x**2 + y**2 + 1)[..., None]
         transport = (unoccluded(normal) * (0.8 + 0.2 * np.sin(9 * x))[..., None] * mask[..., None]).astype(np.float32)
@@ -111,14 +108,13 @@ class Oracle(Relighter):
             np.eye(9)[0], [0.6, 0.7, 0.9]
         )
         albedo = np.clip(seen * 1.5, 0, 1) * mask[..., None]
-        return Person(box, coverage, mask, seen, albedo, transport, light.astype(np.float32), self.gamma)
-
-    gamma = 1.0
+        return [np.moveaxis(albedo, -1, 0)[None], np.moveaxis(transport, -1, 0)[None], light.astype(np.float32)[None]]
 
 
 @pytest.mark.slow
 def test_a_photo_of_two_people_is_shown_as_the_photo_command_shows_it(page, tmp_path, monkeypatch):
-    relighter = Oracle()
+    config = {"model": {"order": 2}, "train": {"color": "photo"}}
+    relighter = Relighter(PhotoNetwork(48, config, "", Oracle()))
     monkeypatch.setattr("relight.photos.api.load", lambda weights: relighter)
     generator = np.random.default_rng(0)
     pixels = (gaussian_filter(generator.random((90, 140, 3)), (2, 2, 0)) * 400 - 70).clip(0, 255).astype(np.uint8)
@@ -140,10 +136,10 @@ def test_a_photo_of_two_people_is_shown_as_the_photo_command_shows_it(page, tmp_
     cover = total_coverage(figures)
     assert np.abs(shown - expected)[cover == 255].max() <= 2
     np.testing.assert_array_equal(shown[cover == 0], pixels[cover == 0])
-    monkeypatch.setattr(relighter, "gamma", 2.2)
+    monkeypatch.setitem(config["train"], "color", "paper")
     with pytest.raises(UserError, match="color=photo"):
         run(tmp_path / "me.png")
-    monkeypatch.setattr(relighter, "gamma", 1.0)
+    monkeypatch.setitem(config["train"], "color", "photo")
     small = run(tmp_path / "me.png", "--size", 70, "-o", tmp_path / "small.html")
     assert small.exit_code == 0
     assert embedded(tmp_path / "small.html")[1][0]["width"] == 70

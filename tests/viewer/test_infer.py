@@ -12,16 +12,16 @@ from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from relight.lights.place import STATISTICS, place_light
-from relight.photos.api import Relighter
 from relight.photos.background import Background, estimate_white
 from relight.photos.color import chroma, clipping_excess
-from relight.photos.load import load_photo
 from relight.photos.mask import selfie
 from relight.photos.mask.edge import fit_edge
-from relight.photos.mask.find import automatic_mask, split_people
+from relight.photos.mask.find import automatic_mask
+from relight.photos.mask.people import split_people
 from relight.photos.network import PhotoNetwork
-from relight.photos.read import Photo
+from relight.photos.picture import Picture
 from relight.photos.render import estimate_foreground
+from relight.photos.scene import Scene
 from relight.srgb import LINEAR, encode, to_bytes
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import EXCESS_STEPS, QUALITIES, pack
@@ -126,7 +126,7 @@ def picture(height, width, centres, seed=0):
 def test_a_figure_is_that_of_the_view_command(shape, centres):
     """Two people; one smaller than the network's square; one that the photo's border cuts."""
     pixels, mask = picture(*shape, centres)
-    figure = photo_figure(Relighter(NETWORK), load_photo(pixels, mask))
+    figure = photo_figure(Scene.of(pixels, mask, NETWORK))
     fitted = fit_edge(pixels, mask)
     rgba = np.dstack([pixels, np.full(shape, 255, np.uint8)])
     found = node(
@@ -246,7 +246,7 @@ def test_the_mask_is_that_of_python_whatever_the_network_says(monkeypatch, width
 
     monkeypatch.setattr(selfie, "load_network", Redness)
     monkeypatch.setattr(selfie, "network_file", lambda: Path(__file__))
-    expected = automatic_mask(Photo(pixels, None, "me"))
+    expected = automatic_mask(Picture(pixels))
     found = node(
         "worker",
         ASK

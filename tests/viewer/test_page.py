@@ -19,7 +19,6 @@ from relight.panoramas import Panorama, project
 from relight.photos.background import Background
 from relight.photos.color import apply_gain, chroma, clipping_excess, display_shading, roll_off
 from relight.photos.person import Person as Inferred
-from relight.photos.person import mean_exposure_factor
 from relight.photos.render import render
 from relight.photos.shading import exposure_factor, gain, shading, steady
 from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
@@ -219,7 +218,7 @@ def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photo
     square = Crop(0, 0, size, (0, size), (0, size), size)
     light = own.astype(np.float32)
     figure = Inferred(square, coverage, maps.mask, LINEAR[photo], maps.albedo, maps.transport, light)
-    new = turned(lights["Behind"] * mean_exposure_factor([figure], lights["Behind"]), -60, 20)
+    new = turned(lights["Behind"] * exposure_factor(light, lights["Behind"], maps.transport, maps.mask), -60, 20)
     state = START | {"light": 3, "yaw": -60, "tilt": 20, "stops": 0.5, "color": "#4080c0"}
     color = Background("color", color=np.array([0x40, 0x80, 0xC0], np.uint8), shadow=False)
     for mode in ("ratio", "full"):

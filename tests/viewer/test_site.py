@@ -14,9 +14,8 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from relight.errors import UserError
-from relight.photos.api import Relighter
-from relight.photos.load import load_photo
 from relight.photos.network import read_network
+from relight.photos.scene import Scene
 from relight.viewer import runtime
 from relight.viewer.figure import Figure
 from relight.viewer.site import build_site
@@ -122,7 +121,7 @@ def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, ex
     ) == "refused"  # fmt: skip
     assert server.asked == before
 
-    figure = photo_figure(Relighter(read_network(exported)), load_photo(pixels, alpha))
+    figure = photo_figure(Scene.of(pixels, alpha, read_network(exported)))
     build_viewer(tmp_path / "me.html", [figure], lights)
     page.open(tmp_path / "me.html")
     for view, mine in found.items():
@@ -154,7 +153,7 @@ def test_a_photo_is_saved_at_its_own_size(page, server, exported, lights, tmp_pa
     assert shown.shape[:2] == (1024, 751) and mine.shape[:2] == (1500, 1100)
     assert np.array_equal(page.pixels(), shown), "the page shows what it showed"
 
-    figure = photo_figure(Relighter(read_network(exported)), load_photo(pixels, alpha))
+    figure = photo_figure(Scene.of(pixels, alpha, read_network(exported)))
     build_viewer(tmp_path / "me.html", [figure], lights)
     page.open(tmp_path / "me.html")
     assert np.abs(mine.astype(int) - page.pixels(**state, before="none")).max() <= 2

@@ -1,0 +1,128 @@
+"""How a picture is to look: its light and what lies behind the people, checked once, when it is made."""
+
+import copy
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relight.errors import UserError
+from relight.lights import Light, load_light
+from relight.lights.light import total
+from relight.photos.background import Background, read_background
+from relight.photos.picture import Given
+from relight.photos.place import estimated, is_of_person
+from relight.sh import deringed
+from relight.sh.conventions import as_table
+
+AUTO = "auto"
+MODES = ("ratio", "full")
+MAX_STOPS = 8
+LightGiven = Light | np.ndarray | Path | str | Sequence[Light | Path | str] | None
+
+
+class Look:
+    """How a picture is to look.
+
+    Attributes:
+        light: as read; None for a warm lamp from the darker side (`Scene.lamp`).
+        windowed: whether it is deringed (relight.sh.deringed), as lights of photos and mere coefficients are not.
+        mode: `ratio` keeps all detail of the picture, `full` is albedo * shading.
+        background: behind the people.
+        turn: of the light about the vertical axis, its front toward +x, degrees.
+        stops: exposure, as a power of two.
+        match: whether the light is scaled to the picture's exposure.
+    """
+
+    light: Light | None
+    windowed: bool
+    mode: str
+    background: Background
+    turn: float
+    stops: float
+    match: bool
+
+    def __init__(
+        self,
+        light: LightGiven = AUTO,
+        mode: str = "ratio",
+        background: Background | Given = "keep",
+        turn: float = 0.0,
+        stops: float = 0.0,
+        match: bool = True,
+    ):
+        """Reads and checks what a picture is to look like.
+
+        Args:
+            light: a name (relight.load_light), a `Light`, several of them, which add up, (K,3) radiance coefficients,
+                or `auto`: the light of the place in the background if this is a picture, else a lamp.
+            mode: ratio | full.
+            background: as `read_background` takes it.
+            turn: degrees.
+            stops: from -8 to 8.
+            match: to the picture's exposure.
+
+        Raises:
+            UserError: if an argument is none of these.
+        """
+        if mode not in MODES:
+            raise UserError(f"mode {mode!r} is neither ratio nor full")
+        if not (isinstance(turn, Real) and math.isfinite(turn)):
+            raise UserError(f"turn is {turn!r}: give degrees, a finite number")
+        if not (isinstance(stops, Real) and abs(stops) <= MAX_STOPS):
+            raise UserError(f"stops is {stops!r}: give a number from -{MAX_STOPS} to {MAX_STOPS}")
+        self.mode, self.turn, self.stops, self.match = mode, turn, stops, match
+        self.background = read_background(background)
+        self.light, self.windowed = _read_light(light)
+        if self.light is None and self.background.picture is not None:
+            self.light = estimated(self.background.picture, self.background.name).checked()
+        if self.background.kind == "panorama":
+            panorama = self.light.panorama if self.light else None
+            if panorama is None:
+                raise UserError(
+                    "background panorama: this light has no panorama; give one with --light, or another background"
+                )
+            self.background = replace(self.background, panorama=panorama)
+
+    def lit_by(self, light: Light, windowed: bool) -> "Look":
+        """Returns the look with another light."""
+        look = copy.copy(self)
+        look.light, look.windowed = light, windowed
+        return look
+
+    def coefficients(self, order: int) -> np.ndarray:
+        """Returns the light (K,3) float32 at an order of the spherical harmonics; deringed if it is `windowed`."""
+        assert self.light is not None  # `Scene.exposed` has chosen one
+        coefficients = self.light.at_order(order).coefficients
+        return (deringed(coefficients) if self.windowed else coefficients).astype(np.float32)
+
+    @property
+    def words(self) -> dict[str, Any]:
+        """Plain values that tell what was asked for."""
+        behind = {"background": self.background.name, "blur": self.background.blur, "shadow": self.background.shadow}
+        numbers = {"mode": self.mode, "turn": self.turn, "stops": self.stops, "match": self.match}
+        return {"light": self.light.source if self.light else AUTO, **behind, **numbers}
+
+
+def _read_light(given: LightGiven) -> tuple[Light | None, bool]:
+    """Returns a light, None for `auto`, and whether it is to be deringed."""
+    if given is None or (isinstance(given, str) and given == AUTO):
+        return None, True
+    if isinstance(given, str | Path):
+        if is_of_person(str(given)):
+            raise UserError(f"light {given}: the light of a photo of somebody is read by `Relighter.read_light`")
+        return load_light(given), True
+    if isinstance(given, Light):
+        checked = replace(given, coefficients=as_table(given, given.source)).checked()
+        return checked, not is_of_person(given.source)
+    if isinstance(given, Sequence) and given and all(isinstance(part, Light | str | Path) for part in given):
+        parts = [light for light, _ in map(_read_light, given) if light is not None]
+        order = max(part.order for part in parts)
+        return total(
+            [part.at_order(order) for part in parts], " + ".join(part.source for part in parts)
+        ).checked(), True
+    return Light(as_table(given, "the light"), "the light").checked(), False

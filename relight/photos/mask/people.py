@@ -1,0 +1,105 @@
+"""The people of a mask: one coverage map for each, and warnings about masks that look wrong."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt, label
+
+from relight.errors import UserError
+from relight.maps.square import MASK_THRESHOLD, extent
+
+MIN_SIZE = 8  # pixels; a person smaller than this in both directions is dirt
+HEAD_WIDTH, HEAD_HEIGHT = 0.085, 0.06  # least, of a person's height; a raised arm is thinner
+SIDES: dict[str, tuple[int | slice, ...]] = {
+    "upper": np.s_[0, :], "lower": np.s_[-1, :], "left": np.s_[:, 0], "right": np.s_[:, -1]
+}  # fmt: skip
+
+
+def split_people(coverage: np.ndarray, share: float = 0.05) -> list[np.ndarray]:
+    """Splits the mask of a photo into one for each person.
+
+    A person is a connected part with at least `share` of the largest one's area. Smaller parts (a hand behind a lamp
+    post, a buckle) and soft edges go to the nearest person, so the sum of all parts is the whole.
+
+    Args:
+        coverage: (H,W) uint8.
+        share: least area of a person, over that of the largest part.
+
+    Returns:
+        Coverage maps (H,W) uint8, from left to right.
+
+    Raises:
+        UserError: if no part has MIN_SIZE.
+    """
+    solid = coverage >= MASK_THRESHOLD
+    labels, count = label(solid, np.ones((3, 3)))
+    areas = np.bincount(labels.ravel(), minlength=count + 1)
+    areas[0] = 0
+    large = [i for i in np.flatnonzero(areas >= share * areas.max()) if i and _has_min_size(labels == i)]
+    if not large:
+        raise UserError(f"the mask holds no figure of at least {MIN_SIZE} pixels")
+    if len(large) == 1:
+        return [coverage]
+    nearest = distance_transform_edt(~np.isin(labels, large), return_distances=False, return_indices=True)
+    owner = labels[tuple(nearest)]
+    large.sort(key=lambda i: np.flatnonzero((labels == i).any(0)).mean())
+    return [np.where(owner == i, coverage, np.uint8(0)) for i in large]
+
+
+def mask_warnings(coverages: Sequence[np.ndarray]) -> list[str]:
+    """Returns sentences about masks that look wrong: inverted, rectangular, several people in one, cut by the edge.
+
+    Args:
+        coverages: (H,W) uint8 of each person.
+    """
+    whole = np.maximum.reduce(coverages) >= MASK_THRESHOLD
+    edges = np.concatenate([whole[side] for side in SIDES.values()])
+    if edges.mean() > 0.6 and whole[0].mean() > 0.5:
+        return ["the mask may be inverted, for it is white along the photo's edges: it must be white on the person"]
+    warnings = []
+    for number, coverage in enumerate(coverages, 1):
+        who = "the figure" if len(coverages) == 1 else f"person {number}"
+        rows, columns = extent(coverage >= MASK_THRESHOLD)
+        solid = coverage[slice(*rows), slice(*columns)] >= MASK_THRESHOLD
+        if solid.mean() > 0.98:
+            warnings.append(f"the mask of {who} is a rectangle: people are relit well only within their outlines")
+        elif count_heads(solid) > 1:
+            warnings.append(f"the mask of {who} may hold several people who touch: part them by a black line in --mask")
+        least = 0.1 * min(solid.shape)
+        cut = [name for name, side in SIDES.items() if (coverage[side] >= MASK_THRESHOLD).sum() > least]
+        if cut:
+            warnings.append(
+                f"{who} is cut by the photo's {_listed(cut)} edge{'s' * (len(cut) > 1)}: "
+                "whole figures are inferred best"
+            )
+    return warnings
+
+
+def _listed(words: list[str]) -> str:
+    """Returns words as English lists them: a, b and c."""
+    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+
+
+def count_heads(solid: np.ndarray) -> int:
+    """Counts the parts that stand side by side in the upper quarter of a mask, as heads do.
+
+    Such a part is HEAD_WIDTH wide in each row, over HEAD_HEIGHT.
+
+    Args:
+        solid: (H,W) bool, cut to its box.
+    """
+    height = len(solid)
+    min_width, min_rows = max(int(HEAD_WIDTH * height), 3), max(int(HEAD_HEIGHT * height), 3)
+    upper = np.pad(solid[: height // 4], ((0, 0), (1, 1))).astype(np.int8)
+    most = rows = 0
+    for row in np.diff(upper, axis=1):
+        widths = np.flatnonzero(row == -1) - np.flatnonzero(row == 1)
+        count = int((widths >= min_width).sum())
+        rows = rows + 1 if count > 1 else 0
+        most = max(most, count) if rows >= min_rows else most
+    return max(most, 1)
+
+
+def _has_min_size(mask: np.ndarray) -> bool:
+    """Returns whether a mask has pixels in at least MIN_SIZE of its rows or of its columns."""
+    return max(mask.any(1).sum(), mask.any(0).sum()) >= MIN_SIZE

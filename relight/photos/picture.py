@@ -1,0 +1,150 @@
+"""A picture and what its file says of it: one door for a file, an array, an image of Pillow and a frame of a clip."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Union
+
+import numpy as np
+from PIL import ExifTags, Image, ImageOps
+
+from relight.errors import UserError
+from relight.files import existing_file
+from relight.photos.color import as_codes
+from relight.photos.deep import is_exr, read_16_bits, read_linear
+from relight.photos.opening import bits_of, coding_of, decoding_errors, open_picture, require_still
+from relight.photos.profile import to_srgb
+
+FEW_BITS = 1 << 12  # codes of cameras that write 12 bits into 16
+LEAST_SIDE = 8  # pixels
+Given = Union[np.ndarray, Image.Image, Path, str, "Picture"]  # what `Picture.of` takes
+
+
+@dataclass(repr=False)
+class Picture:
+    """A picture, upright and in sRGB.
+
+    Attributes:
+        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709 of an OpenEXR file.
+        alpha: (H,W) uint8, or None if there is no alpha channel that varies.
+        name: of the file, without its suffix.
+        notes: what was chosen where a file can mean two things, one sentence each.
+        coverage: (H,W) uint8 of its people, once they are found (relight.photos.mask.find).
+        suffix: of pictures that are written in kind: .png, .tif or .exr.
+        file: that it was read from, or None.
+        what: its name in errors, such as "photo me.jpg".
+    """
+
+    pixels: np.ndarray
+    alpha: np.ndarray | None = None
+    name: str = "image"
+    notes: list[str] = field(default_factory=list)
+    coverage: np.ndarray | None = None
+    suffix: str = ".png"
+    file: Path | None = None
+    what: str = "the image"
+
+    def __repr__(self) -> str:
+        height, width = self.shape
+        return f"Picture({self.name}, {width} x {height} {self.pixels.dtype})"
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width (H, W)."""
+        return self.pixels.shape[0], self.pixels.shape[1]
+
+    @property
+    def codes(self) -> np.ndarray:
+        """(H,W,3) uint8 sRGB."""
+        return as_codes(self.pixels)
+
+    @classmethod
+    def of(cls, given: Given, what: str = "", name: str = "image") -> "Picture":
+        """Takes a picture, however it is given.
+
+        Args:
+            given: a file; an image of Pillow; (H,W,3) uint8 or uint16 sRGB, or (H,W) if grey; or a `Picture`, as it is.
+                What has EXIF data is turned upright, and what has a color profile is converted to sRGB.
+            what: its name in errors; before the path of a file.
+            name: of what is no file.
+
+        Raises:
+            UserError: if it is none of these, damaged, CMYK, animated, RAW, too large or too small, or has more than
+                16 bits.
+        """
+        if isinstance(given, Picture):
+            return given
+        if isinstance(given, str | Path):
+            path = existing_file(given, what or "photo")
+            what = f"{what or 'photo'} {path}"
+            if is_exr(path):
+                pixels, alpha, notes = read_linear(path, what)
+                picture = cls(pixels, alpha, path.stem, notes, suffix=".exr", file=path, what=what)
+            else:
+                with decoding_errors(what), open_picture(path, what) as image:
+                    picture = replace(_of_image(image, what, path), name=path.stem, file=path)
+        elif isinstance(given, Image.Image):
+            with decoding_errors(what or "the image"):
+                picture = replace(_of_image(given, what or "the image"), name=name)
+        else:
+            picture = cls(_of_array(np.asarray(given), what or "the image"), name=name, what=what or "the image")
+        height, width = picture.shape
+        if min(height, width) < LEAST_SIDE:
+            raise UserError(f"{picture.what} is only {width}x{height} pixels: {LEAST_SIDE} a side are the least")
+        if np.array_equal(picture.pixels[..., 1:], picture.pixels[..., :2]):
+            picture.notes.append("the photo is grey: a colored light tints the people as a whole")
+        return picture
+
+    def downscaled(self, size: int) -> "Picture":
+        """Returns the picture as uint8 sRGB, scaled down so that its longer side is at most `size`."""
+        (height, width), codes = self.shape, self.codes
+        scale = size / max(height, width)
+        if scale >= 1:
+            return replace(self, pixels=codes)
+        side = max(LEAST_SIDE, round(width * scale)), max(LEAST_SIDE, round(height * scale))
+        pixels, alpha, coverage = (
+            None
+            if values is None
+            else np.asarray(Image.fromarray(values).resize(side, Image.Resampling.LANCZOS, reducing_gap=3))
+            for values in (codes, self.alpha, self.coverage)
+        )
+        assert pixels is not None  # as codes are not
+        return replace(self, pixels=pixels, alpha=alpha, coverage=coverage)
+
+
+def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Picture:
+    """Converts an image of any mode; 16 bits are read from its `file`."""
+    require_still(image, what)
+    is_deep_grey = image.mode.startswith("I;16")
+    if image.mode in ("CMYK", "YCCK", "LAB", "HSV"):
+        raise UserError(f"{what} is {image.mode}: convert it to RGB (sRGB)")
+    bits = bits_of(image, file)
+    if not is_deep_grey and (bits > 16 or image.mode.startswith(("I", "F"))):
+        raise UserError(f"{what} has more than 16 bits per channel: save it in 16 bits, or as OpenEXR if it is linear")
+    stored, orientation = image, image.getexif().get(ExifTags.Base.Orientation, 1)
+    image = ImageOps.exif_transpose(image)
+    alpha = None
+    if "A" in image.getbands() or "transparency" in image.info:
+        image = image.convert("RGBA")
+        alpha = np.asarray(image.getchannel("A"))
+        if alpha.min() == alpha.max():
+            alpha = None
+    if is_deep_grey:
+        pixels = np.repeat(np.asarray(image, np.uint16)[..., None], 3, axis=2)
+    elif bits == 16 and file is not None:
+        pixels = read_16_bits(file, image, orientation, what)
+    else:
+        pixels = np.asarray(image.convert("RGB"))
+    largest = int(pixels.max())
+    pixels, notes = to_srgb(pixels, stored, what, coding_of(stored, file))
+    if pixels.dtype == np.uint16 and largest < FEW_BITS:
+        notes.append(f"its largest code is {largest} of 65535, as if it held fewer than 16 bits: it is taken as dark")
+    suffix = ".tif" if pixels.dtype == np.uint16 and stored.format == "TIFF" else ".png"
+    return Picture(pixels, alpha, notes=notes, suffix=suffix, what=what)
+
+
+def _of_array(pixels: np.ndarray, what: str) -> np.ndarray:
+    if pixels.ndim == 2:
+        pixels = np.repeat(pixels[..., None], 3, axis=2)
+    if pixels.dtype not in (np.uint8, np.uint16) or pixels.ndim != 3 or pixels.shape[2] != 3:
+        raise UserError(f"{what} is {pixels.dtype} {pixels.shape}: give (height, width, 3) uint8 sRGB, or uint16")
+    return pixels

@@ -1,0 +1,206 @@
+"""A picture and the people in it: what was inferred of it, and how it looks in another light."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TypedDict, Unpack
+
+import numpy as np
+
+from relight.errors import UserError
+from relight.lights import Light, LightOptions, load_light
+from relight.panoramas import luminance
+from relight.photos.background import Background
+from relight.photos.look import AUTO, Look
+from relight.photos.mask.find import AUTOMATIC, masked
+from relight.photos.mask.people import mask_warnings, split_people
+from relight.photos.network import PhotoNetwork, read_network
+from relight.photos.person import Person, balanced, infer_person
+from relight.photos.picture import Given, Picture
+from relight.photos.place import PREFIX, is_of_person
+from relight.photos.render import frames
+from relight.photos.shading import exposure_factor
+from relight.photos.trust import Trust, assess
+from relight.sh import order_of, rotate_y
+
+WHITE_BALANCES = ("keep", "scene")
+
+
+class SceneOptions(TypedDict, total=False):
+    """Options of `Scene.of` that callers pass on."""
+
+    mask_model: Path | str | None
+    split: bool
+    white_balance: str
+
+
+@dataclass(repr=False)
+class Scene:
+    """A picture and the people in it.
+
+    Attributes:
+        picture: with its `coverage`.
+        people: as inferred from it, from left to right.
+        network: that inferred them; None if they are known otherwise.
+    """
+
+    picture: Picture
+    people: Sequence[Person]
+    network: PhotoNetwork | None = None
+
+    def __repr__(self) -> str:
+        return f"Scene({self.picture!r}, {len(self.people)} people)"
+
+    @classmethod
+    def of(
+        cls,
+        image: Given,
+        mask: Given | None = None,
+        network: PhotoNetwork | None = None,
+        mask_model: Path | str | None = None,
+        split: bool = True,
+        white_balance: str = "keep",
+        size: int | None = None,
+    ) -> "Scene":
+        """Finds the people in a picture, and infers the light, albedo and transport of each.
+
+        Args:
+            image: as `Picture.of` takes it.
+            mask: as `masked` takes it; by default it is found.
+            network: by default the one that comes with the package.
+            mask_model: ONNX network for automatic masks.
+            split: whether people who do not touch are inferred one by one.
+            white_balance: `keep` takes the light to be white on average (`balanced`), `scene` to have the color that
+                the network infers.
+            size: pixels that the longer side is scaled down to, with 8 bits; None keeps the picture as it is.
+
+        Raises:
+            UserError: if an argument is none of these, or the mask is empty.
+        """
+        require_white_balance(white_balance)
+        picture = Picture.of(image)
+        if picture.coverage is None or mask is not None:
+            picture = masked(picture, mask, mask_model)
+        picture = picture.downscaled(size) if size else picture
+        assert picture.coverage is not None  # it is `masked`
+        network = network or read_network()
+        coverages = split_people(picture.coverage) if split else [picture.coverage]
+        people = [infer_person(network, picture.pixels, coverage) for coverage in coverages]
+        return cls(picture, balanced(people) if white_balance == "keep" else people, network)
+
+    @cached_property
+    def light(self) -> np.ndarray:
+        """(K,3) the mean of the inferred lights, weighted by the people's areas."""
+        areas = np.array([person.mask.sum() * (person.crop.side / person.crop.size) ** 2 for person in self.people])
+        lights = np.stack([person.light for person in self.people])
+        return np.tensordot(areas / areas.sum(), lights, 1).astype(np.float32)
+
+    @property
+    def lamp(self) -> str:
+        """The name of a warm lamp from the side from which the light does not come, so that all see what changed."""
+        from_right = float(luminance(self.light.astype(np.float64))[3]) > 0
+        return f"key:#ffc890@{-65 if from_right else 65},20,0.08"
+
+    @cached_property
+    def trust(self) -> list[Trust]:
+        """How far the inference of each person can be trusted; empty without a network."""
+        network = self.network
+        return [assess(person, network.lights, network.stops) for person in self.people] if network else []
+
+    @property
+    def notes(self) -> list[str]:
+        """What a user should know about the picture, its mask and the inference, one sentence each."""
+        notes = self.picture.notes + mask_warnings([person.coverage for person in self.people])
+        for number, trust in enumerate(self.trust, 1):
+            who = f"person {number}: " if len(self.people) > 1 else ""
+            notes += [f"{who}{warning}" for warning in trust.warnings]
+        return notes
+
+    @property
+    def order(self) -> int:
+        """Of the spherical harmonics."""
+        return order_of(self.people[0].transport.shape[-1])
+
+    def relit(self, look: Look) -> np.ndarray:
+        """Relights the people.
+
+        Returns:
+            (H,W,3) of the picture's type, or (H,W,4) for a transparent background; linear floats for OpenEXR.
+        """
+        return next(self.turned(look, *self.exposed(look)))
+
+    def exposed(self, look: Look) -> tuple[np.ndarray, Background]:
+        """Returns the light (K,3) of a look in the picture's exposure, not yet turned, and the background with it.
+
+        The exposure is the geometric mean over the people.
+        """
+        look = look if look.light else look.lit_by(load_light(self.lamp, self.order), windowed=True)
+        light = look.coefficients(self.order)
+        factors = [exposure_factor(each.light, light, each.transport, each.mask) for each in self.people]
+        needed = float(np.exp(np.mean(np.log(factors))))
+        factor = needed if look.match else 1.0
+        light = light * np.float32(factor)
+        return light, look.background.matched(light, factor, factor / needed)
+
+    def turned(
+        self, look: Look, light: np.ndarray, background: Background, turns: Sequence[float] = (0.0,)
+    ) -> Iterator[np.ndarray]:
+        """Relights the people by what `exposed` returned, of this picture or of another frame of its clip.
+
+        Args:
+            look: mode, turn and stops.
+            light: (K,3).
+            background: matched to the light.
+            turns: of the light beyond that of the look, radians; each gives a picture.
+        """
+        angles = [np.radians(look.turn) + turn for turn in turns]
+        lights = [(rotate_y(light, angle).astype(np.float32), angle) for angle in angles]
+        return frames(self.picture.pixels, self.people, lights, look.mode, background, look.stops)
+
+
+def require_white_balance(white_balance: str) -> None:
+    """Raises UserError if this is no white balance."""
+    if white_balance not in WHITE_BALANCES:
+        raise UserError(f"white balance {white_balance!r} is neither keep nor scene")
+
+
+def named_light(
+    network: PhotoNetwork,
+    text: Path | str,
+    mask: Path | str | None = None,
+    mask_model: Path | str | None = None,
+    white_balance: str = "keep",
+    **options: Unpack[LightOptions],
+) -> Light | None:
+    """Reads a light as a user names it (docs/photos.md).
+
+    Args:
+        network: whose order the light has, and which infers the light of a photo.
+        text: a panorama, a file of coefficients, "room:12", "key:#ffeedd@45,30", "place:street.jpg", a photo of
+            somebody, or "auto".
+        mask: of that photo.
+        mask_model: for its automatic mask.
+        white_balance: of that photo.
+        **options: of `relight.lights.load_light`, for panoramas and coefficients.
+
+    Returns:
+        The light; None for `auto`.
+
+    Raises:
+        UserError: if it is no light, or takes no such option.
+    """
+    text = str(text)
+    is_photo = is_of_person(text)
+    if mask and not is_photo:
+        raise UserError(f"a mask of the light is that of a photo of somebody, and the light is {text}")
+    if options and (is_photo or text == AUTO):
+        given = " or ".join(name.replace("_", "-") for name in options)
+        raise UserError(f"the light {text} takes no {given}: only files and generated lights do")
+    if not is_photo:
+        return None if text == AUTO else load_light(text, network.order, **options)
+    scene = Scene.of(text, mask, network, mask_model, white_balance=white_balance)
+    notes = [f"{Path(text).name}: {note}" for note in scene.notes]
+    if AUTOMATIC in scene.picture.notes:
+        notes.append(f"{text} is taken for a photo of somebody; the light of a place is {PREFIX}{text}")
+    return Light(scene.light, text, notes=notes)
