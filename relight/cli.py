@@ -22,6 +22,7 @@ from relight.viewer.commands import web_app as web
 
 # The extra of pyproject.toml that brings a package, by the package's name in imports.
 EXTRAS = {
+    "OpenImageIO": "deep",
     "anny": "figures",
     "av": "video",
     "hydra": "workflow",

@@ -1,12 +1,9 @@
-"""Photos of more than 8 bits, read and written in kind: 16-bit PNG and TIFF by the coders of FFmpeg, linear OpenEXR."""
+"""Photos of more than 8 bits, read and written in kind: 16-bit PNG and TIFF by OpenImageIO, linear OpenEXR."""
 
-from fractions import Fraction
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import OpenEXR
-from PIL import Image
 
 from relight import __version__
 from relight.errors import UserError
@@ -14,17 +11,7 @@ from relight.files import atomic_write
 from relight.panoramas.exr import read_exr
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"
-# How the eight EXIF orientations are turned upright.
-UPRIGHT = {
-    1: lambda a: a,
-    2: lambda a: a[:, ::-1],
-    3: lambda a: a[::-1, ::-1],
-    4: lambda a: a[::-1],
-    5: lambda a: a.swapaxes(0, 1),
-    6: lambda a: np.rot90(a, -1),
-    7: lambda a: a[::-1, ::-1].swapaxes(0, 1),
-    8: lambda a: np.rot90(a),
-}
+UNASSOCIATED = "oiio:UnassociatedAlpha"  # colors are not multiplied by alpha; else OpenImageIO multiplies them
 
 
 def is_exr(path: Path) -> bool:
@@ -33,38 +20,37 @@ def is_exr(path: Path) -> bool:
         return file.read(4) == EXR_MAGIC
 
 
-def read_16_bits(path: Path, image: Image.Image, orientation: int, what: str) -> np.ndarray:
+def read_16_bits(path: Path, orientation: int, what: str) -> tuple[np.ndarray, np.ndarray | None]:
     """Reads a PNG or TIFF of 16 bits per channel, of which Pillow keeps the upper half.
-
-    Both readers must agree in that half, so no layout of a file is misread.
 
     Args:
         path: of the file.
-        image: as Pillow read it, RGB or RGBA, upright.
-        orientation: of its EXIF data, as stored.
+        orientation: of its EXIF data.
         what: its name in errors.
 
     Returns:
-        (H,W,3) uint16, upright.
+        (H,W,3) uint16, upright; alpha (H,W) uint16, or None.
 
     Raises:
-        UserError: if the file is of a kind that only Pillow reads.
+        UserError: if it is damaged.
     """
-    import av
+    import OpenImageIO as oiio
 
-    try:
-        with av.open(str(path)) as container:
-            stored = next(container.decode(video=0)).to_ndarray(format="rgba64le")[..., :3]
-    except (av.FFmpegError, StopIteration, ValueError):
-        stored = np.zeros((0, 0, 3), np.uint16)
-    pixels = UPRIGHT.get(orientation, UPRIGHT[1])(stored)
-    upper = np.asarray(image.convert("RGB"))
-    if pixels.shape != upper.shape or not np.array_equal(pixels >> 8, upper):
-        raise UserError(
-            f"{what} cannot be read in 16 bits: save it as PNG, or as TIFF in strips with the channels of each pixel "
-            "together"
-        )
-    return np.ascontiguousarray(pixels)
+    wanted = oiio.ImageSpec()
+    wanted[UNASSOCIATED] = 1
+    image = oiio.ImageBuf(str(path), 0, 0, wanted)
+    if not image.read(force=True, convert=oiio.UINT16):
+        raise UserError(f"{what} is damaged or cut short ({image.geterror().splitlines()[0]})")
+    spec = image.spec()
+    alpha_channel, is_multiplied = spec.alpha_channel, not spec.get_int_attribute(UNASSOCIATED)
+    image.orientation = orientation
+    values = oiio.ImageBufAlgo.reorient(image).get_pixels(oiio.UINT16)
+    alpha = values[..., alpha_channel] if alpha_channel >= 0 else None
+    pixels = values[..., :3] if values.shape[2] > 2 else np.repeat(values[..., :1], 3, axis=2)
+    if alpha is not None and is_multiplied:
+        share = np.maximum(alpha, 1)[..., None] / np.float32(65535)
+        pixels = np.round(np.minimum(pixels / share, 65535)).astype(np.uint16)
+    return np.ascontiguousarray(pixels), alpha
 
 
 def read_linear(path: Path, what: str) -> tuple[np.ndarray, np.ndarray | None, list[str]]:
@@ -104,21 +90,10 @@ def write_deep(path: Path, pixels: np.ndarray) -> None:
                 channels |= {name: channels[name] * channels["A"] for name in "RGB"}
             OpenEXR.File({"software": f"relight {__version__}"}, channels).write(str(tmp))
         else:
-            tmp.write_bytes(_encoded(pixels, {".png": "png", ".tif": "tiff"}[path.suffix]))
+            import OpenImageIO as oiio
 
-
-def _encoded(pixels: np.ndarray, coder: str) -> bytes:
-    """Returns the bytes of a picture of 16 bits.
-
-    `pixels` are (H,W,3) or (H,W,4) uint16; `coder` is an encoder of FFmpeg, `png` or `tiff`.
-    """
-    import av
-
-    form = {3: "rgb48", 4: "rgba64"}[pixels.shape[2]] + {"png": "be", "tiff": "le"}[coder]
-    context = cast(av.VideoCodecContext, av.CodecContext.create(coder, "w"))
-    context.height, context.width = pixels.shape[:2]
-    context.pix_fmt, context.time_base = form, Fraction(1)
-    if coder == "tiff":
-        context.options = {"compression_algo": "deflate"}
-    frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format=form)
-    return b"".join(bytes(packet) for packet in [*context.encode(frame), *context.encode(None)])
+            image = oiio.ImageBuf(np.ascontiguousarray(pixels))
+            image.specmod()[UNASSOCIATED] = 1
+            image.specmod()["compression"] = "zip"
+            if not image.write(str(tmp), oiio.UINT16, {".png": "png", ".tif": "tiff"}[path.suffix]):
+                raise OSError(image.geterror())

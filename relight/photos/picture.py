@@ -120,20 +120,21 @@ def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Pictur
     bits = bits_of(image, file)
     if not is_deep_grey and (bits > 16 or image.mode.startswith(("I", "F"))):
         raise UserError(f"{what} has more than 16 bits per channel: save it in 16 bits, or as OpenEXR if it is linear")
-    stored, orientation = image, image.getexif().get(ExifTags.Base.Orientation, 1)
-    image = ImageOps.exif_transpose(image)
-    alpha = None
-    if "A" in image.getbands() or "transparency" in image.info:
-        image = image.convert("RGBA")
-        alpha = np.asarray(image.getchannel("A"))
-        if alpha.min() == alpha.max():
-            alpha = None
-    if is_deep_grey:
-        pixels = np.repeat(np.asarray(image, np.uint16)[..., None], 3, axis=2)
-    elif bits == 16 and file is not None:
-        pixels = read_16_bits(file, image, orientation, what)
+    stored, alpha = image, None
+    if bits == 16 and file is not None and not is_deep_grey:
+        pixels, alpha = read_16_bits(file, image.getexif().get(ExifTags.Base.Orientation, 1), what)
+        alpha = None if alpha is None else np.round(alpha / np.float32(257)).astype(np.uint8)
     else:
-        pixels = np.asarray(image.convert("RGB"))
+        image = ImageOps.exif_transpose(image)
+        if is_deep_grey:
+            pixels = np.repeat(np.asarray(image, np.uint16)[..., None], 3, axis=2)
+        else:
+            if "A" in image.getbands() or "transparency" in image.info:
+                image = image.convert("RGBA")
+                alpha = np.asarray(image.getchannel("A"))
+            pixels = np.asarray(image.convert("RGB"))
+    if alpha is not None and alpha.min() == alpha.max():
+        alpha = None
     largest = int(pixels.max())
     pixels, notes = to_srgb(pixels, stored, what, coding_of(stored, file))
     if pixels.dtype == np.uint16 and largest < FEW_BITS:
