@@ -63,15 +63,7 @@ def pictures(image):
 
 
 def coverages(mask, count):
-    """Returns the coverage (H,W) uint8, or None, of each of `count` pictures.
-
-    Args:
-        mask: MASK with one mask for each picture, or one for all; or None.
-        count: number of pictures.
-
-    Raises:
-        ValueError: for another number of masks.
-    """
+    """Returns the coverage (H,W) uint8 of each of `count` pictures by a MASK of one for each or for all, or None."""
     if mask is None:
         return [None] * count
     masks = np.round(255 * mask.reshape(-1, *mask.shape[-2:]).cpu().numpy().clip(0, 1)).astype(np.uint8)

@@ -117,10 +117,7 @@ class Crop:
         return out[0] if len(out) == 1 else np.moveaxis(out, 0, -1)
 
     def _margin(self, scale: float) -> int:
-        """Returns how far the window reaches past the square at most, in pixels of the square, and two to spare.
-
-        `scale` is in pixels of the square per pixel of the photo.
-        """
+        """Returns how far the window reaches past the square at most, in pixels of the square, and two to spare."""
         low = min(self.rows[0] - self.top, self.columns[0] - self.left)
         high = max(self.rows[1] - self.top, self.columns[1] - self.left) - self.side
         return max(int(np.ceil(max(-low, high) * scale)), 0) + 2
@@ -130,10 +127,9 @@ class Crop:
 def _resampling(
     size: int, margin: int, span: tuple[float, float], count: int, kind: Image.Resampling
 ) -> list[tuple[slice, slice, np.ndarray]]:
-    """Returns the weights by which Pillow resamples a line, for `_resample`: its results for unit vectors.
+    """Returns the weights by which Pillow resamples a line, its results for unit vectors: a band matrix in blocks.
 
-    They are a band matrix (count,size) in blocks: rows, columns and weights. The line is first extended by `margin`
-    copies of its ends; `span` is in values of the line before that, from 0 to `size`.
+    The line is first extended by `margin` copies of its ends; `span` is in values of the line before that.
     """
     units = np.pad(np.eye(size, dtype=np.float32), ((margin, margin), (0, 0)), mode="edge")
     box = (0, span[0] + margin, size, span[1] + margin)
@@ -148,11 +144,6 @@ def _resampling(
 
 
 def _resample(blocks: list[tuple[slice, slice, np.ndarray]], lines: np.ndarray, out: np.ndarray) -> None:
-    """Resamples N lines at once.
-
-    `lines` (S,N) has a line in each column. `out` (count,N) gets their product with the band matrix (count,S), whose
-    blocks are rows, columns and weights.
-    """
     for rows, columns, weights in blocks:
         np.matmul(weights, lines[columns], out=out[rows])
 

@@ -59,7 +59,7 @@ class Relighter:
     def infer(
         self, image: Given, mask: Given | None = None, split: bool = True, white_balance: str = "keep"
     ) -> list[Person]:
-        """Infers the light, albedo and transport of each person in a photo.
+        """Returns the people of `scene`, from left to right, and shows its notes as warnings.
 
         Args:
             image: as `scene` takes it.
@@ -67,31 +67,13 @@ class Relighter:
             split: whether people who do not touch are inferred one by one.
             white_balance: `keep` takes the photo's light to be white on average (relight.photos.person.balanced),
                 `scene` to have the color that the network infers.
-
-        Returns:
-            The people from left to right.
-
-        Raises:
-            UserError: as `scene` does.
-
-        Warns:
-            UserWarning: the notes of the scene.
         """
         scene = self.scene(image, mask, split=split, white_balance=white_balance)
         _warn(scene)
         return list(scene.people)
 
     def infer_person(self, pixels: np.ndarray, coverage: np.ndarray, crop: Crop | None = None) -> Person:
-        """Infers one person.
-
-        Args:
-            pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
-            coverage: (H,W) uint8 of the person.
-            crop: the square to use; by default the one around the coverage.
-
-        Raises:
-            UserError: if the coverage is empty.
-        """
+        """Infers one person: relight.photos.person.infer_person."""
         return infer_person(self.network, pixels, coverage, crop)
 
     def read_light(
@@ -117,31 +99,25 @@ class Relighter:
         stops: float = 0.0,
         white_balance: str = "keep",
     ) -> np.ndarray:
-        """Relights the people of a photo.
+        """Relights the people of a photo, and shows the notes on it and on the light as warnings.
 
         Args:
             image: as `scene` takes it.
             mask: likewise.
-            light: a text for `read_light`, a `Light`, a list of these, which add up, (K,3) radiance coefficients
-                (docs/conventions.md), which alone are not deringed, or `auto`: the light of the place in the background
-                if this is a picture, else a warm lamp from the darker side (`Scene.lamp`).
+            light: a text for `read_light`, also of a photo of somebody, or as `Look` takes it.
             mode: `ratio` keeps all detail of the photo, `full` is albedo * shading.
             background: "keep", "transparent", "panorama" (the light's), a color, or a picture: a file, an array or an
                 image of Pillow; or a `Background`.
             turn: of the light about the vertical axis, its front toward +x, degrees.
             match: whether the light is scaled to the photo's exposure.
             stops: exposure, as a power of two, from -8 to 8.
-            white_balance: `keep` (the light is white on average) or `scene` (as inferred); also of a photo that
-                `light` names.
+            white_balance: of the photo, and of one that `light` names.
 
         Returns:
             (H,W,3) of the photo's type, or (H,W,4) for a transparent background; linear floats for OpenEXR.
 
         Raises:
             UserError: if an argument is none of these.
-
-        Warns:
-            UserWarning: the notes of the scene and of the light.
         """
         if isinstance(light, str | Path):
             light = self.read_light(light, white_balance=white_balance)

@@ -139,15 +139,9 @@ def read_background(given: Background | Given, blur: float = 0.0, shadow: bool =
 
 
 def estimate_white(picture: np.ndarray) -> np.ndarray:
-    """Estimates the color of the light in a picture by "shades of grey" (Finlayson and Trezzi 2004).
+    """Estimates the linear color (3,) of the light in a picture (h,w,3) uint8 by "shades of grey".
 
-    That is a mean of the sixth powers of its values, between the average and the largest.
-
-    Args:
-        picture: (h,w,3) uint8 sRGB.
-
-    Returns:
-        (3,) linear.
+    That is a mean of the sixth powers of its values, between the average and the largest (Finlayson and Trezzi 2004).
     """
     every = max(int(np.sqrt(picture[..., 0].size / 40_000)), 1)  # some 40,000 pixels are enough
     linear = LINEAR[picture[::every, ::every]].astype(np.float64)

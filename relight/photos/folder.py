@@ -268,7 +268,6 @@ def _work(task: tuple[Path, Path, Path | None, str]) -> str | None:
 def _relight_one(
     network: PhotoNetwork, photo: Path, out: Path, mask: Path | None, fingerprint: str, **options: Any
 ) -> str | None:
-    """Relights one photo and records what its results depend on. Returns the reason of a failure, or None."""
     try:
         record = relight_file(network, photo, out, mask=mask, **options)
         write_json(out / RECORD, {**record, "fingerprint": fingerprint})

@@ -48,16 +48,7 @@ class Camera:
     middle: float
 
     def unproject(self, x: np.ndarray | float, y: np.ndarray | float, depth: np.ndarray | float) -> np.ndarray:
-        """Returns the points at pixels.
-
-        Args:
-            x: column (...), pixels.
-            y: row (...), pixels.
-            depth: (...) along the axis.
-
-        Returns:
-            (...,3) in the unit of `depth`; x to the right, y up, and the camera at 0 looks along -z.
-        """
+        """Returns the points (...,3) at columns x and rows y, in the unit of `depth`, which is along the axis, -z."""
         right, up = (x - self.middle) / self.focal, (self.horizon - y) / self.focal
         return np.stack(np.broadcast_arrays(right * depth, up * depth, -depth), -1)
 
@@ -92,18 +83,11 @@ class Ground:
         left = np.maximum(self.unoccluded[:count] @ light - self.occluded[..., :count] @ light, 0)
         return np.minimum((left + ambient) / (whole + ambient), 1)
 
-    def cast_shadows(self, background: np.ndarray, light: np.ndarray, top: int = 0, left: int = 0) -> None:
-        """Darkens a background in place.
-
-        Args:
-            background: (h,w,3) linear; it contains all of the ground.
-            light: (K,3).
-            top: row of the photo of its first pixel.
-            left: column of the same.
-        """
+    def cast_shadows(self, background: np.ndarray, light: np.ndarray) -> None:
+        """Darkens a background (H,W,3), linear, in place under a light (K,3)."""
         shadows = self.shadows(light)
         (first, last), (start, stop) = self.rows, self.columns
-        part = background[first - top : last - top, start - left : stop - left]
+        part = background[first:last, start:stop]
         for channel in range(3):
             small = Image.fromarray(np.ascontiguousarray(shadows[..., channel]))
             part[..., channel] *= np.asarray(small.resize((stop - start, last - first), Image.Resampling.BILINEAR))
@@ -150,11 +134,7 @@ def ground_under(coverages: Sequence[np.ndarray], order: int = 2) -> Ground | No
 
 
 def _transport(points: np.ndarray, balls: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the transport that balls occlude at points that face up.
-
-    `points` are (P,3); `balls` (N,4) are centres and radii in the same unit. Returns the occluded transport (P,K), and
-    the transport (K,) of the open sky.
-    """
+    """Returns the transport (P,K) that balls (N,4) occlude at points (P,3) that face up, and that of the open sky."""
     directions = vogel_directions(RAYS)[:, [1, 2, 0]].astype(np.float32)  # about +y
     values = basis(directions, order) * (np.pi / RAYS)
     points, balls = points.astype(np.float32), balls.astype(np.float32)
@@ -171,11 +151,7 @@ def _transport(points: np.ndarray, balls: np.ndarray, order: int) -> tuple[np.nd
 
 
 def _fill_with_balls(coverage: np.ndarray, box: tuple[int, int, int, int], camera: Camera) -> np.ndarray:
-    """Fills a person with balls, the largest first.
-
-    `coverage` is (H,W) uint8; `box` is the person's top, bottom, left and right in pixels, half-open. Returns centres
-    and radii (N,4) in the camera's frame: feet stand on the ground, the rest is above them.
-    """
+    """Fills a person with balls (N,4), the largest first. Feet stand on the ground, the rest is above them."""
     top, bottom, left, right = box
     scale = min(COARSE / (bottom - top), 1)
     size = max(round((right - left) * scale), 1), max(round((bottom - top) * scale), 1)

@@ -77,20 +77,11 @@ class FittedMap:
     def place(
         self, crop: Crop, detail: np.ndarray, rows: tuple[int, int], where: np.ndarray | None = None
     ) -> np.ndarray:
-        """Resamples the map to the photo's pixels, with detail.
+        """Resamples the map to the photo's pixels, (h,w,C) or (N,C), with detail: as `Crop.place` does.
 
-        The result stays within the values that the map has nearby, so a highlight of the photo leaves no halo.
-
-        Args:
-            crop: the square.
-            detail: (h,w,1) or (h,w,C), or (N,...): the guide at the photo's pixels minus that of the square.
-            rows: half-open, of the photo.
-            where: flat indices (N,) into those rows of `crop.window`, to get only those pixels.
-
-        Returns:
-            (h,w,C), or (N,C).
+        The result stays within the values that the map has nearby, so a highlight of the photo leaves no halo. `detail`
+        (...,1) or (...,C) is the guide at those pixels minus that of the square.
         """
-
         out = []
         for c in range(self.base.shape[2]):  # one channel at a time stays in the processor's cache
             values = crop.place(self.base[..., c], rows, True, where)

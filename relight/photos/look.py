@@ -28,18 +28,21 @@ LightGiven = Light | np.ndarray | Path | str | Sequence[Light | Path | str] | No
 class Look:
     """How a picture is to look.
 
-    Attributes:
-        light: as read; None for a warm lamp from the darker side (`Scene.lamp`).
-        windowed: whether it is deringed (relight.sh.deringed), as lights of photos and mere coefficients are not.
+    Args:
+        light: a name (relight.load_light), a `Light`, several of them, which add up, (K,3) radiance coefficients, or
+            `auto`: the light of the place in the background if this is a picture, else a lamp (`Scene.lamp`: None).
         mode: `ratio` keeps all detail of the picture, `full` is albedo * shading.
-        background: behind the people.
+        background: as `read_background` takes it.
         turn: of the light about the vertical axis, its front toward +x, degrees.
-        stops: exposure, as a power of two.
+        stops: exposure, as a power of two, from -8 to 8.
         match: whether the light is scaled to the picture's exposure.
+
+    Raises:
+        UserError: if an argument is none of these.
     """
 
     light: Light | None
-    windowed: bool
+    windowed: bool  # whether the light is deringed, as those of photos and mere coefficients are not
     mode: str
     background: Background
     turn: float
@@ -55,20 +58,6 @@ class Look:
         stops: float = 0.0,
         match: bool = True,
     ):
-        """Reads and checks what a picture is to look like.
-
-        Args:
-            light: a name (relight.load_light), a `Light`, several of them, which add up, (K,3) radiance coefficients,
-                or `auto`: the light of the place in the background if this is a picture, else a lamp.
-            mode: ratio | full.
-            background: as `read_background` takes it.
-            turn: degrees.
-            stops: from -8 to 8.
-            match: to the picture's exposure.
-
-        Raises:
-            UserError: if an argument is none of these.
-        """
         if mode not in MODES:
             raise UserError(f"mode {mode!r} is neither ratio nor full")
         if not (isinstance(turn, Real) and math.isfinite(turn)):

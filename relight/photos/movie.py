@@ -216,19 +216,12 @@ def windows(items: Iterable[T], radius: int) -> Iterator[tuple[list[T], int]]:
 
 
 def _gaussian(count: int, centre: int, radius: int) -> np.ndarray:
-    """Returns the weights of frames around one of them: (count,), with a sum of 1.
-
-    At `radius` frames from `centre`, the Gaussian has 2 standard deviations.
-    """
+    # At `radius` frames from `centre`, the Gaussian has 2 standard deviations.
     weights = np.exp(-2 * ((np.arange(count) - centre) / radius) ** 2)
     return weights / weights.sum()
 
 
 def _smooth_crop(crops: list[Crop], i: int) -> Crop:
-    """Returns the square of frame `i`, smoothed over time.
-
-    Its top, left and side are the weighted means of those of `crops`, the squares of the frame and of those around it.
-    """
     weights = _gaussian(len(crops), i, CROP_RADIUS)
     top, left, side = weights @ np.array([[crop.top, crop.left, crop.side] for crop in crops])
     return replace(crops[i], top=float(top), left=float(left), side=float(side))

@@ -52,15 +52,7 @@ class PhotoNetwork:
         return float(self.config.get("augment", {}).get("exposure", [0.0])[-1])
 
     def infer(self, image: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Infers the maps of one image.
-
-        Args:
-            image: (S,S,3) linear in [0,1].
-            mask: (S,S) in [0,1].
-
-        Returns:
-            Albedo (S,S,3), transport (S,S,K) and light (K,3), float32.
-        """
+        """Returns albedo (S,S,3), transport (S,S,K) and light (K,3), float32, of an image (S,S,3) and a mask (S,S)."""
         planes = np.ascontiguousarray(np.moveaxis(image, -1, 0)[None], np.float32)
         albedo, transport, light = self.run(planes, np.asarray(mask, np.float32)[None, None])
         return np.moveaxis(albedo[0], 0, -1), np.moveaxis(transport[0], 0, -1), light[0]
@@ -99,13 +91,9 @@ def read_network(path: Path | str | None = None, threads: int = 0) -> PhotoNetwo
 
 
 def open_session(path: Path, threads: int = 0) -> Any:
-    """Opens an .onnx file in onnxruntime on the CPU.
+    """Opens an .onnx file in onnxruntime on the CPU, with a number of threads, 0 for one per core.
 
     Idle threads sleep: by default onnxruntime's wait in a loop, which costs CPU time and gains nothing here.
-
-    Args:
-        path: the file.
-        threads: number of threads; 0 for one per core.
 
     Raises:
         UserError: if it is damaged, or of a version that onnxruntime does not know.

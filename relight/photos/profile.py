@@ -78,11 +78,7 @@ def to_srgb(
 
 
 def _by_coding(pixels: np.ndarray, coding: tuple[int, int], what: str) -> tuple[np.ndarray, list[str]]:
-    """Converts by the codes of ITU-T H.273. Curves for broadcasting are shown as sRGB, as browsers do.
-
-    `pixels` (H,W,3), uint8 or uint16, keep their type; raises UserError for displays of high dynamic range, and for
-    primaries or curves that are not known here.
-    """
+    """Converts by the codes of ITU-T H.273. Curves for broadcasting are shown as sRGB, as browsers do."""
     primaries, transfer = coding
     if transfer in HDR_TRANSFERS:
         raise UserError(f"{what} is coded for displays of high dynamic range: save it as sRGB, or linear as OpenEXR")
@@ -107,10 +103,7 @@ def _is_adobe(image: Image.Image) -> bool:
 
 
 def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarray, list[str]]:
-    """Converts by an ICC profile; one that is not of RGB pictures is left out with a note, as browsers do.
-
-    `pixels` (H,W,3), uint8 or uint16, keep their type. Raises UserError for 16 bits with a profile of tables.
-    """
+    """Converts by an ICC profile; one that is not of RGB pictures is left out with a note, as browsers do."""
     try:
         source, target = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
         transform = ImageCms.buildTransform(source, target, "RGB", "RGB")
@@ -118,7 +111,6 @@ def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarr
         return pixels, ["its color profile is damaged, or not one of RGB pictures: it was left out, as by browsers"]
 
     def convert(values: np.ndarray) -> np.ndarray:
-        """Converts 8-bit pixels (H,W,3) by the profile, to sRGB."""
         image = ImageCms.applyTransform(Image.fromarray(values), transform)
         assert image is not None  # as it is where the image is changed in place
         return np.asarray(image)
@@ -136,11 +128,7 @@ def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarr
 
 
 def _by_curves(pixels: np.ndarray, curves: Sequence[Curve], matrix: np.ndarray) -> np.ndarray:
-    """Converts pixels (H,W,3) uint8 or uint16 by a curve for each channel and a matrix.
-
-    Curves take codes in [0,1] to linear values, and the matrix (3,3) takes these to those of Rec. 709. The result is
-    sRGB of the same type.
-    """
+    """Converts by a curve for each channel, from codes in [0,1], and a matrix (3,3) to linear Rec. 709."""
     largest = np.iinfo(pixels.dtype).max
     codes = np.arange(largest + 1) / largest
     tables = [curve(codes).astype(np.float32) for curve in curves]
@@ -190,11 +178,7 @@ def _curve(profile: bytes, name: bytes) -> Curve | None:
 
 
 def _parametric(kind: int, given: np.ndarray, code: np.ndarray) -> np.ndarray:
-    """Returns the linear values of codes by a parametric curve (ICC.1:2022, section 10.18).
-
-    It is (a x + b)^g + offset from x = start on, and slope x + constant below. `kind` is the type of the function, 0 to
-    4, and `given` has the first of its parameters g, a, b, c, d, e, f.
-    """
+    """ICC.1:2022, section 10.18: (a x + b)^g + offset from x = start on, and slope x + constant below."""
     g, a, b, c, d, e, f = np.pad(given, (0, 7 - len(given))).tolist()
     a = a if kind else 1.0
     start = d if kind > 2 else -b / (a or 1.0)

@@ -12,7 +12,7 @@ from scipy.ndimage import maximum_filter, uniform_filter1d
 from relight.maps.square import extent
 from relight.photos.background import Background
 from relight.photos.color import CLIPPING, apply_gain, clipping_excess, roll_off, to_codes
-from relight.photos.ground import Ground, ground_under
+from relight.photos.ground import ground_under
 from relight.photos.guide import FittedMap, luma
 from relight.photos.person import Person
 from relight.sh import order_of
@@ -24,7 +24,7 @@ REACH = sum(RADII)  # rows beyond a strip that its result depends on
 
 
 @dataclass(repr=False)
-class PersonPixels:
+class _PersonPixels:
     """The N pixels of a person in a part of a photo. Arrays are in Fortran order, as placed maps are.
 
     Attributes:
@@ -51,7 +51,7 @@ class PersonPixels:
 
 
 @dataclass(repr=False)
-class Layers:
+class _Layers:
     """A part of a photo, separated into people and background.
 
     Attributes:
@@ -66,7 +66,7 @@ class Layers:
     linear: np.ndarray
     alpha: np.ndarray
     foreground: np.ndarray
-    people: list[PersonPixels | None]
+    people: list[_PersonPixels | None]
 
 
 def render(
@@ -103,29 +103,19 @@ def frames(
     background: Background,
     stops: float,
 ) -> Iterator[np.ndarray]:
-    """Relights the people of a photo under several lights. What these do not change is computed once.
-
-    Args:
-        pixels: as `render` takes them.
-        people: likewise.
-        lights: each with the turn of a panorama behind, as `render` takes them.
-        mode: ratio | full.
-        background: behind the people.
-        stops: exposure.
-
-    Yields:
-        Pictures, as `render` returns them.
-    """
+    """Yields what `render` returns for each of `lights`, with its turn. What these do not change is computed once."""
     shape, coverage = pixels.shape[:2], total_coverage(people)
     transparent = background.kind == "none"
-    ground = ground_of(people) if background.replaced and background.shadow else None
+    ground = None
+    if background.replaced and background.shadow:
+        ground = ground_under([person.coverage for person in people], order_of(people[0].transport.shape[-1]))
     still = background.linear(shape, stops=stops) if background.replaced and not background.turns else None
     rows = [each for each in strips(0, len(pixels)) if background.kind != "keep" or coverage[slice(*each)].any()]
-    layers: Iterable[Layers] = (split_layers(pixels, people, each, transparent) for each in rows)
+    layers: Iterable[_Layers] = (_split_layers(pixels, people, each, transparent) for each in rows)
     if len(lights) > 1:
         layers = list(layers)  # of a single picture, which may be large, there is one at a time
     for light, turn in lights:
-        maps, behind = fit_maps(people, light, mode), None if still is None else np.array(still)
+        maps, behind = _fit_maps(people, light, mode), None if still is None else np.array(still)
         if background.turns:
             behind = background.linear(shape, turn, stops)
         if ground and behind is not None:
@@ -135,7 +125,7 @@ def frames(
         for (first, last), part in zip(rows, layers):
             if transparent:
                 out[first:last, :, :3] = to_codes(part.foreground, out.dtype)
-            compose(out[first:last, :, :3], part, maps, None if behind is None else behind[first:last], stops)
+            _compose(out[first:last, :, :3], part, maps, None if behind is None else behind[first:last], stops)
         if transparent:
             factor = {1: 1, 2: 257, 4: 1 / 255}[out.itemsize]  # by bytes a channel: 255 becomes 255, 65535 or 1.0
             out[..., 3] = coverage * np.array(factor, out.dtype)
@@ -147,53 +137,31 @@ def total_coverage(people: Sequence[Person], rows: slice = slice(None)) -> np.nd
     return np.maximum.reduce([person.coverage[rows] for person in people])
 
 
-def ground_of(people: Sequence[Person]) -> Ground | None:
-    """Returns the ground that people stand on, for their shadows; None if nobody's feet are in the picture."""
-    return ground_under([person.coverage for person in people], order_of(people[0].transport.shape[-1]))
-
-
-def fit_maps(
+def _fit_maps(
     people: Sequence[Person], light: np.ndarray | Sequence[np.ndarray], mode: str
 ) -> list[tuple[FittedMap, ...]]:
-    """Fits to the photo's pixels what relights each person.
-
-    Args:
-        people: of the photo.
-        light: (K,3) radiance coefficients, or one for each person.
-        mode: `ratio` or `full`.
-
-    Returns:
-        For each person one map, the gain (`ratio`), or two, albedo and shading (`full`).
-    """
+    """Fits what relights each person: one map, the gain (`ratio`), or two, albedo and shading (`full`)."""
     lights = [light] * len(people) if isinstance(light, np.ndarray) else light
     if mode == "ratio":
         return [(person.fit_gain(new_light),) for person, new_light in zip(people, lights)]
     return [(person.fitted_albedo, person.fit_shading(new_light)) for person, new_light in zip(people, lights)]
 
 
-def split_layers(pixels: np.ndarray, people: Sequence[Person], rows: tuple[int, int], opaque: bool = False) -> Layers:
-    """Separates rows of a photo into people and background. The result does not depend on how rows are cut.
-
-    Args:
-        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
-        people: in the photo.
-        rows: half-open.
-        opaque: whether the people cover their pixels in full, as where an alpha channel holds the coverage.
-    """
+def _split_layers(pixels: np.ndarray, people: Sequence[Person], rows: tuple[int, int], opaque: bool = False) -> _Layers:
+    """Separates rows into people, who may be made `opaque`, and background. The cut of the rows does not show."""
     first, last = rows
     top, bottom = max(first - REACH, 0), min(last + REACH, len(pixels))
     linear = to_linear(pixels[top:bottom])
     alpha = total_coverage(people, slice(top, bottom)).astype(np.float32) / 255
     window = slice(first - top, last - top)  # without the rows that only the foreground's estimate needs
-    part = Layers(first, linear[window], alpha[window], estimate_foreground(linear, alpha)[window], [])
+    part = _Layers(first, linear[window], alpha[window], estimate_foreground(linear, alpha)[window], [])
     part.people = [_person_pixels(person, part) for person in people]
     for person in filter(None, part.people) if opaque else ():
         person.linear, person.alpha = person.foreground, np.ones_like(person.alpha)
     return part
 
 
-def _person_pixels(person: Person, part: Layers) -> PersonPixels | None:
-    """Returns the pixels of a person in a part of a photo; None if the rows of their crop are outside of it."""
+def _person_pixels(person: Person, part: _Layers) -> _PersonPixels | None:
     rows = max(part.top, person.crop.rows[0]), min(part.top + len(part.foreground), person.crop.rows[1])
     if rows[0] >= rows[1]:
         return None
@@ -212,25 +180,17 @@ def _person_pixels(person: Person, part: Layers) -> PersonPixels | None:
     if clipped.any():
         chroma = person.crop.place(person.chroma, rows, cubic=False, where=where[clipped])
         excess[clipped] = clipping_excess(foreground[clipped], chroma)
-    return PersonPixels(person, rows, where, index, linear, alpha, foreground, detail, excess)
+    return _PersonPixels(person, rows, where, index, linear, alpha, foreground, detail, excess)
 
 
-def compose(
+def _compose(
     out: np.ndarray,
-    part: Layers,
+    part: _Layers,
     maps: Sequence[tuple[FittedMap, ...]],
     behind: np.ndarray | None,
     stops: float = 0.0,
 ) -> None:
-    """Writes a part of a photo with its people relit.
-
-    Args:
-        out: (h,w,3) uint8 or uint16 sRGB, or float32 linear, to write to; without `behind` it holds the photo.
-        part: of the photo.
-        maps: of each person, from `fit_maps`.
-        behind: (h,w,3) linear background of the same part; None for the photo's own.
-        stops: exposure of the people.
-    """
+    """Relights a part of a photo in `out`, which holds the photo unless there is something `behind`."""
     front = None if behind is None else part.foreground.copy()
     for person, fits in zip(part.people, maps):
         if person is None:
@@ -244,12 +204,8 @@ def compose(
         out[:] = to_codes(over(front, part.alpha, behind), out.dtype)
 
 
-def _relight(pixels: PersonPixels, fits: tuple[FittedMap, ...], factor: np.float32, scene: bool) -> np.ndarray:
-    """Relights the person's own color: by the gain, or as albedo times shading.
-
-    `fits` is the gain alone, or the square root of albedo, then shading. The result (N,3) is linear; highlights are
-    rolled off unless the photo is linear, too (`scene`).
-    """
+def _relight(pixels: _PersonPixels, fits: tuple[FittedMap, ...], factor: np.float32, scene: bool) -> np.ndarray:
+    """Relights the person's own color; highlights are rolled off unless the photo is linear (`scene`)."""
     *albedo, last = fits
     crop = pixels.person.crop
     values = last.place(crop, luma(pixels.detail), pixels.rows, pixels.where) * factor

@@ -123,11 +123,7 @@ class Scene:
         return order_of(self.people[0].transport.shape[-1])
 
     def relit(self, look: Look) -> np.ndarray:
-        """Relights the people.
-
-        Returns:
-            (H,W,3) of the picture's type, or (H,W,4) for a transparent background; linear floats for OpenEXR.
-        """
+        """Returns the relit picture, (H,W,3) of its type, or (H,W,4) for a transparent background."""
         return next(self.turned(look, *self.exposed(look)))
 
     def exposed(self, look: Look) -> tuple[np.ndarray, Background]:
@@ -146,13 +142,9 @@ class Scene:
     def turned(
         self, look: Look, light: np.ndarray, background: Background, turns: Sequence[float] = (0.0,)
     ) -> Iterator[np.ndarray]:
-        """Relights the people by what `exposed` returned, of this picture or of another frame of its clip.
+        """Yields a picture for each of `turns` of the light beyond that of the look, radians.
 
-        Args:
-            look: mode, turn and stops.
-            light: (K,3).
-            background: matched to the light.
-            turns: of the light beyond that of the look, radians; each gives a picture.
+        `light` and `background` are what `exposed` returned, of this picture or of another frame of its clip.
         """
         angles = [np.radians(look.turn) + turn for turn in turns]
         lights = [(rotate_y(light, angle).astype(np.float32), angle) for angle in angles]

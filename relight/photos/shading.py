@@ -72,12 +72,7 @@ def gain(transport: np.ndarray, mask: np.ndarray, light: np.ndarray, new_light: 
 
 
 def max_luminance(transport: np.ndarray, light: np.ndarray) -> float:
-    """Returns the largest luminance of T . L over all headings of a light.
-
-    Args:
-        transport: one vector (K,).
-        light: (K,3), rotated about the vertical axis.
-    """
+    """Returns the largest luminance of T . L, of one transport (K,), over all headings of a light (K,3)."""
     count = min(len(transport), len(light))
     grey = luminance(light.astype(np.float64))[:, None]
     waves = 2 * order_of(count) + 1  # a trigonometric polynomial of the angle: as many samples determine it

@@ -76,16 +76,11 @@ def assess(person: Person, training: np.ndarray | None = None, stops: float = 0.
 
 
 def _distance(light: np.ndarray, training: np.ndarray) -> tuple[float, float]:
-    """Compares a light with those of a training, by the distance of normalised coefficients of irradiance.
-
-    Only the bands that both `light` (K,3) and `training` (N,K',3) have count. Returns the distance to the nearest light
-    of the training, and the 95 % quantile of that distance among the training's lights.
-    """
+    """Returns the distance of irradiances to the nearest light of a training, and its 95 % quantile among those."""
     count = min(len(light), training.shape[1])
     weight = per_coefficient(cosine_factors(order_of(count)))[:, None]
 
     def unit(lights: np.ndarray) -> np.ndarray:
-        """Returns the coefficients of irradiance (...,3 count) of lights (...,K,3), as vectors of length 1."""
         flat = (lights[..., :count, :] * weight).reshape(*lights.shape[:-2], -1)
         return flat / np.maximum(np.linalg.norm(flat, axis=-1, keepdims=True), 1e-9)
 
@@ -96,10 +91,9 @@ def _distance(light: np.ndarray, training: np.ndarray) -> tuple[float, float]:
 
 
 def _light_warnings(light: np.ndarray, gain: float = 1.0) -> list[str]:
-    """Returns what is unusual about a light, by the rules for the lights of the training (docs/lights.md).
+    """Applies the rules for lights of the training (docs/lights.md), which were made brighter by `gain` at most.
 
-    A dim `light` (K,3) is not unusual: the photo may be underexposed. `gain` is the largest factor by which the
-    training made its lights brighter.
+    A dim light is not unusual: the photo may be underexposed.
     """
     light = light[None] / gain
     stats = measure(light)

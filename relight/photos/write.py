@@ -148,13 +148,7 @@ def placed_maps(
 
 
 def write_light_files(stem: Path, coefficients: np.ndarray, source: str) -> None:
-    """Writes a light as `stem`.json and `stem`.relight.npy, and `stem`.png, a matte ball that it lights.
-
-    Args:
-        stem: path of the files, without a suffix.
-        coefficients: (K,3) radiance coefficients.
-        source: what the light is of, for the record.
-    """
+    """Writes a light (K,3) as `stem`.json and `stem`.relight.npy, and `stem`.png, a matte ball that it lights."""
     light = Light(np.asarray(coefficients, np.float64), source)
     write_light(light, stem.with_name(f"{stem.name}.json"))
     write_light(light, stem.with_name(f"{stem.name}.npy"))
@@ -169,5 +163,5 @@ def write_json(path: Path, record: dict) -> None:
 
 
 def _window(left: int, top: int, right: int, bottom: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns a window as OpenEXR stores it: (left, top) and the last pixel (right - 1, bottom - 1), int32."""
+    # OpenEXR's windows hold the last pixel.
     return np.array([left, top], np.int32), np.array([right - 1, bottom - 1], np.int32)

@@ -65,11 +65,7 @@ def coverage_of(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
 
 
 def _areas(values: np.ndarray, kinds: np.ndarray, what: str) -> list[str]:
-    """Returns notes on areas of a value between black and white. Soft edges have many values, and no area of one.
-
-    `kinds` are the distinct `values` (H,W), ascending; raises UserError if areas have several such values, as a map of
-    labels has.
-    """
+    """Notes on areas of a value between black and white: soft edges have no area of one, and maps of labels several."""
     if len(kinds) > MOST_LABELS:
         return []
     inner = maximum_filter(values, 3) == minimum_filter(values, 3)
@@ -88,11 +84,6 @@ def _top(values: np.ndarray, high: float) -> float:
 
 
 def _of_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
-    """Converts a mask that is not grey.
-
-    From `values` (H,W,3) uint8, it returns coverage (H,W) uint8 and one note on what was taken for the person. Raises
-    UserError if no color is clearly that of the person.
-    """
     codes = (values.astype(np.int32) << [16, 8, 0]).sum(-1)
     used = np.unique(codes)
     if len(used) == 2:

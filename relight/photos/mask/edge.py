@@ -92,11 +92,7 @@ def is_soft(coverage: np.ndarray) -> bool:
 
 
 def _combine(values: np.ndarray, side: int, how: np.ufunc) -> np.ndarray:
-    """Combines the pixels of each cell.
-
-    Cells are `side` pixels wide, and border pixels complete the last ones: (h,w) becomes (h / side, w / side), rounded
-    up.
-    """
+    # Border pixels complete the last cells.
     height, width = values.shape
     values = np.pad(values, ((0, -height % side), (0, -width % side)), mode="edge")
     return reduce(how, (values[i::side, j::side] for i, j in np.ndindex(side, side)))

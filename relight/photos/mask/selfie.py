@@ -135,14 +135,14 @@ def segment_coarsely(pixels: np.ndarray) -> np.ndarray:
 
 
 def predict_wide(pixels: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
-    """Runs the network on a part of a photo of any width, such as a group: in windows that overlap by half at least.
+    """Runs the network on a part of any width, such as a group: in windows that overlap by half at least.
 
     Args:
         pixels: (H,W,3) uint8 sRGB.
         box: the part's left, upper, right and lower edge, pixels.
 
     Returns:
-        The mask (SIDE,columns) float32 in [0,1], in which windows are blended; a window has SIDE columns.
+        The mask (SIDE,columns) float32 in [0,1], of SIDE columns for each window.
     """
     left, upper, right, lower = box
     width, window = right - left, min(right - left, int(WIDEST * (lower - upper) + 0.5))
@@ -161,15 +161,7 @@ def predict_wide(pixels: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarr
 
 
 def predict(pixels: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
-    """Runs the network on a part of a photo. Its graph also takes the mirror image, and averages.
-
-    Args:
-        pixels: (H,W,3) uint8 sRGB.
-        box: the part's left, upper, right and lower edge, pixels.
-
-    Returns:
-        The mask (SIDE,SIDE) float32 in [0,1].
-    """
+    """Returns the mask (SIDE,SIDE) float32 in [0,1] of a part, as `predict_wide` takes it, and of its mirror image."""
     square = Image.fromarray(pixels).resize((SIDE, SIDE), Image.Resampling.BILINEAR, box, reducing_gap=3)
     image = np.asarray(square, np.float32).transpose(2, 0, 1)[None] / np.float32(255)
     (mask,) = load_network().run(None, {"image": image})
@@ -196,17 +188,10 @@ def box_around(found: np.ndarray) -> tuple[int, int, int, int]:
 
 
 def fit_to_edges(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Moves the edges of a mask to those of the photo.
+    """Moves the edges of a mask (h,w) float32 in [0,1] to those of the photo (h,w,3) uint8.
 
     A guided filter of the colors (He, Sun and Tang 2013), computed on fewer pixels (He and Sun 2015): in each window
     the mask is a linear function of red, green and blue.
-
-    Args:
-        pixels: (h,w,3) uint8 sRGB.
-        found: (h,w) float32 in [0,1].
-
-    Returns:
-        (h,w) float32 in [0,1].
     """
     height, width = found.shape
     scale = min(DETAIL / max(found.shape), 1)
@@ -216,7 +201,6 @@ def fit_to_edges(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
     reach = 2 * max(round(WINDOW * max(size)), 2) + 1
 
     def mean(plane: np.ndarray) -> np.ndarray:
-        """Returns means (h,w) over windows of `reach` pixels; border pixels are replicated."""
         return uniform_filter(plane, reach, mode="nearest")
 
     average, level = [mean(plane) for plane in guide], mean(small)
@@ -234,32 +218,17 @@ def fit_to_edges(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
 
 
 def tighten(mask: np.ndarray, radius: int) -> np.ndarray:
-    """Makes a mask opaque inside and empty outside, but for a band along its edge.
+    """Makes a mask (h,w) in [0,1] opaque inside and empty outside, but for a band of this radius along its edge.
 
     The network is unsure about dark cloth and about what is dark behind: without this a leg lets the background shine
     through, and black background stays above a hood. What is thinner than the band keeps its values.
-
-    Args:
-        mask: (h,w) float32 in [0,1].
-        radius: of the band, pixels.
-
-    Returns:
-        (h,w) float32 in [0,1].
     """
     share = uniform_filter((mask > 0.5).astype(np.float32), 2 * radius + 1, mode="nearest")  # 1/2 on a straight edge
     return np.clip(mask, np.clip(2 * share - 1, 0, 1), np.clip(2 * share, 0, 1))
 
 
 def solve_symmetric(matrix: list[np.ndarray], right: list[np.ndarray]) -> list[np.ndarray]:
-    """Solves A x = b in each pixel by the adjugate, for symmetric A = [[a, b, c], [b, d, e], [c, e, f]].
-
-    Args:
-        matrix: planes of a, b, c, d, e, f.
-        right: three planes of b.
-
-    Returns:
-        Three planes of x.
-    """
+    """Solves A x = b in each pixel by the adjugate, for symmetric A of the planes [[a, b, c], [b, d, e], [c, e, f]]."""
     a, b, c, d, e, f = matrix
     first = d * f - e * e, c * e - b * f, b * e - c * d
     middle, last = (a * f - c * c, b * c - a * e), a * d - b * b

@@ -5,7 +5,7 @@ Tensors are (B,C,H,W) in the .onnx and (B,H,W,C) in the .tflite.
 """
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -93,17 +93,7 @@ class _Writer:
         self.initializers: list[bytes] = []
 
     def operation(self, name: str, inputs: list[int], output: int, options: dict[str, int]) -> None:
-        """Adds an operation of the .tflite file, with its activation.
-
-        Args:
-            name: of the operation.
-            inputs: numbers of its tensors.
-            output: number of the tensor that it gives.
-            options: of the operation, by name.
-
-        Raises:
-            ValueError: if it, or this use of it, is not known here.
-        """
+        """Adds an operation of the .tflite file, with its activation; ValueError if it is not known here."""
         activation = options.get("activation", 0)
         result = f"{output}.linear" if activation else str(output)
         if name in SIMPLE:
@@ -185,7 +175,6 @@ class _Writer:
 
 
 def _window(options: dict[str, int]) -> dict[str, Any]:
-    """Returns the ONNX attributes for the padding and the strides of a TensorFlow Lite operation."""
     return {"auto_pad": PADDING[options["padding"]], "strides": [options["stride_h"], options["stride_w"]]}
 
 
@@ -213,7 +202,6 @@ def _field(field: int, content: bytes) -> bytes:
 
 
 def _text(field: int, text: str) -> bytes:
-    """Returns a field of UTF-8 text of a protobuf message."""
     return _field(field, text.encode())
 
 
@@ -233,13 +221,9 @@ class _Record(Table):
 
     def records(self, field: int) -> list["_Record"]:
         """Returns the tables in a field that is a vector of them; an empty list if it is left out."""
-        return list(self._records(field))
-
-    def _records(self, field: int) -> Iterator["_Record"]:
-        """Yields the tables in a field that is a vector of them."""
-        place = self.Offset(4 + 2 * field)
-        for i in range(self.VectorLen(place) if place else 0):
-            yield _Record(self.Bytes, self.Indirect(self.Vector(place) + 4 * i))
+        place = self.Offset(VTABLE_HEADER + 2 * field)
+        count = self.VectorLen(place) if place else 0
+        return [_Record(self.Bytes, self.Indirect(self.Vector(place) + 4 * i)) for i in range(count)]
 
 
 def _name(code: _Record) -> str:
@@ -251,11 +235,7 @@ def _name(code: _Record) -> str:
 
 
 def _options(name: str, record: _Record) -> dict[str, int]:
-    """Reads the options of an operation.
-
-    They are by the names of OPTIONS, and empty if the operation has none. What the file leaves out is 0, and 1 for a
-    dilation.
-    """
+    """Reads the options of an operation; what the file leaves out is 0, and 1 for a dilation."""
     if name == "Convolution2DTransposeBias":  # MediaPipe's own
         _, stride_w, stride_h = struct.unpack("<3i", record.numbers(5, np.uint8).tobytes())
         return {"stride_w": stride_w, "stride_h": stride_h}
