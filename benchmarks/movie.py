@@ -38,11 +38,10 @@ def time_frames(photo: Path | None, mask: Path | None, frames: int, last_frames:
     import torch
     from PIL import Image
 
-    from relight.photos.api import load, match_exposure
-    from relight.photos.load import load_photo
-    from relight.photos.movie import turn_light
-    from relight.photos.photo import Options
-    from relight.photos.read import read_mask, read_photo
+    from relight.photos.api import load
+    from relight.photos.look import Look
+    from relight.photos.mask.find import read_mask
+    from relight.photos.picture import Picture
 
     torch.set_num_threads(1)
     relighter = load()
@@ -55,16 +54,13 @@ def time_frames(photo: Path | None, mask: Path | None, frames: int, last_frames:
         pixels = np.asarray(Image.fromarray(data.astronaut()).resize(SIZE, Image.Resampling.BICUBIC))
         coverage = np.asarray(Image.open(mask).convert("L").resize(SIZE, Image.Resampling.BICUBIC))
     else:
-        pixels = read_photo(photo).pixels
-        coverage = read_mask(mask, pixels.shape[:2])
-    loaded = load_photo(pixels, coverage).downscaled(max(SIZE))
-    pixels, people = loaded.pixels, relighter.infer(loaded)
+        pixels = Picture.of(photo).pixels
+        coverage, _ = read_mask(mask, pixels.shape[:2])
+    scene = relighter.scene(pixels, coverage, max(SIZE))
     seconds, last = {}, {}
     for name in BACKGROUNDS:
-        options = Options(light="room:7", background=name)
-        light = relighter.read_light(options.light)
-        matched, background = match_exposure(people, light.coefficients, options.read_background(light))
-        stream = turn_light(pixels, people, matched, options, background, frames)
+        look = Look("room:7", background=name)
+        stream = scene.turned(look, *scene.exposed(look), list(2 * np.pi * np.arange(frames) / frames))
         times = []
         for _ in range(frames):
             start = time.process_time()

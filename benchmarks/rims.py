@@ -21,15 +21,17 @@ import relight
 from relight.maps import read_maps
 from relight.maps.square import MASK_THRESHOLD, crop_around, figure_means, fill_outside
 from relight.panoramas import luminance, polyhaven
-from relight.photos.api import Relighter, match_exposure
+from relight.photos.api import Relighter
 from relight.photos.background import read_background
 from relight.photos.camera import camera_view
 from relight.photos.color import roll_off, to_srgb8
-from relight.photos.load import LoadedPhoto
+from relight.photos.look import Look
 from relight.photos.mask import selfie
 from relight.photos.mask.edge import fit_edge
 from relight.photos.person import infer_person
+from relight.photos.picture import Picture
 from relight.photos.render import over, render
+from relight.photos.scene import Scene
 
 PLACES = "park", "hall", "esplanade", "lobby", "sunset", "apartment"
 LAMPS = "key:#ffb070@80,20,0.08", "key:#b0d0ff@-70,30,0.3"
@@ -119,12 +121,12 @@ class Case:
         """
         self.crop, keep = crop_around(coverage, relighter.network.size), read_background("keep")
         true_people = [infer_person(self, self.codes, coverage, self.crop)]
-        people = true_people if true else relighter.infer(LoadedPhoto(self.codes, coverage))
+        people = true_people if true else relighter.scene(Picture(self.codes, coverage=coverage)).people
         errors = []
         for lamp in LAMPS:
-            light = relighter.read_light(lamp).coefficients.astype(np.float32)
             # Exposures are matched to the maps, so those of the relit and of the true picture differ.
-            matched, true_light = (match_exposure(each, light, keep)[0] for each in (people, true_people))
+            scenes = (Scene(Picture(self.codes), each) for each in (people, true_people))
+            matched, true_light = (scene.exposed(Look(lamp))[0] for scene in scenes)
             errors.append(render(self.codes, people, matched, "ratio", keep) - self.picture(true_light))
         return errors
 
