@@ -17,6 +17,7 @@ import numpy as np
 from relight.errors import UserError
 from relight.maps.square import Crop, crop_around
 from relight.photos.look import Look
+from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import masked
 from relight.photos.mask.people import mask_warnings
 from relight.photos.network import PhotoNetwork
@@ -170,7 +171,7 @@ def with_masks(
             raise UserError(f"mask video {masks} has {number - 1} frames, but the clip has more")
         if drawn.shape != frame.shape:
             raise UserError(f"mask video {masks} is of another size than the clip: they must be equal")
-        yield masked(frame, drawn.codes.max(-1))
+        yield replace(frame, coverage=fit_edge(frame.pixels, drawn.codes.max(-1)))  # coders leave no value as it was
     if next(stream, None) is not None:
         raise UserError(f"mask video {masks} has more frames than the clip: each frame has its own")
 

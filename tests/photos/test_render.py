@@ -11,6 +11,7 @@ from relight.maps.square import Crop, crop_around
 from relight.photos import render as rendering
 from relight.photos.background import Background, read_background
 from relight.photos.color import apply_gain, to_srgb8
+from relight.photos.look import Look
 from relight.photos.person import Person, balanced
 from relight.photos.render import estimate_foreground, over, render, strips
 from relight.photos.shading import (
@@ -273,7 +274,7 @@ def test_backgrounds(relighter, tmp_path, draw):
     clear = render(pixels, figures, OTHER, "ratio", read_background("transparent"))
     assert clear.shape[2] == 4 and np.array_equal(clear[..., 3], mask)
     with pytest.raises(UserError, match="no panorama"):
-        read_background("panorama")
+        Look(background="panorama")
     with pytest.raises(UserError, match="is not keep"):
         read_background("no such color")
 
