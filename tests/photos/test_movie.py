@@ -183,7 +183,7 @@ def test_masks_of_a_clip_are_fitted_where_they_have_two_values(masks, tmp_path):
     assert masks == "masks.mp4" or np.array_equal(second, soft)
 
 
-@pytest.mark.parametrize(("count", "told"), [(1, "has 1 frames, but the clip has more"), (3, "has more frames than the")])
+@pytest.mark.parametrize(("count", "told"), [(1, "has 1 frames, but the clip"), (3, "has more frames than the clip")])
 def test_a_mask_video_has_as_many_frames_as_the_clip(tmp_path, count, told):
     frame = np.full((96, 96, 3), 200, np.uint8)
     frame[30:60, 30:60] = 0
@@ -191,7 +191,7 @@ def test_a_mask_video_has_as_many_frames_as_the_clip(tmp_path, count, told):
     write_video(tmp_path / "clip.mp4", [frame] * 2, 25)
     frames = read_frames(tmp_path / "clip.mp4")[0]
     with pytest.raises(UserError, match=told):
-        list(_with_masks(tmp_path / "clip.mp4", frames, tmp_path / "masks.mp4", Options()))
+        list(with_masks(tmp_path / "clip.mp4", frames, tmp_path / "masks.mp4"))
 
 
 def test_a_mask_is_found_whatever_the_photo_is_called(tmp_path):
