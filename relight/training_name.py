@@ -3,6 +3,9 @@
 import re
 from dataclasses import dataclass
 
+# Of the rows of a run, by their order, in charts of the report and in MLflow.
+COLORS = ("#7a5195", "#ef5675", "#ffa600", "#00798c", "#30638e", "#6a994e", "#8d99ae", "#bc6c25")
+
 
 @dataclass(frozen=True)
 class TrainingName:

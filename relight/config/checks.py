@@ -9,7 +9,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from relight import extensions
-from relight.config.schema import EXPERIMENT, FIELDS, QUANTITIES, STRENGTHS
+from relight.config.schema import BASELINES, EXPERIMENT, FIELDS, QUANTITIES, STRENGTHS
 from relight.config.setting import domain_in_words, setting_of
 from relight.errors import UserError
 
@@ -142,9 +142,12 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
             yield f"experiments.{name}.rows: no row {unknown[0]} in sweep.rows; add it there"
         for pair in experiment.compare:
             first, _, second = pair.partition(" against ")
-            if first not in (get("sweep.rows") or {}) or not second:
-                yield f"experiments.{name}.compare: {pair!r} must be ROW against ROW, the first one of sweep.rows"
+            rows = [*(get("sweep.rows") or {})]
+            if first not in rows or second not in [*rows, *BASELINES]:
+                known = f"a ROW of sweep.rows, and the second may be of {', '.join(BASELINES)}"
+                yield f"experiments.{name}.compare: {pair!r} must be ROW against ROW, each {known}"
         columns = [f"{quantity}_{reading}" for quantity in QUANTITIES for reading in ("rmse", "ssim")]
+        columns += ["shading_contrast", "albedo_share"]
         if unknown := [column for column in experiment.compare_in if column not in columns]:
             yield f"experiments.{name}.compare_in: {unknown[0]} must be a quantity and a reading, such as relit_rmse"
     if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):

@@ -14,6 +14,7 @@ QUANTITIES = (  # that are scored; the first six are those of the paper's Table 
     "shading", "transport", "normal", "ao", "light", "albedo",
     "shading_true_light", "transport_with_ao", "reconstruction", "relit", "sphere",
 )  # fmt: skip
+BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is")
 AXES = ("auto", "+x", "-x", "+y", "-y", "+z", "-z")
 
 
@@ -312,9 +313,9 @@ class Experiment:
     rows: list[str] = setting("rows that the section compares, in order")
     title: str = setting("title of its section and table; the experiment's name if empty", "")
     question: str = setting("the question, in a sentence", "")
+    about: str = setting("a paragraph for its section: what is compared, and why", "")
     figures: str = setting("part of the split on which its rows are scored", "test", choices=PARTS)
     lights: str = setting("split of the light set under which they are scored", "test", choices=SCORED_LIGHTS)
-    axis: str | None = setting("setting, such as model.width, against which errors are plotted", None)
     table: bool = setting("whether it is a table of trained and scored rows; else it has stages of its own", True)
     plates: bool = setting("whether its rows are drawn side by side on test figures", False)
     shows: list[str] = setting(

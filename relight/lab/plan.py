@@ -295,9 +295,8 @@ class Plan:
     def described(self) -> dict[str, dict[str, Any]]:
         """Returns the experiments for the report.
 
-        Each has its fields, and its `trainings` by row. Tables also have files in results/<name>: their
-        `scores`, those on the `usual` figures and lights, and the `splits` of their rows. An experiment that is
-        left out has its missing files in `failed`.
+        Each has its fields, and its `trainings` by row. Tables also have files in results/<name>: their `scores`, and
+        those on the `usual` figures and lights. An experiment that is left out has its missing files in `failed`.
         """
         described = {}
         for name, experiment in self.requested.items():
@@ -306,12 +305,7 @@ class Plan:
             if name in self.failed:
                 described[name]["failed"] = self.failed[name]
             elif experiment.table:
-                kinds = {row: self.record["rows"][row]["split"]["kind"] for row in experiment.rows}
-                described[name] |= {
-                    "scores": self.scores(name),
-                    "usual": self.scores(name, usual=True),
-                    "splits": {row: f"split/{kind}.json" for row, kind in kinds.items()},
-                }
+                described[name] |= {"scores": self.scores(name), "usual": self.scores(name, usual=True)}
         return described
 
     def missing_results(self, folder: Path) -> dict[str, list[str]]:

@@ -326,11 +326,16 @@ def learning_rate(train: Train, step: int) -> float:
     `train` has the largest rate, the schedule and the numbers of steps.
     """
     warm = min(1.0, (step + 1) / train.warmup) if train.warmup else 1.0
-    if train.schedule == "constant":
-        return train.lr * warm
-    first, last = train.span
-    done = first + (last - first) * step / train.steps
-    return train.lr * warm * (FINAL_LR + (1 - FINAL_LR) * 0.5 * (1 + math.cos(math.pi * done)))
+    match train.schedule:
+        case "constant":
+            factor = 1.0
+        case "cosine":
+            first, last = train.span
+            done = first + (last - first) * step / train.steps
+            factor = FINAL_LR + (1 - FINAL_LR) * 0.5 * (1 + math.cos(math.pi * done))
+        case unknown:
+            raise UserError(f"train.schedule={unknown}: learning_rate knows constant and cosine")
+    return train.lr * warm * factor
 
 
 def draw_batch(

@@ -14,7 +14,7 @@ from relight import __version__
 from relight.config import Track, flat
 from relight.files import file_hash
 from relight.tracking.store import connect, find_run, warn
-from relight.training_name import TrainingName
+from relight.training_name import COLORS, TrainingName
 
 NOTE = """\
 Losses are means over the steps since the last point, and those of the validation over figures and lights that are \
@@ -27,8 +27,7 @@ truth is above what is inferred.
 """
 TOTAL = "loss/train"  # a metric of every step
 RETRY_FACTOR = 100  # delay before a failed store is tried again, over the duration of the failure
-# The scores that become metrics, of which MLflow draws a chart each.
-HEADLINE = tuple(f"{name}_rmse" for name in ("shading", "shading_true_light", "transport", "light", "albedo", "relit"))
+HEADLINE = "_rmse"  # end of the scores that become metrics, of which MLflow draws a chart each
 
 
 class TrainingRun:
@@ -53,7 +52,10 @@ class TrainingRun:
         self.track = Track(**tracking["track"])
         self.name, self.fingerprint, self.settings, self.data = name, fingerprint, settings, data
         self.tags = {"row": training.row, "fingerprint": fingerprint, "relight.version": __version__}
-        self.tags |= {"seed": str(training.seed), **tracking["tags"].get(training.row, {})}
+        tags_by_row = tracking["tags"]
+        self.tags |= {"seed": str(training.seed), **tags_by_row.get(training.row, {})}
+        if training.row in tags_by_row:
+            self.tags["mlflow.runColor"] = COLORS[list(tags_by_row).index(training.row) % len(COLORS)]
         self.id = ""  # until it is open
         self.is_finished = False
         self._image: tuple[np.ndarray, int] | None = None  # unsent, and its step
@@ -215,7 +217,7 @@ def log_scores(
         tracking: as for `TrainingRun`.
         network: file (.safetensors).
         config: its header, as from `relight.learning.checkpoint.read_config`.
-        condition: what was scored: `test`, whose HEADLINE become metrics, or others such as `sitting-test`.
+        condition: what was scored: `test`, whose RMSE become metrics, or others such as `sitting-test`.
         means: by name.
         scores: file of all scores.
     """
@@ -233,7 +235,8 @@ def log_scores(
         training.open()
         client, milliseconds = MlflowClient(), int(1000 * time.time())
         run = client.get_run(training.id)
-        headline = {f"test_{name}": means[name] for name in HEADLINE if condition == "test" and name in means}
+        names = [name for name in means if name.endswith(HEADLINE) and condition == "test"]
+        headline = {f"test_{name}": means[name] for name in names}
         new = {name: value for name, value in headline.items() if run.data.metrics.get(name) != value}
         metrics = [Metric(name, value, milliseconds, step=0) for name, value in new.items()]
         client.log_batch(training.id, metrics)

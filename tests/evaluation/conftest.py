@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from omegaconf import OmegaConf
 
 from relight import config
 from relight.evaluation.scoring.evaluate import TEST, Condition
+from relight.evaluation.scoring.statistics import estimate
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
 from relight.maps import Maps, pack_maps, write_maps
@@ -87,6 +89,12 @@ def save_small_network(path: Path, name: str, color: str, seed: int = 1) -> None
     model = OmegaConf.to_object(config.composed([f"model={name}", "model.width=0.125", "model.norm=batch"])).model
     torch.manual_seed(seed)
     save_network(path, build(model, 64), model, train={"color": color})
+
+
+@pytest.fixture
+def few_resamples(monkeypatch):
+    """Intervals of tables from 200 resamples, which are fast; comparisons do not use them."""
+    monkeypatch.setattr("relight.evaluation.scoring.tables.estimate", partial(estimate, resamples=200))
 
 
 @pytest.fixture(scope="session")

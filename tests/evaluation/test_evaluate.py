@@ -171,7 +171,6 @@ def test_write_scores_and_read_scores_round_trip(tmp_path):
     found = read_scores(tmp_path / "a.csv")["one"]
     assert found.figures == ["x", "y"] and found.lights == [1, 5, 9] and set(found.columns) == set(columns)
     np.testing.assert_allclose(found.columns["shading_rmse"], columns["shading_rmse"], rtol=1e-5)
-    np.testing.assert_allclose(found.figure_means("shading_rmse"), columns["shading_rmse"].mean(1), rtol=1e-5)
 
 
 def test_evaluate_refuses_broken_inputs(checkpoints, world, tmp_path):

@@ -17,7 +17,7 @@ from relight.evaluation.scoring.scores import Scores, write_scores
 @pytest.fixture
 def results(tmp_path):
     runs = {"ours_full": ["ours_full.s0", "ours_full.s1"]}
-    experiments = {name: {"trainings": runs, "title": name, "question": "How?"} for name in own.OWN}
+    experiments = {name: {"trainings": runs, "title": name, "question": "How?", "about": "So."} for name in own.OWN}
     for name in ("light_transfer/plate.png", "path_traced/plate.png"):
         (tmp_path / name).parent.mkdir()
         Image.new("RGB", (9, 9)).save(tmp_path / name)
@@ -47,11 +47,11 @@ def test_light_transfer_section(results):
     rows |= {"as_it_is": scores(0.15), "true_maps_mean_light": scores(0.03)}
     write_scores(results.folder / "light_transfer" / "scores.csv", rows)
     made = own.light_transfer(results, "light_transfer")
-    verdicts = made["comparisons"].frame["the first is"].to_dict()
-    assert verdicts["Ours (full) against the picture as it is"] is Verdict.BETTER
-    assert verdicts["Ours (full) against its own maps under the mean light"] not in (Verdict.BETTER, Verdict.WORSE)
-    assert made["costly"] == {"ours_full": "maps"} and made["worse"] == {"ours_full": ["color"]}
-    assert "<table" in page.section("sections/experiments/light_transfer.md", **made)
+    verdicts = list(made["comparisons"].frame["the first is"])
+    assert verdicts[0] is verdicts[4] is Verdict.BETTER and verdicts[2] is verdicts[3] is Verdict.WORSE
+    assert verdicts[1] not in (Verdict.BETTER, Verdict.WORSE)
+    assert list(made["comparisons"].frame.index) == [f"Ours (full) {what}" for what in own.SWAPS]
+    assert page.section("sections/experiment.md", **made).count("<table") == 2
     with open(results.folder / "light_transfer.csv", newline="") as file:
         table = list(csv.DictReader(file))
     assert len(table) == len(VARIANTS) + len(BASELINES)
@@ -67,9 +67,10 @@ def test_path_traced_section(results):
         lines += [f"cause,{name},{figure},1,.0{i},.0{i},.01" for i, name in enumerate(list(CAUSES)[1:])]
     (results.folder / "path_traced" / "scores.csv").write_text("\n".join(lines) + "\n")
     made = own.traced(results, "path_traced")
-    causes = ["interreflection", "truncation", "baker", "sampling", "clipping"]
-    assert list(made["largest"]) == [CAUSES[cause] for cause in causes]
-    assert made["answers"]["truth"] == pytest.approx(10) and made["networks"] == {"Ours (full)": pytest.approx(40)}
-    assert "<table" in page.section("sections/experiments/path_traced.md", **made)
+    relative = made["tables"]["path_traced"].frame["relative, %"]
+    assert [relative[row].mean for row in ("true maps", "Ours (full)")] == pytest.approx([10, 40])
+    causes = made["tables"]["path_traced_causes"].frame["RMSE"]
+    assert causes[CAUSES["interreflection"]].mean == pytest.approx(0.04) and "3 relit test figures" in made["note"]
+    assert page.section("sections/experiment.md", **made).count("<table") == 2
     for name in ("path_traced", "path_traced_causes"):
         assert (results.folder / f"{name}.tex").stat().st_size > 300

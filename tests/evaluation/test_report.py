@@ -17,11 +17,13 @@ from relight.config import CONF, Experiment
 from relight.evaluation.experiments.occlusion import HISTOGRAM
 from relight.evaluation.report import build, page, provenance, sections
 from relight.evaluation.report.data import costs_and_settings, redraws
+from relight.evaluation.report.formats import number
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import Verdict
 from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.evaluation.scoring.truth import COLUMNS
 
+pytestmark = pytest.mark.usefixtures("few_resamples")
 FIGURES = [f"f{i}" for i in range(10)]
 BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is", "cut_2", "cut_3")
 LEVEL = {"shading": 0.3, "transport": 0.4, "light": 0.2, "albedo": 0.1}
@@ -31,14 +33,11 @@ def scores(seed: int, errors: dict[str, float], figures=FIGURES) -> Scores:
     """Scores about LEVEL where `errors` says nothing else; figures are hard or easy alike in every row."""
     rng = np.random.default_rng([seed, 1])
     hard = np.linspace(-0.03, 0.03, len(figures))[:, None]
-    wanted = {column: next((v for k, v in LEVEL.items() if column.startswith(k)), 0.5) for column in COLUMNS}
-    columns = {c: v + hard + rng.normal(0, 0.002, (len(figures), 3)) for c, v in (wanted | errors).items()}
     signs = {"shading_contrast": 0.9, "albedo_share": 0.4}
-    return Scores(
-        list(figures),
-        [1, 2, 3],
-        {**columns, **{s: columns.get(s, v + 0.3 * hard + np.zeros((1, 3))) for s, v in signs.items()}},
-    )
+    errors_of_all = [column for column in COLUMNS if not column.endswith(("_contrast", "_share"))]
+    wanted = {c: next((v for k, v in LEVEL.items() if c.startswith(k)), 0.5) for c in errors_of_all} | signs
+    columns = {c: v + hard + rng.normal(0, 0.002, (len(figures), 3)) for c, v in (wanted | errors).items()}
+    return Scores(list(figures), [1, 2, 3], columns)
 
 
 def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None, sitting=FIGURES) -> Results:
@@ -58,19 +57,16 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
         write_scores(place / "baselines.csv", baselines if figures else {})
         files[kind] = {row: [f"evaluate/{'-'.join(on)}/{row}.s0.csv"] for row in rows}
         files[kind][""] = [f"evaluate/{'-'.join(on)}/baselines.csv"]
-    (folder / "split.json").write_text(json.dumps({"train": [f"t{i}" for i in range(40)], "test": FIGURES}))
     (folder / "report").mkdir(exist_ok=True)
     run = folder / "run.yaml"
     told = yaml.safe_load(run.read_text()) if run.exists() else {"overrides": [], "settings": {}, "rows": {}}
     for row in rows:
         words = dict(word.split("=") for word in one["sweep"]["rows"][row] if "." in word.split("=")[0])
-        figures = int(words["train.figures"]) if "train.figures" in words else None
-        train = {"figures": figures, "part": "train", "steps": int(words.get("train.steps", 1000 + len(row)))}
+        train = {"part": "train", "steps": int(words.get("train.steps", 1000 + len(row)))}
         model = {"width": float(words.get("model.width", 1)), "order": int(words.get("model.order", 2))}
         told["rows"][row] = {"train": train, "model": model, "loss": {"light": 1}}
     run.write_text(yaml.safe_dump(told))
     record = {**experiment, **files, "trainings": {row: [f"{row}.s0"] for row in rows}}
-    record["splits"] = dict.fromkeys(rows, "split.json")
     return Results(folder, {preset: record})
 
 
@@ -92,7 +88,7 @@ TABLES = [path.stem for path in (CONF / "experiment").glob("*.yaml") if "table: 
 def test_section_of_every_table_of_trainings(tmp_path, preset):
     made = build.experiment(results(tmp_path, preset, {}), preset)
     assert not made.failed and made.name == preset and "<table" in made.html
-    assert ("data:image/png" in made.html) == (preset in ("order", "data_size", "width"))
+    assert "data:image/png" in made.html
     check(made.html)
 
 
@@ -116,125 +112,89 @@ def test_section_without_such_figures(tmp_path):
     assert (tmp_path / "sitting.tex").stat().st_size > 50
 
 
-def test_sitting_section(tmp_path):
-    worse = {"ours_full": {"shading_rmse": 0.5}, "mean_figure": dict.fromkeys(LEVEL, 0)}
-    found = verdicts(numbers(tmp_path, "sitting", worse, usual={"x": {}}))
-    assert found["Ours (full), sitting against standing", "shading RMSE"] is Verdict.WORSE
-    assert found["Ours plus, sitting against standing", "shading RMSE"] not in (Verdict.BETTER, Verdict.WORSE)
-    assert found["Ours (full) against the mean figure", "shading RMSE"] is Verdict.WORSE
-
-
-def test_unusual_lights_section(tmp_path):
-    lost = {"light_rmse": 0.4, "albedo_rmse": 0.2}
-    errors = {
-        "ours_full": lost,
-        "ours_plus": lost,
-        "nearest_light": {"light_rmse": 0.39},
-        "mean_light": {"light_rmse": 0.8},
-        "ours_rich": {"light_rmse": 0.3},
-    }
-    made = numbers(tmp_path / "a", "unusual_lights", errors, usual={"x": {}})
-    assert made["fails"] == {"shading_rmse": False, "transport_rmse": False, "albedo_rmse": True, "light_rmse": True}
-    assert made["nearest"] is Verdict.WORSE
-    assert made["share"] == pytest.approx([0.5, 1], abs=0.01)  # half of the mean light's error; the same as it
-    assert verdicts(made)["Ours, richer lights against Ours (full), unusual lights", "light RMSE"] is Verdict.BETTER
-    errors["ours_full"] = {"light_rmse": 0.2, "albedo_rmse": 0.1}
-    made = numbers(tmp_path / "b", "unusual_lights", errors, usual={"x": {}})
-    assert not any(made["fails"].values()) and made["nearest"] is Verdict.BETTER
-
-
-def test_silhouette_section(tmp_path):
-    errors = {"silhouette": {"transport_rmse": 0.35}, "transport_only": {"transport_rmse": 0.2}}
-    errors |= {"mean_figure": {"transport_rmse": 0.4, "shading_true_light_rmse": 0.4}}
-    made = numbers(tmp_path / "a", "silhouette", errors)
-    assert made["part"] == pytest.approx(0.25, abs=0.01) and made["tells"]
-    made = numbers(tmp_path / "b", "silhouette", {})
-    assert made["part"] is None and not made["tells"]
-
-
-def test_self_supervised_section(tmp_path):
-    errors = {"self_all": {"shading_contrast": 0.3, "albedo_share": 0.9}, "self_encoder": {"shading_contrast": 0.3}}
-    made = numbers(tmp_path, "self_supervised", errors)
-    assert made["collapsed"] == {"self_encoder": 1, "self_all": 2}
-    assert made["signs"].frame["share explained by the albedo"].iloc[-1] == pytest.approx(0.4, abs=0.01)
-    rising = {"ours_full": {"albedo_share": 0.1}, "self_all": {"albedo_share": 0.3}}  # less than the true albedo has
-    assert numbers(tmp_path / "rising", "self_supervised", rising)["collapsed"]["self_all"] == 0
-    assert set(numbers(tmp_path / "none", "self_supervised", {})["collapsed"].values()) == {0}
-
-
-@pytest.mark.slow
-def test_data_size_and_order_sections(tmp_path):
-    falling = {"figures_8": 0.5, "figures_16": 0.4, "figures_32": 0.35, "figures_64": 0.3, "figures_128": 0.3}
-    made = numbers(tmp_path / "a", "data_size", {row: {"shading_rmse": value} for row, value in falling.items()})
-    assert made["places"][0] == 8 and made["places"][-1] == 40  # all that there are
-    assert verdicts(made)["40 against 8", "shading RMSE"] is Verdict.BETTER and made["falling"] == []
-    errors = {"order_2": {"shading_rmse": 0.4}, "cut_2": {"shading_rmse": 0.2}, "cut_3": {"shading_rmse": 0.1}}
-    made = numbers(tmp_path / "b", "order", errors)
-    assert made["floors"].frame.loc["Ours, order 2", "share of the squared error"] == "25 %"
-    assert verdicts(made)["order 3 against 2", "shading RMSE"] is Verdict.BETTER
-
-
-def test_splits_section(tmp_path):
-    made = build.experiment(
-        results(tmp_path, "splits", {"ours_siblings": {"shading_rmse": 0.2, "albedo_rmse": 0.05}}), "splits"
-    )
-    assert "With a random split, 2 of 5 errors are significantly smaller." in made.html
-
-
-def test_equal_losses_section(tmp_path):
-    """Of .4 without and .2 with both, .3 with either: each half of the lead, a quarter of the first error."""
-    levels = {"sfsnet_ao": 0.4, "sfsnet_ao_full": 0.3, "ours_min": 0.3, "ours_full": 0.2}
-    made = numbers(tmp_path, "equal_losses", {row: {"shading_rmse": value} for row, value in levels.items()})
-    assert made["parts"] == pytest.approx({"inferred": 0.25, "losses": 0.25}, abs=0.01)
-    found = verdicts(made)
-    assert found["Ours (min) against SfSNet-AO: what is inferred, four losses", "shading RMSE"] is Verdict.BETTER
-    assert found["SfSNet-AO, all losses against SfSNet-AO: the losses, ambient occlusion", "shading RMSE"] is (
-        Verdict.BETTER
-    )
-    flat = {**levels, "sfsnet_ao_full": 0.4, "ours_min": 0.2}  # the losses do nothing
-    made = numbers(tmp_path / "b", "equal_losses", {row: {"shading_rmse": value} for row, value in flat.items()})
-    assert made["parts"] == pytest.approx({"inferred": 0.5, "losses": 0}, abs=0.01)
-
-
-@pytest.mark.slow
-def test_plus_parts_section(tmp_path):
-    errors = {"plus_no_mirror": {"albedo_rmse": 0.2}, "ours_full": {"albedo_rmse": 0.2}}
-    errors["plus_no_relit"] = {"relit_rmse": 0.6}
-    made = numbers(tmp_path, "plus_parts", errors)
-    assert verdicts(made)["Ours plus against Ours (full): all parts are worth", "albedo RMSE"] is Verdict.BETTER
-    html = build.experiment(results(tmp_path, "plus_parts", errors), "plus_parts").html
-    assert "Some error is significantly worse for: plus w/o losses under another light, plus w/o mirroring." in html
-    html = build.experiment(
-        results(tmp_path / "b", "plus_parts", {"ours_plus": dict.fromkeys(COLUMNS, 0.9)}), "plus_parts"
-    ).html
-    assert "None of the 5 ablations is significantly worse in any error." in html
-
-
-def test_steps_section(tmp_path):
-    """All fifteen losses trail in transport at 4,000 steps and lead at 16,000."""
-    errors = {
-        "full_4000": {"transport_rmse": 0.5},
-        "full_16000": {"transport_rmse": 0.2},
-        "min_16000": {"transport_rmse": 0.3},
-        "weighted_16000": {"transport_rmse": 0.2},
-    }
-    made = numbers(tmp_path, "steps", errors)
-    found = verdicts(made)
-    assert found["4,000 steps: fifteen losses against four losses", "transport RMSE"] is Verdict.WORSE
-    assert found["16,000 steps: fifteen losses against four losses", "transport RMSE"] is Verdict.BETTER
-    assert found["fifteen losses: 16,000 against 4,000 steps", "transport RMSE"] is Verdict.BETTER
-    assert made["changed"] == ["transport_rmse"]
-    assert numbers(tmp_path / "b", "steps", {})["changed"] == []
-
-
-def test_relit_section(tmp_path):
+def test_experiment_compares_its_pairs_in_its_words(tmp_path):
     errors = {"as_it_is": {"relit_rmse": 0.3}, "ours_full": {"relit_rmse": 0.2}, "sfsnet": {"relit_rmse": 0.4}}
-    errors |= {"sfsnet_ao": {"relit_rmse": 0.3}, "ours_min": {"relit_rmse": 0.3}}
-    made = numbers(tmp_path, "relit", errors)
     html = build.experiment(results(tmp_path, "relit", errors), "relit").html
-    assert "Significantly better than the unchanged picture: Ours (full)." in html
+    assert "relit by the next test light, which is given" in html and "Which network's maps" in unescape(html)
+    made = numbers(tmp_path, "relit", errors)
+    found = verdicts(made)
+    assert found["Ours (full) against the picture as it is: relighting", "relit RMSE"] is Verdict.BETTER
+    assert found["SfSNet against the picture as it is: relighting", "relit RMSE"] is Verdict.WORSE
     row = made["comparisons"].frame.loc["Ours (full) against the picture as it is: relighting"].iloc[0]
     assert row["first better by"].startswith("+33") and row["within"] is None
+
+
+def test_experiment_on_other_figures_or_lights_is_compared_with_the_usual_ones(tmp_path):
+    worse = {"ours_full": {"shading_rmse": 0.5}}
+    found = verdicts(numbers(tmp_path / "a", "sitting", worse, usual={"x": {}}))
+    assert found["Ours (full), sitting figures against usual ones", "shading RMSE"] is Verdict.WORSE
+    same = found["Ours plus, sitting figures against usual ones", "shading RMSE"]
+    assert same not in (Verdict.BETTER, Verdict.WORSE)
+    pair = "Ours (full) against mean training figure, mean light: more than the usual pose"
+    assert found[pair, "shading RMSE"] is Verdict.WORSE
+    assert found[f"{pair} (usual ones)", "shading RMSE"] is not Verdict.WORSE
+    errors = {
+        "ours_full": {"light_rmse": 0.4},
+        "nearest_light": {"light_rmse": 0.39},
+        "mean_light": {"light_rmse": 0.8},
+    }
+    made = numbers(tmp_path / "b", "unusual_lights", errors, usual={"x": {}})
+    found = verdicts(made)
+    assert found["Ours (full), unusual lights against usual ones", "light RMSE"] is Verdict.WORSE
+    nearest = "Ours (full) against true maps, nearest training light: more than the nearest training light"
+    assert found[nearest, "light RMSE"] is Verdict.WORSE
+    mean = "Ours (full) against true maps, mean training light: more than the mean training light"
+    gains = made["comparisons"].frame.set_index("in", append=True)["first better by"]
+    assert gains[mean, "light RMSE"].startswith("+5") and gains[f"{mean} (usual ones)", "light RMSE"][:2] in (
+        "0.",
+        "+0",
+        "−0",
+    )
+
+
+def test_experiment_without_pairs_names_the_best_row(tmp_path):
+    """As in a sweep, whose networks infer neither normals nor AO: no column is empty but for baselines."""
+    errors = {row: {"shading_rmse": 0.5} for row in ("no_tv", "no_shading", "ours_full")}
+    errors["no_reconstruction"] = {"shading_rmse": 0.3}
+    made = results(tmp_path, "table2", errors)
+    made.experiments["table2"] |= {"compare": {}, "shows": ["shading", "normal"]}
+    for file in (tmp_path / "evaluate" / "test-test").glob("*.s0.csv"):
+        table = pd.read_csv(file)
+        table.drop(columns=[column for column in table if column.startswith("normal")]).to_csv(file, index=False)
+    found = sections.experiment(made, "table2")
+    assert (found["best"]["row"], found["best"]["column"]) == ("no_reconstruction", "shading_rmse")
+    verdicts_of = {what: row["the first is"] for what, row in found["comparisons"].frame.iterrows()}
+    assert list(verdicts_of) == [
+        f"w/o reconstruction against {row}" for row in ("Ours (full)", "w/o TV", "w/o shading")
+    ]
+    assert set(verdicts_of.values()) == {Verdict.BETTER}
+    assert [head for _, head in found["tables"]["table2"].frame] == ["Shading", "Shading"]
+    html = build.experiment(made, "table2").html
+    mean, low, high = (number(getattr(found["best"]["estimate"], end)) for end in ("mean", "low", "high"))
+    assert f"<strong>w/o reconstruction has the best shading RMSE: {mean}</strong> ({low} to {high})" in html
+    made = results(tmp_path / "one", "one", {})
+    assert sections.experiment(made, "one")["best"] is None and "best" not in build.experiment(made, "one").html[:200]
+
+
+def test_signs_of_a_collapse_are_columns_like_others(tmp_path):
+    made = numbers(tmp_path, "self_supervised", {"self_all": {"shading_contrast": 0.3, "albedo_share": 0.9}})
+    found = verdicts(made)
+    pair = "Everything fine-tuned against Ours (full): fine-tuning of everything"
+    assert found[pair, "shading contrast"] is found[pair, "albedo share of the picture"] is Verdict.WORSE
+    still = "Encoder fine-tuned against Ours (full): fine-tuning of the encoder"
+    assert found[still, "shading contrast"] not in (Verdict.BETTER, Verdict.WORSE)
+    heads = list(made["others"].frame)
+    assert ("contrast ↑", "Shading") in heads and ("share of the picture ↓", "Albedo") in heads
+
+
+def test_pairs_of_rows_that_are_not_trained_are_left_out(tmp_path):
+    falling = {"figures_8": 0.5, "figures_16": 0.4, "figures_32": 0.35}
+    made = results(tmp_path, "data_size", {row: {"shading_rmse": value} for row, value in falling.items()})
+    for kind in ("trainings", "scores", "usual"):
+        del made.experiments["data_size"][kind]["figures_128"]
+    found = verdicts(sections.experiment(made, "data_size"))
+    assert found["Ours (full) against Ours, 8 figures: more figures", "shading RMSE"] is Verdict.BETTER
+    assert len(found) == 4 * 4 and not any("128" in what for what, _ in found)
 
 
 def test_summary_effects_and_bounds(tmp_path):
@@ -251,8 +211,8 @@ def test_quarters_hold_the_right_figures(tmp_path):
     """Figures in the set grow harder with their number, and are the less occluded the higher it is."""
     made = results(tmp_path, "table2", {})
     write_occlusion(made.report / "occlusion.csv", 1 - np.arange(10) / 10)
-    grid = sections.quarters(made, "table2")["quarters"]
-    own = made.scores("table2")["no_tv"][0].figure_means("shading_rmse")
+    (grid,) = sections.quarters(made, "table2")["quarters"].values()
+    own = made.scores("table2")["no_tv"][0].columns["shading_rmse"].mean(1)
     wanted = [own[part].mean() for part in (slice(7, 10), slice(4, 7), slice(2, 4), slice(0, 2))]
     means = [cell.mean for cell in grid.frame["shading RMSE"].loc["w/o TV"]]
     assert means == pytest.approx(wanted)
@@ -356,7 +316,8 @@ def test_build_report_is_whole_and_stands_alone(tmp_path):
         assert f">{setting}<" in html
     assert html.count('<a href="#table2">Table 2</a>') == 3 and ">Figure 12<" in html and "#sitting" not in html
     assert "8 trainings of 1,005 to 1,017 steps;" in html
-    assert "relight run experiment=sitting" in html and "validation/" not in html
+    assert "relight run scale=smoke 'model=glob(*)' experiment=sitting" in unescape(html)
+    assert "validation/" not in html and "Nothing can be concluded" not in html
     assert f"<dd>{len(FIGURES)} figures, " in html  # not counting the one that was left out
     for said in ("it is a plane", "its front is a guess", "x.hdr", "bright back", "bright at 36 of 36 headings", "4.0"):
         assert said in html
@@ -425,15 +386,29 @@ def test_costs_of_overlapping_jobs(tmp_path):
     assert provenance.costs(tmp_path / "none")[1] == 0
 
 
+def test_head_draws_no_conclusion_from_a_few_figures(tmp_path):
+    for figures, concludes in ((4, False), (10, True)):
+        folder = tmp_path / str(figures)
+        made = results(folder, "claim", {"sfsnet": {"shading_true_light_rmse": 0.6}})
+        for file in (folder / "evaluate" / "test-test").glob("*.csv"):
+            table = pd.read_csv(file)
+            table[table["figure"].isin(FIGURES[:figures])].to_csv(file, index=False)
+        head = build.head("run", made, failed=0)
+        assert ("Knowing occlusion makes shading better" in head) == concludes
+        assert ("concluded from this run: its networks are tested on 4 figures." in head) != concludes
+
+
 def test_command_repeats_a_run(tmp_path):
     folder = tmp_path / "mine"
     folder.mkdir()
     assert provenance.command(folder) == "relight run"
     (folder / "run.yaml").write_text(yaml.safe_dump({"overrides": ["name=mine", "experiment=[a,b]"]}))
     assert provenance.command(folder) == "relight run name=mine 'experiment=[a,b]'"
+    assert provenance.command(folder, "sitting") == "relight run name=mine experiment=sitting"
     swept = {"overrides": ["name=mine"], "settings": {"experiments": {"sweep": {}}}}
     (folder / "run.yaml").write_text(yaml.safe_dump(swept))
     assert provenance.command(folder) == "snakemake all --configfile results/mine/run.yaml"
+    assert provenance.command(folder, "sitting") == "relight run name=mine experiment=sitting"
 
 
 def test_picture_is_embedded(tmp_path):

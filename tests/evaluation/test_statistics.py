@@ -7,7 +7,6 @@ from relight.evaluation.scoring.statistics import (
     compare,
     estimate,
     holm,
-    interval,
     pooled_spread,
     resample_weights,
 )
@@ -171,10 +170,6 @@ def test_estimate_and_compare_of_few_figures():
     assert (first.low, first.high, first.mean) == (-np.inf, np.inf, 0.5)
     assert compare(first, second).p == 1
     assert compare(first, first).p == 1
-
-
-def test_interval_of_known_draws():
-    assert interval(np.arange(1001.0)) == pytest.approx((25, 975))
 
 
 def test_holm_by_hand():

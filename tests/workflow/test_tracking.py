@@ -29,6 +29,7 @@ from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
 from relight.tracking import store
 from relight.tracking.run import log_scores, training_run
+from relight.training_name import COLORS
 
 URI = "sqlite:///mlflow.db"
 NETWORK = Model(
@@ -147,7 +148,8 @@ def check_writers(client) -> None:
         points = client.get_metric_history(run.info.run_id, "loss/train")
         assert [(point.step, point.value) for point in points] == [(step, seed + step / 4) for step in range(3)]
         assert run.data.metrics["loss/validation"] == seed
-        assert run.data.tags.items() >= {**TAGS, "row": "ours", "seed": str(seed)}.items()
+        tags = {**TAGS, "row": "ours", "seed": str(seed), "mlflow.runColor": COLORS[0]}
+        assert run.data.tags.items() >= tags.items()
         assert "mlflow.parentRunId" not in run.data.tags
 
 

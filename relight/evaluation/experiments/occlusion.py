@@ -23,14 +23,10 @@ COLUMNS = ["name", "pose", "garments", "pixels", "ao", "dark", "lost", *HISTOGRA
 
 
 def occlusion(maps: Maps) -> dict[str, object]:
-    """Measures the self-occlusion of a figure.
+    """Returns the self-occlusion of a figure as a row of COLUMNS.
 
-    Args:
-        maps: maps of the figure.
-
-    Returns:
-        A row of COLUMNS. pixels: number of pixels of the mask; ao: mean AO over them; dark: fraction with AO < DARK;
-        lost: RMS of the vector norm of T - T without occlusion; HISTOGRAM: fraction in each bin of AO.
+    pixels: number of pixels of the mask; ao: mean AO over them; dark: fraction with AO < DARK; lost: RMS of the vector
+    norm of T - T without occlusion; HISTOGRAM: fraction in each bin of AO.
     """
     ao, transport = maps.ao[maps.mask], maps.transport[maps.mask]
     lost = transport - unoccluded(maps.normal[maps.mask], order_of(transport.shape[1]))
@@ -70,19 +66,15 @@ def measure_occlusion(maps_paths: list[Path], out: Path) -> pd.DataFrame:
 
 
 def read_occlusion(path: Path) -> pd.DataFrame:
-    """Reads a table of `measure_occlusion`.
-
-    Raises:
-        UserError: if it is another table.
-    """
+    """Reads a table of `measure_occlusion`. Raises UserError if it is another table."""
     return read_table(path, "occlusion", COLUMNS, writer="the stage sheets")
 
 
 def group_occlusion(table: pd.DataFrame, by: str) -> pd.DataFrame:
-    """Averages over groups of figures; each figure has the same weight.
+    """Averages a table of `measure_occlusion` over groups; each figure has the same weight.
 
     Args:
-        table: table of `measure_occlusion`.
+        table: of the figures.
         by: "pose"; "garment", where a figure belongs to the group of each of its garments; or "all", a single group.
 
     Returns:

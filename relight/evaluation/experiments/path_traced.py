@@ -88,16 +88,11 @@ class Chain:
         return cls(scene, true, albedo, pictures)
 
     def steps(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-        """Yields (cause, picture before it, picture after it) for each of CAUSES except the network.
-
-        Pictures are (P,3), or (2,P,3) if they are traced.
-        """
+        """Yields (cause, picture before it, picture after it) for each of CAUSES except the network."""
         scene, transport = self.scene, self.truth.transport[0]
-        pictures = [self.pictures["truth"]]
         irradiances = (transport @ scene.light, scene.area, scene.cut, scene.direct, scene.full)
-        pictures += [self.albedo * values for values in irradiances]
-        causes = [cause for cause in CAUSES if cause != "network"]
-        yield from zip(causes, pictures, pictures[1:])
+        pictures = [self.pictures["truth"], *(self.albedo * values for values in irradiances)]
+        yield from zip(list(CAUSES)[1:], pictures, pictures[1:])
 
     def relight(self, inferred: Inferred) -> np.ndarray:
         """Returns the picture (P,3) of inferred maps under the new light; albedo that is not inferred is true."""
@@ -110,14 +105,10 @@ class Chain:
         return self.albedo * self.scene.full
 
     def measure_difference(self, before: np.ndarray, after: np.ndarray) -> list[float]:
-        """Measures the difference of two pictures, without bias from the noise of traced ones.
+        """Returns COLUMNS of the difference of two pictures, without bias from the noise of traced ones.
 
-        Args:
-            before, after: (P,3) or (2,P,3).
-
-        Returns:
-            COLUMNS: the RMSE of the vector norm, the same over the root mean square of the traced picture, and the mean
-            of the difference over the mean of the traced picture.
+        They are the RMSE of the vector norm, the same over the root mean square of the traced picture, and the mean of
+        the difference over the mean of the traced picture.
         """
         first, second = np.broadcast_to(before - after, self.full.shape)
         rmse = np.sqrt(max((first * second).sum(-1).mean(), 0))
@@ -156,24 +147,15 @@ def evaluate_traced(networks: dict[str, Path], packed: Path, lights: Path, trace
         table.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
 
 
-def traced_plate(
-    networks: dict[str, Path],
-    packed: Path,
-    lights: Path,
-    traced: Path,
-    out: Path,
-    count: int = PLATE_FIGURES,
-) -> None:
+def traced_plate(networks: dict[str, Path], packed: Path, lights: Path, traced: Path, out: Path) -> None:
     """Draws traced figures: the input, relit by each network and by the true maps, path traced, and the errors.
 
     The last column is the light that interreflection adds.
 
     Args:
         networks: row -> checkpoint.
-        packed, lights: the data set.
-        traced: file of `tracing.trace`.
+        packed, lights, traced: as in `evaluate_traced`.
         out: the picture (.png).
-        count: largest number of figures.
     """
     chains: list[Chain] = []
     subjects: list[Subject] = []
@@ -182,12 +164,12 @@ def traced_plate(
         network, data = load(checkpoint, packed, lights)
         if not chains:
             scenes = read_scenes(traced)
-            chains = [Chain.of(data, scenes[i]) for i in evenly_spaced(len(scenes), count)]
+            chains = [Chain.of(data, scenes[i]) for i in evenly_spaced(len(scenes), PLATE_FIGURES)]
             subjects = [Subject.of(data, c.scene.figure, np.array([c.scene.seen])) for c in chains]
             relit = [[] for _ in chains]
         for chain, pictures in zip(chains, relit):
             pictures.append(chain.relight(infer(network, data, chain.scene.figure, np.array([chain.scene.seen]))))
-    cells = map(views, chains, relit)
+    cells = map(_views, chains, relit)
     lines = [Line(subject.name, subject, of_subject) for subject, of_subject in zip(subjects, cells)]
     heads = ["input", *(f"relit by {label(row)}" for row in networks), "true maps, relit", "path traced"]
     heads += [*(f"error of {label(row)}" for row in networks), "error of the true maps", "inter-reflection"]
@@ -198,17 +180,8 @@ def traced_plate(
     draw(heads, lines, MAX_ERROR, note).save(out)
 
 
-def views(chain: Chain, relit: list[np.ndarray]) -> list[Cell]:
-    """Returns a row of `traced_plate`.
-
-    Args:
-        chain: of the figure.
-        relit: (P,3) by each network.
-
-    Returns:
-        The input; the figure relit by each network and by the true maps, and path traced; the errors of the relit
-        pictures, and the light that interreflection adds.
-    """
+def _views(chain: Chain, relit: list[np.ndarray]) -> list[Cell]:
+    """Returns a row of `traced_plate`; `relit` are the pictures (P,3) by each network."""
     traced, true, light = chain.full.mean(0), chain.pictures["truth"], chain.scene.light
     direct = chain.albedo * chain.scene.direct.mean(0)
     return [

@@ -88,18 +88,14 @@ def trace(
         seen, new = (int(light_indices[(i + k) % len(light_indices)]) for k in (0, 1))
         mesh = Mesh.load(meshes[data.names[figure]])
         sky = sky_of(table, new, panoramas)
-        scenes.append(Scene(figure, seen, new, **trace_figure(mesh, data, figure, sky, settings, rays)))
+        scenes.append(Scene(figure, seen, new, **_trace_figure(mesh, data, figure, sky, settings, rays)))
     arrays = {f"{i}.{name}": value for i, scene in enumerate(scenes) for name, value in vars(scene).items()}
     with atomic_write(out) as tmp, open(tmp, "wb") as file:
         np.savez_compressed(file, **arrays)
 
 
 def read_scenes(path: Path) -> list[Scene]:
-    """Reads a file of `trace`.
-
-    Raises:
-        UserError: if it is another file.
-    """
+    """Reads a file of `trace`. Raises UserError if it is another file."""
     stored = read_npz(path, "set of traced pictures")
     count = len({name.partition(".")[0] for name in stored})
     names = [field.name for field in fields(Scene)]
@@ -110,23 +106,10 @@ def read_scenes(path: Path) -> list[Scene]:
     return [Scene(int(figure), int(seen), int(new), *arrays) for figure, seen, new, *arrays in scenes]
 
 
-def trace_figure(
+def _trace_figure(
     mesh: Mesh, data: RelitSet, figure: int, sky: np.ndarray, settings: config.Trace, rays: int
 ) -> dict[str, np.ndarray]:
-    """Path traces a figure in a panorama.
-
-    Args:
-        mesh: the figure, aligned.
-        data: the data set, with its mask.
-        figure: its index in the data set.
-        sky: (H,W,3) radiance at `sky_directions`.
-        settings: paths per pixel, bounces.
-        rays: per pixel, for the transport.
-
-    Returns:
-        The arrays `light`, `area`, `cut`, `direct` and `full` of a Scene, by name: irradiance by the baked transport
-        and the nine coefficients, then traced, with one more effect each.
-    """
+    """Returns the arrays of a Scene by name, of a figure in a panorama (H,W,3) at `sky_directions`."""
     order = order_of(data.lights.shape[1])
     harmonics = basis(sky_directions(), order)
     light = np.einsum("hw,hwk,hwc->kc", sky_weights(), harmonics, sky)
@@ -140,27 +123,17 @@ def trace_figure(
 
     return {
         "light": light,
-        "area": area_irradiance(mesh, data.size, light, order, rays)[pixel],
+        "area": _area_irradiance(mesh, data.size, light, order, rays)[pixel],
         "cut": trace_twice(harmonics @ light, bounces=0, seed=1),  # negative in places, which the tracer allows
         "direct": trace_twice(sky, bounces=0, seed=3),
         "full": trace_twice(sky, settings.bounces, seed=5),
     }
 
 
-def area_irradiance(mesh: Mesh, size: int, light: np.ndarray, order: int, rays: int) -> np.ndarray:
-    """Returns the irradiance T.L by baked transport, as the mean over each pixel's area.
+def _area_irradiance(mesh: Mesh, size: int, light: np.ndarray, order: int, rays: int) -> np.ndarray:
+    """Returns the irradiance T.L (size^2,3) by baked transport, as the mean over each pixel's area.
 
     The mean is weighted by the albedo, like that of `PathTracer.irradiance`, so that the two can be compared.
-
-    Args:
-        mesh: the figure, aligned.
-        size: side of the image, pixels.
-        light: (K,3) radiance coefficients.
-        order: of transport and light.
-        rays: per pixel.
-
-    Returns:
-        (size^2,3) float32, in raster order.
     """
     from relight.transport import bake
 
@@ -173,36 +146,18 @@ def area_irradiance(mesh: Mesh, size: int, light: np.ndarray, order: int, rays: 
 
 
 def sky_of(table: LightSet, row: int, panoramas: config.Panoramas) -> np.ndarray:
-    """Returns the panorama of a light of the light set, rotated and scaled like the light.
-
-    Args:
-        table: the light set.
-        row: of the light.
-        panoramas: source of the panoramas.
-
-    Returns:
-        (H,W,3) float64 radiance at `sky_directions`.
-    """
+    """Returns the panorama of a row of a light set, rotated and scaled like it: (H,W,3), at `sky_directions`."""
     from relight.panoramas.lookup import lookup
 
-    panorama = panorama_of(str(table.source[row]), float(table.yaw[row]), panoramas)
+    panorama = _panorama_of(str(table.source[row]), float(table.yaw[row]), panoramas)
     # Means over each texel's area, since lamps of a room can be smaller than a texel.
     shifts = (np.arange(TEXEL_SAMPLES) + 0.5) / TEXEL_SAMPLES - 0.5
     radiance = np.mean([lookup(panorama, sky_directions(down, right)) for down in shifts for right in shifts], 0)
     return radiance.astype(np.float64) * float(table.scale[row])
 
 
-def panorama_of(source: str, yaw: float, panoramas: config.Panoramas) -> Panorama:
-    """Returns the panorama from which a light of a light set was made.
-
-    Args:
-        source: of the light: a file in the folder of panoramas, or kind:seed of a generated one.
-        yaw: rotation about the vertical, degrees.
-        panoramas: the folder, and the layout of its files.
-
-    Raises:
-        UserError: if the light was not made from a panorama.
-    """
+def _panorama_of(source: str, yaw: float, panoramas: config.Panoramas) -> Panorama:
+    """Returns the panorama of a light by its source, a file or kind:seed. Raises UserError if it is of another kind."""
     from relight.lights.chain import GENERATORS, read_from_folder
 
     if panoramas.source == "folder":

@@ -49,20 +49,10 @@ class Partner:
     inferred: Inferred
 
     def maps(self, step: int) -> tuple[np.ndarray, np.ndarray]:
-        """Returns the maps that are relit for each light, which were inferred under another one.
-
-        Args:
-            step: 1 or -1. Row k was inferred under light k - step (cyclic).
-
-        Returns:
-            Albedo (N,P,3) and transport (N,P,K).
-        """
-        albedo, transport, light = self.truth.complete(self.inferred)
-
-        def rolled(values: np.ndarray) -> np.ndarray:
-            return np.roll(np.broadcast_to(values, (len(light), *values.shape[1:])), step, 0)
-
-        return rolled(albedo), rolled(transport)
+        """Returns albedo (N,P,3) and transport (N,P,K), of which row k was inferred under light k - step (cyclic)."""
+        *maps, light = self.truth.complete(self.inferred)
+        albedo, transport = (np.roll(np.broadcast_to(m, (len(light), *m.shape[1:])), step, 0) for m in maps)
+        return albedo, transport
 
 
 def evaluate_transfer(networks: dict[str, Path], packed: Path, lights: Path, split: Path, out: Path) -> None:
@@ -93,19 +83,10 @@ def evaluate_transfer(networks: dict[str, Path], packed: Path, lights: Path, spl
 
 
 def score_swaps(predictor: Predictor, data: RelitSet, split: Path) -> dict[str, Scores]:
-    """Scores a predictor on swaps of lights.
-
-    Args:
-        predictor: that infers the maps and lights of the figures.
-        data: figures and lights.
-        split: the split (.json).
+    """Scores a predictor on swaps of lights between test figures. Raises UserError if there are fewer than two of each.
 
     Returns:
-        Name of VARIANTS or BASELINES -> scores (F,L) of the F pairs of test figures, a+b, and the L swaps, by the index
-        of the light of a.
-
-    Raises:
-        UserError: if there are fewer than two test figures or test lights.
+        Name of VARIANTS or BASELINES -> scores (F,L) of the F pairs, a+b, and the L swaps, by the index of a's light.
     """
     figures, test_lights = select_pairs(data, split)
     pairs = pair_up(figures)
@@ -118,30 +99,16 @@ def score_swaps(predictor: Predictor, data: RelitSet, split: Path) -> dict[str, 
         # a goes from light l to m = l + 1, and b from m to l. Both belong to the swap of l.
         relit_a, relit_b = relight_swapped(a, b, mean, step=1), relight_swapped(b, a, mean, step=-1)
         for variant in relit_a:
-            errors_a, errors_b = compare(a.truth, *relit_a[variant]), compare(b.truth, *relit_b[variant])
+            errors_a, errors_b = _errors(a.truth, *relit_a[variant]), _errors(b.truth, *relit_b[variant])
             # Errors are by the light of the relit picture, which is m for a.
             errors = {column: (np.roll(errors_a[column], -1) + errors_b[column]) / 2 for column in errors_a}
             by_variant.setdefault(variant, []).append(errors)
     names = ["+".join(data.names[figure] for figure in pair) for pair in pairs]
-    scores = {}
-    for variant, errors_of_pairs in by_variant.items():
-        columns = {name: np.stack([errors[name] for errors in errors_of_pairs]) for name in errors_of_pairs[0]}
-        scores[variant] = Scores(names, test_lights.tolist(), columns)
-    return scores
+    return {variant: Scores.stack(names, test_lights, errors) for variant, errors in by_variant.items()}
 
 
 def pair_up(figures: np.ndarray) -> list[tuple[int, int]]:
-    """Pairs neighbouring figures, without the last of an odd number.
-
-    Args:
-        figures: (F,) indices.
-
-    Returns:
-        F // 2 pairs of indices.
-
-    Raises:
-        UserError: if there is no pair.
-    """
+    """Pairs neighbouring figures (F,), without the last of an odd number. Raises UserError if there is no pair."""
     if len(figures) < 2:
         raise UserError("light transfer needs two test figures at least: raise split.test or figures.count")
     return [(int(a), int(b)) for a, b in zip(figures[::2], figures[1::2])]
@@ -162,8 +129,7 @@ def relight_swapped(a: Partner, b: Partner, mean: np.ndarray, step: int) -> dict
         step: 1 or -1.
 
     Returns:
-        For each of VARIANTS and BASELINES, the pictures (N,P,3) of a relit for light k, and the lights (N,K,3) of these
-        pictures.
+        The pictures (N,P,3) of a, and the lights (N,K,3) that relit them, for each of VARIANTS and BASELINES.
     """
     true, (_, _, inferred) = a.truth.lights, b.truth.complete(b.inferred)
     inferred_maps, true_maps = a.maps(step), (a.truth.maps["albedo"], a.truth.transport)
@@ -178,10 +144,7 @@ def relight_swapped(a: Partner, b: Partner, mean: np.ndarray, step: int) -> dict
         "as_it_is": (true_maps, np.roll(true, step, 0)),
         "true_maps_mean_light": (true_maps, mean_lights),
     }
-    pictures = {}
-    for name, ((albedo, transport), light) in combinations.items():
-        pictures[name] = albedo * shade(transport, light), light
-    return pictures
+    return {name: (maps[0] * shade(maps[1], light), light) for name, (maps, light) in combinations.items()}
 
 
 def match_color(light: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -189,42 +152,25 @@ def match_color(light: np.ndarray, other: np.ndarray) -> np.ndarray:
     return light * (np.maximum(other[:, :1], MIN_MEAN) / np.maximum(light[:, :1], MIN_MEAN))
 
 
-def compare(true: Truth, picture: np.ndarray, light: np.ndarray) -> dict[str, np.ndarray]:
-    """Returns the errors of relit pictures and of the lights of these pictures.
-
-    Args:
-        true: of the figure under N lights.
-        picture: (N,P,3), relit for each of them.
-        light: (N,K,3), by which they were relit.
-
-    Returns:
-        Column of the scores -> (N,).
-    """
+def _errors(true: Truth, picture: np.ndarray, light: np.ndarray) -> dict[str, np.ndarray]:
+    """Returns the errors (N,) of relit pictures (N,P,3) and of their lights (N,K,3) by column of the scores."""
     return {**true.compare("reconstruction", picture), **light_errors(light, true.lights)}
 
 
-def transfer_plate(
-    networks: dict[str, Path],
-    packed: Path,
-    lights: Path,
-    split: Path,
-    out: Path,
-    count: int = PLATE_FIGURES,
-) -> None:
+def transfer_plate(networks: dict[str, Path], packed: Path, lights: Path, split: Path, out: Path) -> None:
     """Draws swaps in two rows each: input, relit by each network with its error, truth.
 
     Args:
         networks: row -> checkpoint.
         packed, lights, split: the data set.
-        out: the picture (.png).
-        count: number of swaps, evenly spaced over the test set, each with its own two lights.
+        out: the picture (.png), of swaps that are evenly spaced over the test set, each with its own two lights.
     """
     lines: list[Line] = []
     for checkpoint in networks.values():
         network, data = load(checkpoint, packed, lights)
         figures, test_lights = select_pairs(data, split)
         pairs = pair_up(figures)
-        pairs = [pairs[i] for i in evenly_spaced(len(pairs), count)]
+        pairs = [pairs[i] for i in evenly_spaced(len(pairs), PLATE_FIGURES)]
         swaps = [test_lights[[i % len(test_lights), (i + 1) % len(test_lights)]] for i in range(len(pairs))]
         if not lines:  # two for each pair: the first figure is seen under the first light, the second under the second
             for pair, swap in zip(pairs, swaps):

@@ -43,15 +43,7 @@ def transport_bands(transport: np.ndarray) -> list[np.ndarray]:
 
 
 def heat(error: np.ndarray, max_error: float) -> np.ndarray:
-    """Maps errors to colors, from pale (none) over orange to dark red.
-
-    Args:
-        error: per pixel, any shape (...), not negative.
-        max_error: the error with the darkest color, to which larger errors are clipped.
-
-    Returns:
-        (...,3) display-coded colors in [0,1].
-    """
+    """Returns display colors (...,3) in [0,1] of errors (...): pale for 0, over orange to dark red for `max_error`."""
     stops = np.array([[0.97, 0.95, 0.90], [0.99, 0.70, 0.35], [0.80, 0.20, 0.15], [0.30, 0.02, 0.10]])
     position = np.clip(error / max_error, 0, 1) * (len(stops) - 1)
     return np.stack([np.interp(position, np.arange(len(stops)), channel) for channel in stops.T], -1)
@@ -67,13 +59,7 @@ def bounding_box(masks: list[np.ndarray]) -> tuple[slice, slice]:
 
 
 def composite(colors: np.ndarray, alpha: np.ndarray, size: tuple[int, int]) -> Image.Image:
-    """Composites sRGB-coded colors (H,W,3) in [0,1] over the background of cells by alpha (H,W).
-
-    Args:
-        colors: (H,W,3).
-        alpha: (H,W).
-        size: (width, height) of the result.
-    """
+    """Composites sRGB-coded colors (H,W,3) by alpha (H,W) over the background of cells, at a size (width, height)."""
     ground = np.array(CELL, np.float32) / 255
     alpha = np.asarray(alpha, np.float32)
     premultiplied = np.concatenate([np.clip(colors, 0, 1) * alpha[..., None], alpha[..., None]], -1)
@@ -86,14 +72,7 @@ def composite(colors: np.ndarray, alpha: np.ndarray, size: tuple[int, int]) -> I
 
 
 def ball(light: np.ndarray, size: int, white: float, linear: bool) -> Image.Image:
-    """Draws a diffuse white ball under a light as an RGBA picture.
-
-    Args:
-        light: (K,3) radiance coefficients.
-        size: side of the picture, pixels.
-        white: the shading that is displayed as white.
-        linear: whether the shading is linear and must be sRGB-encoded for display.
-    """
+    """Draws a diffuse white ball of `size` pixels under a light (K,3), RGBA; arguments are those of `lit_ball`."""
     return Image.fromarray((lit_ball(light, size, white=white, linear=linear) * 255).round().astype(np.uint8))
 
 
@@ -105,13 +84,7 @@ class Canvas:
         self.draw = ImageDraw.Draw(self.image)
 
     def cell(self, picture: Image.Image, x: int, y: int, width: int | None = None, height: int | None = None) -> None:
-        """Draws a cell with a picture in its middle.
-
-        Args:
-            picture: RGB or RGBA.
-            x, y: of the cell's top left corner, pixels.
-            width, height: of the cell, pixels; by default those of the picture.
-        """
+        """Draws a cell at (x,y) with a picture in its middle; pixels; its size is that of the picture by default."""
         width, height = width or picture.width, height or picture.height
         self.draw.rectangle((x, y, x + width - 1, y + height - 1), fill=CELL)
         self.put(picture, x + (width - picture.width) // 2, y + (height - picture.height) // 2)
@@ -148,13 +121,7 @@ class Canvas:
 
 
 def fit_text(words: str, size: int, width: int, bold: bool) -> tuple[str, int]:
-    """Breaks words at blanks into lines, in the largest font in which these fit a width.
-
-    Args:
-        words: the text.
-        size: largest size of the font, pixels.
-        width: of the lines at most, pixels, unless a word is longer in the smallest font.
-        bold: whether the font is bold.
+    """Breaks words into lines of `width` pixels, in the largest font up to `size` in which no word is longer.
 
     Returns:
         The lines as one text, and the size of the font.

@@ -7,15 +7,7 @@ import numpy as np
 from PIL import Image
 
 from relight.errors import UserError
-from relight.evaluation.pictures.canvas import (
-    CELL,
-    FAINT,
-    WHITE_PERCENTILE,
-    Canvas,
-    ball,
-    bounding_box,
-    composite,
-)
+from relight.evaluation.pictures.canvas import CELL, FAINT, WHITE_PERCENTILE, Canvas, ball, bounding_box, composite
 from relight.evaluation.scoring.metrics import shade
 from relight.lights import measure
 from relight.maps import LeftOut, Maps, read_info, read_maps
@@ -46,7 +38,7 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path) -> None:
     """
     if not maps_paths:
         raise UserError(f"{out}: there are no maps to show")
-    figures = [read(path) for path in progress(maps_paths, "maps read")]
+    figures = [_read(path) for path in progress(maps_paths, "maps read")]
     masks = [maps.mask for _, maps in figures if isinstance(maps, Maps)]
     rows, _ = bounding_box(masks) if masks else (slice(0, 1), slice(0, 1))  # of all figures
     height, width = CELL_HEIGHT, round(ASPECT * CELL_HEIGHT)
@@ -67,7 +59,7 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path) -> None:
             for v, colors in enumerate(views(maps, light)):
                 cell = Image.new("RGB", (width, height), CELL)
                 # Extended to pixels that a figure covers in part, but not at their centre.
-                cell.paste(*scale_to_cell(fill_outside(colors, maps.mask), maps, rows, (width, height)))
+                cell.paste(*_scale_to_cell(fill_outside(colors, maps.mask), maps, rows, (width, height)))
                 sheet.cell(cell, x + v * (width + GAP), y)
         else:
             room = len(VIEWS) * (width + GAP) - GAP
@@ -84,12 +76,8 @@ def clearest_light(lights: np.ndarray) -> np.ndarray:
     return lights[int(np.argmax(directed - np.abs(statistics["red"]) - np.abs(statistics["blue"])))]
 
 
-def read(path: Path) -> tuple[str, Maps | str]:
-    """Reads a file of maps (.exr).
-
-    Returns:
-        The figure's name, and its maps, or the reason why it was left out.
-    """
+def _read(path: Path) -> tuple[str, Maps | str]:
+    """Returns a figure's name, and its maps or the reason why it was left out, from its file (.exr)."""
     name = read_info(path).get("name", Path(path).stem)
     try:
         return name, read_maps(path)
@@ -97,19 +85,12 @@ def read(path: Path) -> tuple[str, Maps | str]:
         return name, str(reason)
 
 
-def scale_to_cell(
+def _scale_to_cell(
     colors: np.ndarray, maps: Maps, rows: slice, size: tuple[int, int]
 ) -> tuple[Image.Image, tuple[int, int]]:
-    """Scales a figure to fit a cell.
+    """Scales colors (H,W,3) of a figure to a cell's size (width, height), which `rows` fill unless it is too wide.
 
-    Args:
-        colors: (H,W,3), display-coded.
-        maps: maps of the figure.
-        rows: rows of the picture, which fill the cell's height unless the figure is too wide.
-        size: width and height of the cell, pixels.
-
-    Returns:
-        The picture, and the place (x, y) of its top left corner in the cell, in whose middle it stands on the ground.
+    Also returns the place (x, y) in the cell where its top left corner is if it stands in the middle of the ground.
     """
     box = rows, bounding_box([maps.mask])[1]
     box_height, box_width = (side.stop - side.start for side in box)
@@ -119,22 +100,9 @@ def scale_to_cell(
 
 
 def views(maps: Maps, light: np.ndarray) -> list[np.ndarray]:
-    """Draws a figure in each of VIEWS.
-
-    Args:
-        maps: of the figure, (H,W,...).
-        light: (K,3) radiance coefficients.
-
-    Returns:
-        (H,W,3) each, display-coded. White is the WHITE_PERCENTILE of the figure's shading.
-    """
+    """Returns a figure in each of VIEWS (H,W,3), display-coded, under a light (K,3)."""
     shading = shade(maps.transport, light)
     white = max(1e-6, float(np.percentile(shading[maps.mask], WHITE_PERCENTILE)))  # not 0, by which it divides
-    grey = np.repeat(maps.ao[..., None], 3, -1)
-    return [
-        encode(maps.albedo * shading / white),
-        encode(maps.albedo),
-        (maps.normal + 1) / 2,
-        grey,
-        encode(shading / white),
-    ]
+    linear = maps.albedo * shading / white, maps.albedo, shading / white
+    lit, albedo, shading = map(encode, linear)
+    return [lit, albedo, (maps.normal + 1) / 2, np.repeat(maps.ao[..., None], 3, -1), shading]

@@ -17,7 +17,7 @@ from relight.evaluation.pictures.canvas import (
     heat,
     transport_bands,
 )
-from relight.evaluation.scoring.evaluate import Condition, dense, has_pairs, infer, load, pixels, select_pairs, truth
+from relight.evaluation.scoring.evaluate import Condition, dense, infer, load, pixels, select_pairs, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
 from relight.evaluation.scoring.scores import gather
@@ -52,11 +52,9 @@ NOTE = (
     "of the small sphere. Transport by band of spherical harmonics: 0 how much light arrives; 1 from where (x, y, z as "
     "red, green, blue); 2 how it is spread (xz, yz, 3z²-1)."
 )
-
 NOTE_RELIT = (
     "Relit by the lights of the small spheres: the truth, and what each network makes of the first picture alone."
 )
-
 NOTE_SHADINGS = (
     "Each network infers normals or light transport from the picture; its shading here is under the true light (small "
     "sphere), so that only occlusion and shape are compared."
@@ -85,13 +83,7 @@ class Subject:
 
     @classmethod
     def of(cls, data: RelitSet, figure: int, lights: np.ndarray) -> "Subject":
-        """Returns a figure of a data set under some of its lights.
-
-        Args:
-            data: figures and lights.
-            figure: index of the figure.
-            lights: (N,) indices of the input light, and of the lights by which it is relit.
-        """
+        """Returns a figure of a data set under lights (N,), by their indices; the first is that of the input."""
         true = truth(data, figure, lights)
         white = max(1.0, float(np.percentile(true.maps["shading"], WHITE_PERCENTILE)))
         is_linear = data.color == "photo"
@@ -145,11 +137,16 @@ def draw(heads: list[str], lines: list[Line], max_error: float | None, note: str
     """Draws rows of views, with heads above and a scale of errors below.
 
     Args:
-        heads: titles of the columns.
-        lines: the rows, with a view for each column.
+        heads: titles of the columns, of which there may be too many.
+        lines: the rows, with a view for each column; the sheet says so if there are none.
         max_error: the error at the dark end of the color scale; None if no view is an error.
         note: explains the views.
     """
+    if not lines:
+        sheet = Canvas(2 * GUTTER, TOP)
+        sheet.text("nothing to show", GUTTER, TOP // 2, size=15, anchor="mm", color=FAINT)
+        return sheet
+    heads = heads[: len(lines[0].views)]
     box = bounding_box([line.subject.mask for line in lines])
     box_height, box_width = box[0].stop - box[0].start, box[1].stop - box[1].start
     height, width = CELL_HEIGHT, max(100, round(CELL_HEIGHT * box_width / box_height))
@@ -165,7 +162,7 @@ def draw(heads: list[str], lines: list[Line], max_error: float | None, note: str
         sheet.text(line.label, *left_of_cells, size=18, anchor="rm", bold=line.first, width=GUTTER - 24)
         for c, view in enumerate(line.views):
             x = GUTTER + c * (width + GAP)
-            draw_view(sheet, view, line.subject, box, x, y, (width, height), max_error)
+            _draw_view(sheet, view, line.subject, box, x, y, (width, height), max_error)
         y += height + GAP
     if max_error:
         color_scale = np.repeat(heat(np.linspace(0, max_error, 160), max_error)[None], 14, 0)  # 160 x 14 pixels
@@ -175,7 +172,7 @@ def draw(heads: list[str], lines: list[Line], max_error: float | None, note: str
     return sheet
 
 
-def draw_view(
+def _draw_view(
     sheet: Canvas,
     view: Cell,
     subject: Subject,
@@ -185,17 +182,7 @@ def draw_view(
     size: tuple[int, int],
     max_error: float | None,
 ) -> None:
-    """Draws a view of a subject.
-
-    Args:
-        sheet: to draw on.
-        view: to draw.
-        subject: whose view it is.
-        box: rows and columns of the image to show.
-        x, y: of the cell's top left corner on the sheet.
-        size: width and height of the cell in pixels.
-        max_error: the error at the dark end of the color scale.
-    """
+    """Draws the part `box` (rows, columns) of a view of a subject in a cell of a sheet at (x,y)."""
     width, height = size
     if view.colors is not None:
         colors = view.colors if view.coded else np.clip(view.colors, 0, 1)
@@ -213,7 +200,7 @@ def draw_view(
         sheet.put(corner, x + width - corner.width - 5, y + 5)
 
 
-def inferred_by_network(
+def _inferred_by_network(
     networks: dict[str, Path],
     packed: Path,
     lights: Path,
@@ -240,46 +227,33 @@ def inferred_by_network(
     subjects: list[Subject] = []
     for row, checkpoint in progress(list(networks.items()), "networks drawn"):
         network, data = load(checkpoint, packed, lights)
-        if not has_pairs(data, split, condition):
-            return
         figures, light_indices = select_pairs(data, split, condition)
-        chosen = [
-            (int(figures[place]), its_lights)
-            for place, its_lights in choose([data.names[figure] for figure in figures], light_indices)
-        ]
+        if not len(figures) or not len(light_indices):
+            return
+        places = choose([data.names[figure] for figure in figures], light_indices)
+        chosen = [(int(figures[place]), its_lights) for place, its_lights in places]
         subjects = subjects or [Subject.of(data, *pair) for pair in chosen]
         inferred = [infer(network, data, figure, its_lights[:1]) for figure, its_lights in chosen]
         yield row, list(zip(subjects, inferred))
 
 
+def _middle_figure(count: int) -> Callable[[list[str], np.ndarray], list[tuple[int, np.ndarray]]]:
+    """Returns the function that chooses the middle figure, and `count` lights of all kinds."""
+    return lambda names, lights: [(len(names) // 2, lights[evenly_spaced(len(lights), count)])]
+
+
 def relit(networks: dict[str, Path], packed: Path, lights: Path, split: Path, condition: Condition, out: Path) -> None:
-    """Draws one figure relit by up to LIGHTS lights: the truth, then each network.
-
-    Args:
-        networks: row -> checkpoint.
-        packed, lights, split: the data set (.safetensors, .npz, .json).
-        condition: the figures and lights to choose from.
-        out: the picture (.png).
-
-    Raises:
-        UserError: if a file has other contents, or there are no test figures or lights.
-    """
-
-    def choose(names: list[str], light_indices: np.ndarray) -> list[tuple[int, np.ndarray]]:
-        """Chooses the middle figure, and lights of all kinds."""
-        return [(len(names) // 2, light_indices[evenly_spaced(len(light_indices), LIGHTS)])]
-
+    """Draws one figure relit by up to LIGHTS lights: the truth, then each network; arguments are as in `plates`."""
     lines: list[Line] = []
-    for row, ((subject, inferred),) in inferred_by_network(networks, packed, lights, split, condition, choose):
+    answers = _inferred_by_network(networks, packed, lights, split, condition, _middle_figure(LIGHTS))
+    for row, ((subject, inferred),) in answers:
         if not lines:
             pictures = [subject.picture(light) for light in range(len(subject.truth.lights))]
             lines.append(Line(f"truth {subject.name}", subject, pictures, first=True))
         albedo, transport, (light,) = subject.truth.complete(inferred)
         shadings = [shade(transport[0], each_light) for each_light in (light, *subject.truth.lights[1:])]
         lines.append(Line(label(row), subject, [Cell(albedo[0] * shading) for shading in shadings]))
-    if not lines:
-        return empty_sheet().save(out)
-    heads = ["picture", *(f"relit {light}" for light in range(1, len(lines[0].views)))]
+    heads = ["picture", *(f"relit {light}" for light in range(1, LIGHTS))]
     draw(heads, lines, max_error=None, note=NOTE_RELIT).save(out)
 
 
@@ -314,14 +288,13 @@ def plates(
         return [(place, light_indices[[i % count, (i + 1) % count]]) for i, place in enumerate(choose(names))]
 
     blocks: list[list[Line]] = []
-    for row, answers in inferred_by_network(networks, packed, lights, split, condition, with_two_lights):
+    for row, answers in _inferred_by_network(networks, packed, lights, split, condition, with_two_lights):
         if not blocks:
-            subjects = [subject for subject, _ in answers]
-            blocks = [[Line(f"truth {subject.name}", subject, true_views(subject), first=True)] for subject in subjects]
+            blocks = [
+                [Line(f"truth {subject.name}", subject, _true_views(subject), first=True)] for subject, _ in answers
+            ]
         for block, (subject, inferred) in zip(blocks, answers):
-            block.append(Line(label(row), subject, inferred_views(subject, inferred)))
-    if not blocks:
-        return empty_sheet().save(out)
+            block.append(Line(label(row), subject, _views(subject, inferred)))
     draw(list(COLUMNS), [line for block in blocks for line in block], MAX_ERROR, NOTE).save(out)
 
 
@@ -330,22 +303,12 @@ def shadings(
 ) -> None:
     """Draws the shading of one figure under the true light: a column per network, and the errors below.
 
-    Args:
-        networks: row -> checkpoint.
-        packed, lights, split: the data set (.safetensors, .npz, .json).
-        condition: the figures and lights to choose from.
-        out: the picture (.png).
-
-    Raises:
-        UserError: if a file has other contents, or there are no test figures or lights.
+    Arguments are as in `plates`.
     """
-
-    def choose(names: list[str], light_indices: np.ndarray) -> list[tuple[int, np.ndarray]]:
-        """Chooses the middle figure, and the first light."""
-        return [(len(names) // 2, light_indices[:1])]
-
     lines: list[Line] = []
-    for _, ((subject, inferred),) in inferred_by_network(networks, packed, lights, split, condition, choose):
+    for _, ((subject, inferred),) in _inferred_by_network(
+        networks, packed, lights, split, condition, _middle_figure(1)
+    ):
         true_shading = subject.truth.maps["shading"][0]
         if not lines:
             true_cells = [subject.picture(light=0), Cell(true_shading / subject.white)]
@@ -354,8 +317,6 @@ def shadings(
         shading = shade(transport[0], subject.truth.lights[0])
         lines[0].views.append(Cell(shading / subject.white))
         lines[1].views.append(Cell(error=np.linalg.norm(shading - true_shading, axis=-1)))
-    if not lines:
-        return empty_sheet().save(out)
     draw(["picture", "true shading", *map(label, networks)], lines, MAX_ERROR, NOTE_SHADINGS).save(out)
 
 
@@ -370,17 +331,10 @@ def extreme_places(scores: list[Path], names: list[str]) -> list[int]:
         Their places among the names, from the least to the largest error.
     """
     all_scores = [training for trainings in gather(scores).values() for training in trainings]
-    means = np.mean([training.figure_means("shading_rmse") for training in all_scores], 0)
+    means = np.mean([training.columns["shading_rmse"].mean(1) for training in all_scores], 0)
     error_of = dict(zip(all_scores[0].figures, means))
     order = sorted(range(len(names)), key=lambda place: error_of[names[place]])
     return list(dict.fromkeys([*order[:EXTREME_FIGURES], *order[-EXTREME_FIGURES:]]))
-
-
-def empty_sheet() -> Canvas:
-    """Returns a sheet with the words "nothing to show"."""
-    sheet = Canvas(2 * GUTTER, TOP)
-    sheet.text("nothing to show", GUTTER, TOP // 2, size=15, anchor="mm", color=FAINT)
-    return sheet
 
 
 def evenly_spaced(items: int, count: int) -> list[int]:
@@ -388,53 +342,28 @@ def evenly_spaced(items: int, count: int) -> list[int]:
     return np.unique(np.linspace(0, items - 1, count).round().astype(int)).tolist()
 
 
-def true_views(subject: Subject) -> list[Cell]:
-    """Returns the views of COLUMNS of the truth, whose error is zero."""
-    light, new_light = subject.truth.lights
-    all_views = views(subject, subject.truth.maps["albedo"][0], subject.truth.transport[0], light, new_light)
-    all_views["relit"].light = new_light
-    all_views |= surface_views(subject.truth.maps["normal"][0], subject.truth.maps["ao"][0, :, 0])
-    return [all_views[column] for column in COLUMNS]
+def _true_views(subject: Subject) -> list[Cell]:
+    """Returns the views of COLUMNS of the truth, with the new light beside the relit figure."""
+    maps = subject.truth.maps
+    all_views = _views(subject, Inferred(normal=maps["normal"], ao=maps["ao"][..., 0]))
+    all_views[COLUMNS.index("relit")].light = subject.truth.lights[1]
+    return all_views
 
 
-def inferred_views(subject: Subject, inferred: Inferred) -> list[Cell]:
-    """Returns the views of COLUMNS of what a network inferred under the subject's first light."""
-    albedo, transport, light = subject.truth.complete(inferred)
-    all_views = views(subject, albedo[0], transport[0], light[0], subject.truth.lights[1])
-    normal = None if inferred.normal is None else inferred.normal[0]
-    ao = None if inferred.ao is None else inferred.ao[0]
-    all_views |= surface_views(normal, ao)
-    return [all_views[column] for column in COLUMNS]
-
-
-def surface_views(normal: np.ndarray | None, ao: np.ndarray | None) -> dict[str, Cell]:
-    """Returns views of normals (P,3) as colors and of ambient occlusion (P,) as grey; None gives empty views."""
-    return {
-        "normal": Cell() if normal is None else Cell((normal + 1) / 2, coded=True),
-        "AO": Cell() if ao is None else Cell(np.repeat(ao[:, None].clip(0, 1), 3, 1), coded=True),
-    }
-
-
-def views(
-    subject: Subject, albedo: np.ndarray, transport: np.ndarray, light: np.ndarray, new_light: np.ndarray
-) -> dict[str, Cell]:
-    """Returns the views of COLUMNS, without normals and AO, by column.
-
-    Args:
-        subject: whose true shading the error is of.
-        albedo: (P,3).
-        transport: (P,K).
-        light: (K,3), of the picture.
-        new_light: (K,3), by which it is relit.
-    """
+def _views(subject: Subject, inferred: Inferred) -> list[Cell]:
+    """Returns the views of COLUMNS of what was inferred under the subject's first light."""
+    (albedo, *_), (transport, *_), (light, *_) = subject.truth.complete(inferred)
+    normal, ao = inferred.normal, inferred.ao
     shading = shade(transport, light)
     error = np.linalg.norm(shading - subject.truth.maps["shading"][0], axis=-1)
-    return {
-        "picture": Cell(albedo * shading),
-        "albedo": Cell(albedo),
-        "shading": Cell(shading / subject.white),
-        "shading error": Cell(error=error),
-        "light": Cell(light=light),
-        **{f"transport {band}": Cell(colors, coded=True) for band, colors in enumerate(transport_bands(transport))},
-        "relit": Cell(albedo * shade(transport, new_light)),
-    }
+    return [
+        Cell(albedo * shading),
+        Cell(albedo),
+        Cell() if normal is None else Cell((normal[0] + 1) / 2, coded=True),
+        Cell() if ao is None else Cell(np.repeat(ao[0][:, None].clip(0, 1), 3, 1), coded=True),
+        Cell(shading / subject.white),
+        Cell(error=error),
+        Cell(light=light),
+        *(Cell(colors, coded=True) for colors in transport_bands(transport)),
+        Cell(albedo * shade(transport, subject.truth.lights[1])),
+    ]

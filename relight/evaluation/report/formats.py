@@ -7,16 +7,17 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from markupsafe import escape
 
 from relight.evaluation.scoring.comparisons import Comparison, Verdict
-from relight.evaluation.scoring.labels import QUANTITIES, READING_LABELS, column_label, label, split_column
+from relight.evaluation.scoring.labels import column_label, label, quantity_label
 from relight.evaluation.scoring.statistics import Estimate
-from relight.evaluation.scoring.tables import Table, sign
-from relight.evaluation.scoring.truth import COLUMNS
+from relight.evaluation.scoring.tables import Table
+from relight.evaluation.scoring.truth import COLUMNS, READINGS
 from relight.files import atomic_write
 
 SIGNS = {Verdict.BETTER: "✓", Verdict.WORSE: "✗", Verdict.EQUIVALENT: "≈", Verdict.OPEN: "?"}
@@ -33,7 +34,7 @@ class TextTable:
     Attributes:
         frame: indexed by the rows' labels; cells are Estimate, Verdict, str, int, float or None; columns are names, or
             pairs (block, name).
-        kinds: kind of each row: "network", "baseline", "paper", or "" if the rows have no kind.
+        kinds: kind of each row: "network", "baseline", "paper", or "" as by default.
         digits: decimals by column, 3 by default.
     """
 
@@ -41,25 +42,15 @@ class TextTable:
     kinds: list[str] = field(default_factory=list)
     digits: dict[str, int] = field(default_factory=dict)
 
-    @classmethod
-    def of(
-        cls,
-        columns: list[str],
-        rows: list[list],
-        kinds: list[str] | None = None,
-        digits: dict[str, int] | None = None,
-    ) -> "TextTable":
-        """Returns a grid of rows of cells, the first of which is the label.
+    def __post_init__(self) -> None:
+        self.frame = self.frame.astype(object).where(self.frame.notna(), None)
+        self.kinds = self.kinds or [""] * len(self.frame)
 
-        Args:
-            columns: the heads, the first of which is that of the labels.
-            rows: each with as many cells as there are columns.
-            kinds: kind of each row.
-            digits: decimals by column.
-        """
+    @classmethod
+    def of(cls, columns: list[str], rows: list[list], **options: Any) -> "TextTable":
+        """Returns a grid of rows of cells, the first of which is the label, under as many heads; options are fields."""
         index = pd.Index([row[0] for row in rows], name=columns[0], dtype=object)
-        frame = pd.DataFrame([row[1:] for row in rows], index, columns[1:], dtype=object)
-        return cls(frame.where(frame.notna(), None), kinds or [""] * len(rows), digits or {})
+        return cls(pd.DataFrame([row[1:] for row in rows], index, columns[1:], dtype=object), **options)
 
     def blocks(self) -> list["TextTable"]:
         """Returns a grid per block of columns, without rows that are empty there; the grid itself without blocks."""
@@ -180,8 +171,7 @@ def write_tables(
 
     Args:
         stem: path without suffix.
-        title: title of the table, plain text.
-        note: explains the numbers, in Markdown.
+        title, note: of the table; what explains the numbers. Both are in Markdown.
         shown: the table; one tabular in LaTeX, a table per block in Markdown.
         statistics: content of the CSV; by default the statistics of `shown`.
         others: a further grid for the Markdown file.
@@ -202,12 +192,7 @@ def write_tables(
 
 
 def score_grid(table: Table, columns: Iterable[str]) -> TextTable:
-    """Returns the estimates of a table, a block per reading; rows of the paper's printed values follow.
-
-    Args:
-        table: of an experiment.
-        columns: of the scores, such as shading_rmse.
-    """
+    """Returns columns of a table, a block per reading; rows of the paper's printed values follow."""
     present = table.present(columns)
     rows: list[tuple[str, str, Mapping[str, Estimate | float]]] = [
         (label(row), table.kind(row), cells) for row, cells in table.rows.items()
@@ -215,26 +200,22 @@ def score_grid(table: Table, columns: Iterable[str]) -> TextTable:
     rows += [(label(row), "paper", values) for row, values in table.printed.items()]
     rows = [row for row in rows if any(column in row[2] for column in present)]
     heads = []
-    for quantity, reading in map(split_column, present):
-        heads.append((f"{READING_LABELS[reading]} {'↓' if sign(f'_{reading}') > 0 else '↑'}", QUANTITIES[quantity]))
+    for column in present:
+        reading, sign = READINGS[COLUMNS[column][1]]
+        heads.append((f"{reading} {'↓' if sign > 0 else '↑'}", quantity_label(column)))
     cells = [[values.get(column) for column in present] for *_, values in rows]
     index = pd.Index([name for name, *_ in rows], dtype=object)
     columns = pd.MultiIndex.from_arrays([[head[level] for head in heads] for level in (0, 1)])
-    frame = pd.DataFrame(cells, index, columns, dtype=object)
-    return TextTable(frame.where(frame.notna(), None), [kind for _, kind, _ in rows])
+    return TextTable(pd.DataFrame(cells, index, columns, dtype=object), [kind for _, kind, _ in rows])
 
 
 def other_columns(table: Table) -> tuple[str, ...]:
-    """Returns the columns of the scores (COLUMNS) that a table does not show."""
-    return tuple(column for column in COLUMNS if column not in table.columns)
+    """Returns the columns of the scores that a table does not show."""
+    return tuple(column for column in table.scored if column not in table.columns)
 
 
 def comparison_grid(comparisons: dict[str, dict[str, Comparison]]) -> TextTable:
-    """Returns comparisons with relative gain, both means, p-value, verdict, and a bound on open differences.
-
-    Args:
-        comparisons: label of the pair -> column -> comparison.
-    """
+    """Returns comparisons with relative gain, both means, p-value, verdict, and a bound on open differences."""
     heads = ["compared", "in", "first better by", "interval", "first", "second", "p", "the first is", "within"]
     rows = [
         [pair, column_label(c.column), *effect(c), c.first, c.second, p_value(c.p), c.verdict, bound(c)]

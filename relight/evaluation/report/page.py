@@ -13,7 +13,7 @@ from PIL import Image
 
 from relight.errors import UserError
 from relight.evaluation.report import formats
-from relight.evaluation.scoring.comparisons import MARGIN, Comparison, Verdict
+from relight.evaluation.scoring.comparisons import MARGIN, Verdict
 from relight.evaluation.scoring.labels import column_label, label
 from relight.evaluation.scoring.statistics import ALPHA
 from relight.files import existing_file
@@ -39,20 +39,9 @@ def environment() -> Environment:
         "column": column_label,
         "label": label,
         "duration": duration,
-        "better": better,
     }
     made.globals |= {"table": table, "picture": picture, "ALPHA": ALPHA, "MARGIN": MARGIN, "Verdict": Verdict}
     return made
-
-
-def exists(template: str) -> bool:
-    """Returns whether there is such a template."""
-    return template in environment().list_templates()
-
-
-def better(comparisons: dict[str, Comparison]) -> list[str]:
-    """Returns the columns in which the first of two rows is significantly better."""
-    return [column for column, comparison in comparisons.items() if comparison.verdict is Verdict.BETTER]
 
 
 def text(template: str, **context) -> str:
@@ -71,13 +60,13 @@ def page(template: str, **context) -> str:
     return environment().get_template(template).render(context)
 
 
-def table(grid: formats.TextTable, caption: str = "") -> Markup:
+def table(grid: formats.TextTable) -> Markup:
     """Renders a grid as HTML tables, one per block of columns, without blank lines so that Markdown can contain it."""
     parts = []
     for block in grid.blocks():
         texts = block.texts(formats.HTML)
         rows = [(label, kind, cells) for (label, *cells), kind in zip(texts.itertuples(name=None), block.kinds)]
-        parts.append(page("table.html", corner=texts.index.name, heads=texts.columns, rows=rows, caption=caption))
+        parts.append(page("table.html", corner=texts.index.name, heads=texts.columns, rows=rows))
     return Markup(re.sub(r"\n\s*\n", "\n", "".join(parts)))
 
 

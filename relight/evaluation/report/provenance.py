@@ -16,18 +16,11 @@ from relight.processes import count_cores, git
 
 
 def provenance(folder: Path) -> dict[str, Any]:
-    """Collects the provenance of a report.
-
-    Args:
-        folder: results/<name>, whose run.yaml contains the given settings.
+    """Collects the provenance of the report of results/<name>, whose run.yaml contains the given settings.
 
     Returns:
-        date: UTC, to the minute.
-        version: version of relight.
-        commit: commit of the working tree, "" without git.
-        changed: whether files differ from the commit.
-        machine: processor, cores, memory, GPU and system, in words.
-        command: repeats the run from a clone.
+        `date`; `version` of relight; `commit`, "" without git; whether files are `changed` since; `machine`, in words;
+        the `command` that repeats the run from a clone.
     """
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
@@ -58,26 +51,26 @@ def processor() -> str:
         return platform.processor() or platform.machine()
 
 
-def command(folder: Path) -> str:
+def command(folder: Path, experiment: str = "") -> str:
     """Returns the command that repeats a run in a clone; a sweep is repeated from its record.
 
     Args:
         folder: results/<name>, whose run.yaml contains the given settings.
+        experiment: another experiment to run with these settings.
     """
     record = folder / "run.yaml"
     config = yaml.safe_load(record.read_text()) if record.exists() else {}
-    if list(config.get("settings", {}).get("experiments", ())) == ["sweep"]:
+    is_sweep = list(config.get("settings", {}).get("experiments", ())) == ["sweep"]
+    if is_sweep and not experiment:
         return f"snakemake all --configfile results/{folder.name}/run.yaml"
-    return shlex.join(["relight", "run", *config.get("overrides", [])])
+    words = [word for word in config.get("overrides", []) if not (experiment and word.startswith("experiment="))]
+    return shlex.join(["relight", "run", *words, *([f"experiment={experiment}"] if experiment else [])])
 
 
 def costs(folder: Path) -> tuple[pd.DataFrame, float]:
-    """Sums Snakemake's measurements of jobs by stage.
+    """Sums Snakemake's measurements of jobs by stage, of the results in a folder.
 
     For jobs of a few seconds, Snakemake's samples miss a part of the CPU time and of the memory.
-
-    Args:
-        folder: results/<name>.
 
     Returns:
         A row per stage: number of jobs, mean and sum of their seconds, CPU seconds, and the largest memory in GB. And

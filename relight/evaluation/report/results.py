@@ -14,9 +14,9 @@ import yaml
 from relight.config import flat
 from relight.errors import UserError
 from relight.evaluation.scoring.scores import gather
-from relight.evaluation.scoring.statistics import Estimate
-from relight.evaluation.scoring.tables import Rows, Table, columns_of, estimates, experiment_table
+from relight.evaluation.scoring.tables import Rows, Table, columns_of, experiment_table
 from relight.files import existing_file
+from relight.training_name import TrainingName
 
 
 class Results:
@@ -43,11 +43,7 @@ class Results:
     @property
     def tables(self) -> list[str]:
         """The experiments that are tables of trainings."""
-        return [
-            name
-            for name, experiment in self.experiments.items()
-            if experiment["table"] and not experiment.get("failed")
-        ]
+        return [name for name, told in self.experiments.items() if told["table"] and not told.get("failed")]
 
     @cached_property
     def readable(self) -> list[str]:
@@ -69,6 +65,11 @@ class Results:
         """The trainings that the tables compare."""
         rows = (row for name in self.readable for row in self.experiments[name]["trainings"].values())
         return list(dict.fromkeys(chain.from_iterable(rows)))
+
+    @cached_property
+    def rows(self) -> list[str]:
+        """The rows that the tables compare."""
+        return list(dict.fromkeys(TrainingName.parse(training).row for training in self.trainings))
 
     @cached_property
     def record(self) -> dict[str, Any]:
@@ -128,27 +129,6 @@ class Results:
     def columns(self, name: str) -> tuple[str, ...]:
         """Returns the columns of the scores that an experiment's table shows: RMSE and SSIM of its quantities."""
         return columns_of(*self.experiments[name]["shows"])
-
-    def estimates(self, name: str, column: str) -> dict[str, Estimate]:
-        """Returns the estimates of a column of the scores, by row or baseline."""
-        rows, baselines = self.scores(name), self.baselines(name)
-        return estimates({**rows, **baselines}, column, rows, baselines)
-
-    def split(self, name: str, row: str) -> dict[str, list[str]]:
-        """Returns the figures of a row's split, by part."""
-        return self.json(self.experiments[name]["splits"][row])
-
-    def setting(self, row: str, key: str) -> Any:
-        """Returns the value of a setting with which a row was trained.
-
-        Args:
-            row: name of the row.
-            key: of the setting, such as model.width.
-        """
-        value = self.run["rows"][row]
-        for part in key.split("."):
-            value = value[part]
-        return value
 
     @cached_property
     def run(self) -> dict[str, Any]:

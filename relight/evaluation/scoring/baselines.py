@@ -17,8 +17,7 @@ import numpy as np
 import torch
 
 from relight.errors import UserError
-from relight.evaluation.scoring.evaluate import Condition, Predictor, has_pairs, pixel_rows, pixels, score, truth
-from relight.evaluation.scoring.scores import write_scores
+from relight.evaluation.scoring.evaluate import Condition, Predictor, pixel_rows, pixels, truth, write_all_scores
 from relight.evaluation.scoring.truth import Inferred
 from relight.learning.data import RelitSet, read_split
 from relight.sh import coefficient_count, order_of, unoccluded
@@ -44,10 +43,7 @@ def evaluate_baselines(
     """
     torch.set_num_threads(1)
     data = RelitSet(packed, lights, order, color)
-    if not has_pairs(data, split, condition):
-        return write_scores(out, {})
-    predictors = make_predictors(data, split)
-    write_scores(out, {name: score(predictor, data, split, condition) for name, predictor in predictors.items()})
+    write_all_scores(make_predictors(data, split), data, split, condition, out)
 
 
 def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
@@ -61,7 +57,7 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
         )
     mean_light = train_lights.mean(0, keepdims=True)
     order = order_of(mean_light.shape[1])
-    mean = MeanFigure(data, figures)
+    mean = _MeanFigure(data, figures)
 
     def true(name: str, figure: int) -> np.ndarray:
         """Returns a true map (1,P,C) of a figure at its P pixels; (1,P) for AO."""
@@ -101,7 +97,7 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
     }
 
 
-class MeanFigure:
+class _MeanFigure:
     """The mean of the training figures at each pixel; at pixels outside all figures, the mean over all pixels."""
 
     def __init__(self, data: RelitSet, figures: np.ndarray):

@@ -7,7 +7,8 @@ import numpy as np
 
 from relight.evaluation.scoring.paper import ARGUMENTS, printed
 from relight.evaluation.scoring.statistics import ALPHA, Difference, Estimate, compare, holm
-from relight.evaluation.scoring.tables import TABLE2_COLUMNS, Table, sign
+from relight.evaluation.scoring.tables import TABLE2_COLUMNS, Table
+from relight.evaluation.scoring.truth import sign
 
 # Relative; rows are equivalent if they differ by less; most differences that the paper prints are smaller.
 MARGIN = 0.035
@@ -79,15 +80,7 @@ class Comparison:
 
 
 def compare_estimates(column: str, first: Estimate, second: Estimate) -> Comparison:
-    """Compares two estimates of one column.
-
-    Args:
-        column: column of the scores, which tells whether less is better.
-        first, second: means over the same or other figures and lights, with their intervals.
-
-    Returns:
-        The comparison; its p-values are not corrected for the number of comparisons.
-    """
+    """Compares two estimates of a column of the scores, without correction for the number of comparisons."""
     difference = compare(first, second)
     equivalent = difference.p_equivalent(MARGIN * (abs(first.mean) + abs(second.mean)) / 2)
     return Comparison(column, first.mean, second.mean, difference, difference.p, equivalent)
@@ -107,16 +100,13 @@ def correct(comparisons: list[Comparison]) -> list[Comparison]:
 def compare_rows(
     table: Table, first: str, second: str, columns: tuple[str, ...], other: Table | None = None
 ) -> dict[str, Comparison]:
-    """Compares two rows in some columns, with p-values corrected over these columns.
+    """Compares two rows in those columns that both have, with p-values corrected over these.
 
     Args:
         table: contains the first row.
-        first, second: names of rows.
+        first, second: names of rows; without one of them there are no comparisons.
         columns: to compare.
         other: contains the second row; `table` by default.
-
-    Returns:
-        Column -> comparison, for the columns that both rows have; empty if a row is missing.
     """
     cells, other_cells = table.rows.get(first, {}), (other or table).rows.get(second, {})
     shared = [column for column in columns if column in cells and column in other_cells]
@@ -158,22 +148,16 @@ def orderings(tables: list[Table]) -> list[Ordering]:
         for leader, follower, _ in ARGUMENTS:
             for column in TABLE2_COLUMNS:
                 key = (leader, follower, column)
-                if key not in tested and (ordering := printed_ordering(table, leader, follower, column)):
+                if key not in tested and (ordering := _printed_ordering(table, leader, follower, column)):
                     tested[key] = ordering
     correct([ordering.comparison for ordering in tested.values()])
     return list(tested.values())
 
 
-def printed_ordering(table: Table, leader: str, follower: str, column: str) -> Ordering | None:
-    """Compares two rows of a table in the order of their printed values.
+def _printed_ordering(table: Table, leader: str, follower: str, column: str) -> Ordering | None:
+    """Compares two rows, the better one by the paper's argument first, in the order of their printed values.
 
-    Args:
-        table: table of the run.
-        leader, follower: the better and the worse row by the paper's argument.
-        column: column of the scores.
-
-    Returns:
-        The comparison without correction; None if the table or the paper lacks a value, or the paper's are equal.
+    The comparison is not corrected. None if the table or the paper lacks a value, or the paper's are equal.
     """
     first, second = (printed(row).get(column) for row in (leader, follower))
     if first is None or second is None or first == second:

@@ -15,7 +15,7 @@ from relight.errors import UserError
 from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.evaluation.scoring.truth import Inferred, Truth
 from relight.learning.checkpoint import load_network
-from relight.learning.data import Batch, RelitSet, choose_device, read_split
+from relight.learning.data import RelitSet, choose_device, read_split
 from relight.learning.harmonics import unoccluded
 from relight.learning.networks import Network
 from relight.maps import Maps
@@ -76,22 +76,23 @@ def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, conditio
         UserError: if a file has other contents, or there is no figure or light to test on.
     """
     network, data = load(checkpoint, packed, lights)
-    if not has_pairs(data, split, condition):
-        return write_scores(out, {})
-    write_scores(out, {out.stem: score(partial(infer, network, data), data, split, condition)})
+    write_all_scores({out.stem: partial(infer, network, data)}, data, split, condition, out)
+
+
+def write_all_scores(
+    predictors: dict[str, Predictor], data: RelitSet, split: Path, condition: Condition, out: Path
+) -> None:
+    """Writes the scores of predictors, by name, on a condition; no rows if it has no figures or no lights."""
+    figures, lights = select_pairs(data, split, condition)
+    some = len(figures) and len(lights)
+    write_scores(out, {name: score(predictor, data, figures, lights) for name, predictor in predictors.items() if some})
 
 
 def load(checkpoint: Path, packed: Path, lights: Path) -> tuple[Network, RelitSet]:
     """Loads a network, and the data at its order and in its color model, on a GPU if there is one.
 
-    On a CPU, torch is limited to one thread, so that scores are reproducible.
-
-    Args:
-        checkpoint: the network (.safetensors).
-        packed, lights: the data set.
-
-    Returns:
-        The network, with the outputs that no loss constrained in `Network.unlearned`, and the data.
+    On a CPU, torch is limited to one thread, so that scores are reproducible. `Network.unlearned` then has the outputs
+    that no loss constrained.
 
     Raises:
         UserError: if a file has other contents, the network has no color model, or the maps have another size than
@@ -114,11 +115,7 @@ def load(checkpoint: Path, packed: Path, lights: Path) -> tuple[Network, RelitSe
 
 
 def unlearned(loss: dict[str, Any] | None) -> frozenset[str]:
-    """Returns which of albedo and light no loss of a training constrains; the scores replace them by the truth.
-
-    Args:
-        loss: the settings of the group `loss`; None for a network that does not tell them.
-    """
+    """Returns which of albedo and light no loss of a training, by its settings, constrains; scores take the truth."""
     if not loss or any((loss.get("extra") or {}).values()):  # a loss of the user's may constrain anything
         return frozenset()
     used = (setting_of(field).teaches for key, field in fields_by_key(Loss) if loss.get(key))
@@ -126,56 +123,23 @@ def unlearned(loss: dict[str, Any] | None) -> frozenset[str]:
 
 
 def select_pairs(data: RelitSet, split: Path, condition: Condition = TEST) -> tuple[np.ndarray, np.ndarray]:
-    """Selects the figures and lights to test on.
+    """Selects the figures (F,), seen from the front unless they are further views, and the lights (L,) to test on.
 
-    Args:
-        data: figures and lights.
-        split: the split (.json).
-        condition: the figures and lights.
-
-    Returns:
-        Indices of figures (F,) and of lights (L,).
+    There may be no sitting figures, further views or unusual lights.
 
     Raises:
-        UserError: if either is empty.
-    """
-    figure_indices = select_figures(data, split, condition.figures)
-    light_indices = np.flatnonzero(data.light_split == condition.lights)
-    if not len(figure_indices) or not len(light_indices):
-        raise UserError(
-            f"nothing to evaluate: {len(figure_indices)} {condition.figures} figures of {split} are in the packed set "
-            f"and {len(light_indices)} lights are marked {condition.lights}; at least one of each is needed"
-        )
-    return figure_indices, light_indices
-
-
-def select_figures(data: RelitSet, split: Path, figures: str) -> np.ndarray:
-    """Returns the indices (F,) of the figures of a part of a split, seen from the front.
-
-    Args:
-        data: figures and lights.
-        split: the split (.json).
-        figures: one of PARTS; for `views` the result is the other views of the test figures.
+        UserError: if there are no test figures or test lights, and the condition has them.
     """
     parts = read_split(split)
-    if figures != "views":
-        return data.figures(parts.get(figures, []))
-    others = data.other_views(data.figures(parts["test"]))
-    return others[data.has_view[others]]
-
-
-def has_pairs(data: RelitSet, split: Path, condition: Condition) -> bool:
-    """Returns whether there are figures and lights of a condition in the data.
-
-    Test figures and test lights are taken for granted: if they are missing, `select_pairs` raises an error.
-
-    Args:
-        data: figures and lights.
-        split: the split (.json).
-        condition: the figures and lights.
-    """
-    has_figures = condition.figures == "test" or len(select_figures(data, split, condition.figures)) > 0
-    return has_figures and (condition.lights != "unusual" or bool((data.light_split == "unusual").any()))
+    figures = data.figures(parts["test"] if condition.figures == "views" else parts.get(condition.figures, []))
+    if condition.figures == "views":
+        others = data.other_views(figures)
+        figures = others[data.has_view[others]]
+    lights = np.flatnonzero(data.light_split == condition.lights)
+    for found, kind, what in ((figures, condition.figures, "figures"), (lights, condition.lights, "lights")):
+        if kind == "test" and not len(found):
+            raise UserError(f"nothing to evaluate: {split} gives 0 test {what} of the data set; at least one is needed")
+    return figures, lights
 
 
 def pixel_rows(data: RelitSet, figure: int) -> slice:
@@ -190,104 +154,50 @@ def pixels(data: RelitSet, figure: int) -> np.ndarray:
 
 
 def dense(values: np.ndarray, pixel: np.ndarray, size: int) -> np.ndarray:
-    """Returns an image (S,S,C) float32 with values at some pixels, and 0 at the others.
-
-    Args:
-        values: (P,C).
-        pixel: (P,) flat indices of the pixels in the image.
-        size: S.
-    """
+    """Returns an image (S,S,C) float32 with values (P,C) at pixels of flat indices (P,), and 0 at the others."""
     image = np.zeros((size**2, values.shape[-1]), np.float32)
     image[pixel] = values
     return image.reshape(size, size, -1)
 
 
-def score(predictor: Predictor, data: RelitSet, split: Path, condition: Condition) -> Scores:
-    """Scores a predictor on every figure under every light of a condition.
-
-    Args:
-        predictor: a network or a baseline.
-        data: figures and lights.
-        split: the split (.json).
-        condition: the figures and lights.
-
-    Raises:
-        UserError: if there is no figure or no light.
-    """
-    figures, lights = select_pairs(data, split, condition)
+def score(predictor: Predictor, data: RelitSet, figures: np.ndarray, lights: np.ndarray) -> Scores:
+    """Scores a predictor on figures (F,) under lights (L,), at least one of each, by their indices."""
     scores = [truth(data, f, lights).score(predictor(f, lights)) for f in progress(figures.tolist(), "figures scored")]
-    columns = {name: np.stack([part[name] for part in scores]) for name in scores[0]}
-    return Scores([data.names[f] for f in figures], lights.tolist(), columns)
+    return Scores.stack([data.names[f] for f in figures], lights, scores)
 
 
 def truth(data: RelitSet, figure: int, lights: np.ndarray) -> Truth:
-    """Returns the ground truth of a figure under some lights, in the color model of the set.
-
-    Args:
-        data: figures and lights.
-        figure: index of the figure.
-        lights: (N,) indices of the lights.
-    """
+    """Returns the ground truth of a figure under lights (N,), by their indices, in the color model of the set."""
     batch = data.batch(np.array([figure]), lights[:1])
     count = int(data.counts[figure])
-    maps = {name: getattr(batch, name)[0, :count].cpu().numpy() for name in ("albedo", "normal", "ao")}
-    return Truth(
-        pixel=batch.pixel[:count].cpu().numpy(),
-        transport=data.transport[pixel_rows(data, figure)].float().cpu().numpy(),
-        albedo=maps["albedo"],
-        normal=maps["normal"],
-        ao=maps["ao"][:, 0],
-        lights=data.lights[torch.as_tensor(lights, device=data.lights.device)].cpu().numpy(),
-        size=data.size,
-    )
+    albedo, normal, ao = (getattr(batch, name)[0, :count].cpu().numpy() for name in ("albedo", "normal", "ao"))
+    transport = data.transport[pixel_rows(data, figure)].float().cpu().numpy()
+    true_lights = data.lights[torch.as_tensor(lights, device=data.lights.device)].cpu().numpy()
+    return Truth(pixels(data, figure), transport, albedo, normal, ao[:, 0], true_lights, data.size)
 
 
 @torch.inference_mode()
 def infer(network: Network, data: RelitSet, figure: int, lights: np.ndarray) -> Inferred:
-    """Infers maps and lights of a figure from its pictures under some lights.
+    """Infers maps and lights of a figure from its pictures under lights (N,), by their indices in the set.
 
-    Args:
-        network: in evaluation mode.
-        data: its test set.
-        figure: index of the figure.
-        lights: (N,) indices of the lights.
-
-    Returns:
-        The prediction under each light, without outputs that no loss constrained. For SfSNet and SfSNet-AO, transport
-        is that of the normals without occlusion (the paper, Table 1).
+    Outputs that no loss constrained are left out. For SfSNet and SfSNet-AO, transport is that of the normals without
+    occlusion (the paper, Table 1).
     """
     count, batch_size = int(data.counts[figure]), max(1, BATCH_PIXELS // data.size**2)
     by_name: dict[str, list[np.ndarray]] = {}
     for start in range(0, len(lights), batch_size):
         batch_lights = lights[start : start + batch_size]
         batch = data.batch(np.full(len(batch_lights), figure), batch_lights)
-        for name, values in compact(network, batch).items():
-            values = values if name == "light" else values[:, :count]
-            by_name.setdefault(name, []).append(values.cpu().numpy())
+        images = network(batch.image, batch.mask)
+        values = {"light": images.pop("light").float()}
+        values |= {name: batch.gather(image)[:, :count] for name, image in images.items()}
+        if "transport" not in values:
+            values["transport"] = unoccluded(values["normal"], network.order)
+        for name, tensor in values.items():
+            by_name.setdefault(name, []).append(tensor.cpu().numpy())
     outputs = {name: np.concatenate(batches) for name, batches in by_name.items() if name not in network.unlearned}
-    return Inferred(
-        albedo=outputs.get("albedo"),
-        transport=outputs.get("transport"),
-        normal=outputs.get("normal"),
-        ao=outputs["ao"][..., 0] if "ao" in outputs else None,
-        light=outputs.get("light"),
-        occlude="ao" in outputs,
-    )
-
-
-def compact(network: Network, batch: Batch) -> dict[str, torch.Tensor]:
-    """Runs a network on a batch.
-
-    Returns:
-        The maps that it infers, (B,P,C) at the P pixels of the mask, and `light` (B,K,3). If it infers no transport,
-        `transport` is that of its normals without occlusion.
-    """
-    outputs = network(batch.image, batch.mask)
-    light = outputs.pop("light").float()
-    maps = {name: batch.gather(dense) for name, dense in outputs.items()}
-    if "transport" not in maps:
-        maps["transport"] = unoccluded(maps["normal"], network.order)
-    return {**maps, "light": light}
+    known = {name: outputs.get(name) for name in ("albedo", "transport", "normal", "light")}
+    return Inferred(**known, ao=outputs["ao"][..., 0] if "ao" in outputs else None, occlude="ao" in outputs)
 
 
 def inferred_maps(network: Network, data: RelitSet, light: int, true: Maps) -> Maps:
@@ -300,26 +210,17 @@ def inferred_maps(network: Network, data: RelitSet, light: int, true: Maps) -> M
         true: the figure's baked maps, whose info names it in the set.
 
     Returns:
-        Maps with the mask of `true`. The albedo is linear; that of networks with `train.color=paper` is decoded. The
-        ambient occlusion is that of the transport. Normals are 0 if they are not inferred.
+        Maps with the mask of `true`, linear albedo, the AO of the transport, and normals of 0 if they are
+        not inferred.
     """
     (figure,) = data.figures([true.info["name"]])
     inferred = infer(network, data, int(figure), np.array([light]))
     assert inferred.occluded_transport is not None  # every network infers transport
     transport = inferred.occluded_transport[0][:, : coefficient_count(2)]  # pages have order 2
     values = {"transport": transport, "ao": np.clip(transport[:, :1] / np.float64(UNOCCLUDED_T00), 0, 1)}
-    if inferred.normal is not None:
-        values["normal"] = inferred.normal[0]
+    values["normal"] = np.zeros((len(transport), 3)) if inferred.normal is None else inferred.normal[0]
     if inferred.albedo is not None:
         coded = np.clip(inferred.albedo[0], 0, 1)
         values["albedo"] = decode(coded) if data.color == "paper" else coded
     images = {name: dense(array, pixels(data, int(figure)), data.size) for name, array in values.items()}
-    images["ao"] = images["ao"][..., 0]
-    return replace(
-        true,
-        albedo=images.get("albedo", true.albedo),
-        normal=images.get("normal", np.zeros_like(true.normal)),
-        ao=images["ao"],
-        transport=images["transport"],
-        bounced=None,
-    )
+    return replace(true, **{**images, "ao": images["ao"][..., 0]}, bounced=None)

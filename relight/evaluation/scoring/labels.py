@@ -1,6 +1,6 @@
 """Labels of rows, columns and quantities in tables and text."""
 
-from relight.evaluation.scoring.truth import READINGS
+from relight.evaluation.scoring.truth import COLUMNS, READINGS
 
 STEPS = (4000, 16000)  # of the experiment `steps`, in addition to those of the scale
 LABELS = {
@@ -40,20 +40,8 @@ LABELS = {
     **{f"{losses}_{n}": f"Ours ({losses}), {n:,} steps" for losses in ("min", "full") for n in STEPS},
     **{f"weighted_{n}": f"Ours (transport × 4), {n:,} steps" for n in STEPS},
 }
-QUANTITIES = {
-    "shading": "Shading",
-    "shading_true_light": "Shading, true light",
-    "transport": "Transport",
-    "transport_with_ao": "Transport × AO",
-    "normal": "Normal",
-    "ao": "AO",
-    "light": "Light",
-    "sphere": "Sphere",
-    "albedo": "Albedo",
-    "reconstruction": "Reconstruction",
-    "relit": "Relit",
-}
-READING_LABELS = dict(zip(READINGS, ("RMSE", "RMSE per element", "SSIM", "SSIM, range 2"), strict=True))
+# Quantities whose label is not their capitalized name.
+QUANTITIES = {"shading_true_light": "Shading, true light", "transport_with_ao": "Transport × AO", "ao": "AO"}
 
 
 def label(row: str) -> str:
@@ -61,16 +49,15 @@ def label(row: str) -> str:
     return LABELS.get(row, row)
 
 
-def split_column(column: str) -> tuple[str, str]:
-    """Splits the name of a column of scores: shading_true_light_rmse -> (shading_true_light, rmse)."""
-    reading = max((reading for reading in READINGS if column.endswith(f"_{reading}")), key=len)
-    return column.removesuffix(f"_{reading}"), reading
+def quantity_label(column: str) -> str:
+    """Returns the label of the quantity of a column of scores: shading_rmse -> Shading."""
+    quantity, _ = COLUMNS[column]
+    return QUANTITIES.get(quantity, quantity.capitalize())
 
 
 def title(column: str) -> str:
     """Returns the label of a column of scores: shading_rmse -> Shading RMSE."""
-    quantity, reading = split_column(column)
-    return f"{QUANTITIES[quantity]} {READING_LABELS[reading]}"
+    return f"{quantity_label(column)} {READINGS[COLUMNS[column][1]][0]}"
 
 
 def column_label(column: str) -> str:

@@ -3,6 +3,8 @@
 The values were measured by its authors, on scanned figures that are not public, at 1024 px, without intervals.
 """
 
+from relight.config.schema import QUANTITIES
+
 CITATION = {
     "authors": "Yoshihiro Kanamori and Yuki Endo",
     "title": "Relighting Humans: Occlusion-Aware Inverse Rendering for Full-Body Human Images",
@@ -13,8 +15,6 @@ CITATION = {
 # Mean ambient occlusion of the paper's scans, and RMS of |T - T_unoccluded| over their pixels. They are not printed,
 # but follow from its tables.
 IMPLIED_AO, IMPLIED_LOST = 0.83, 0.25
-
-QUANTITIES = ("shading", "transport", "normal", "ao", "light", "albedo")
 
 # (better row by the paper's argument, worse row, the argument): section 7.1 and the discussion of Table 2.
 ARGUMENTS = (
@@ -27,26 +27,27 @@ ARGUMENTS = (
     ("ours_full", "no_reconstruction", "the reconstruction losses matter"),
 )
 
-# Figures and tables of the paper: their content, the report's experiment or section that repeats it, and the command.
+# Figures and tables of the paper: their content, the report's experiment or section that repeats it, and the command if
+# it is not that of the run, with the experiment.
 CONTENTS = (
     ("Figure 1", "a photograph under new lights", "", "relight photo me.jpg --light room:12"),
-    ("Figure 2", "the network", "training", "relight run"),
-    ("Figure 3", "examples of the figures", "figures", "relight run"),
-    ("Figure 4", "examples of the lights", "lights", "relight run"),
-    ("Table 1", "the four methods", "table1", "relight run experiment=table1"),
-    ("Table 2", "the losses left out by groups", "table2", "relight run experiment=table2"),
-    ("Figures 5, 7", "the methods side by side", "table1", "relight run experiment=table1"),
+    ("Figure 2", "the network", "training", ""),
+    ("Figure 3", "examples of the figures", "figures", ""),
+    ("Figure 4", "examples of the lights", "lights", ""),
+    ("Table 1", "the four methods", "table1", ""),
+    ("Table 2", "the losses left out by groups", "table2", ""),
+    ("Figures 5, 7", "the methods side by side", "table1", ""),
     ("Figures 6, 8", "photographs", "", "relight photo me.jpg"),
-    ("Figure 9", "light transfer", "light_transfer", "relight run experiment=light_transfer"),
-    ("Figure 10", "shape from mask", "silhouette", "relight run experiment=silhouette"),
-    ("Figure 11", "self-supervised learning", "self_supervised", "relight run experiment=self_supervised"),
-    ("Figure 12", "sitting figures", "sitting", "relight run experiment=sitting"),
-    ("Figure 13", "unusual lights", "unusual_lights", "relight run experiment=unusual_lights"),
-    ("Supplement", "path tracing", "path_traced", "relight run experiment=path_traced"),
+    ("Figure 9", "light transfer", "light_transfer", ""),
+    ("Figure 10", "shape from mask", "silhouette", ""),
+    ("Figure 11", "self-supervised learning", "self_supervised", ""),
+    ("Figure 12", "sitting figures", "sitting", ""),
+    ("Figure 13", "unusual lights", "unusual_lights", ""),
+    ("Supplement", "path tracing", "path_traced", ""),
     ("Sections 4 to 6", "its whole protocol", "", "relight run scale=paper protocol=paper"),
 )
 
-_PRINTED = {  # RMSE of QUANTITIES, then SSIM; None if the paper has N/A or no column
+_PRINTED = {  # RMSE of the first six QUANTITIES, then SSIM; None if the paper has N/A or no column
     "sfsnet": (0.299, 0.526, 0.346, None, 0.207, 0.135, 0.884, 0.755, 0.776, None, 0.446, 0.954),
     "sfsnet_ao": (0.293, 0.529, 0.347, 0.083, 0.207, 0.131, 0.890, 0.749, 0.772, 0.946, 0.475, 0.955),
     "ours_min": (0.237, 0.406, None, None, 0.205, 0.131, 0.909, 0.777, None, None, 0.473, 0.953),
@@ -59,6 +60,6 @@ _PRINTED = {  # RMSE of QUANTITIES, then SSIM; None if the paper has N/A or no c
 
 def printed(row: str) -> dict[str, float]:
     """Returns column -> printed value for a row of either table; empty for rows that the paper does not have."""
-    columns = [f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in QUANTITIES]
+    columns = [f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in QUANTITIES[:6]]
     values = _PRINTED.get(row, [None] * len(columns))
     return {column: value for column, value in zip(columns, values) if value is not None}

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from relight.errors import UserError
-from relight.evaluation.scoring.truth import COLLAPSE, COLUMNS
+from relight.evaluation.scoring.truth import in_order
 from relight.files import atomic_write, existing_file
 from relight.training_name import TrainingName
 
@@ -28,9 +28,10 @@ class Scores:
     lights: list[int]
     columns: dict[str, np.ndarray]
 
-    def figure_means(self, column: str) -> np.ndarray:
-        """Returns the mean (F,) over lights of each figure."""
-        return self.columns[column].mean(1)
+    @classmethod
+    def stack(cls, figures: list[str], lights: np.ndarray, scores: list[dict[str, np.ndarray]]) -> "Scores":
+        """Returns scores from those of each figure, column -> (L,), in the order of their names."""
+        return cls(figures, lights.tolist(), {name: np.stack([part[name] for part in scores]) for name in scores[0]})
 
     def part(self, figures: np.ndarray) -> "Scores":
         """Returns the scores of some of the figures, by their indices (N,)."""
@@ -38,26 +39,21 @@ class Scores:
         return Scores([self.figures[index] for index in figures], self.lights, columns)
 
     def frame(self, predictor: str) -> pd.DataFrame:
-        """Returns a row per figure and light, with the name of the predictor."""
+        """Returns a row per figure and light, with the predictor's name. Raises UserError about an unknown column."""
         pairs = pd.MultiIndex.from_product([[predictor], self.figures, self.lights], names=KEYS)
-        frame = pd.DataFrame({name: values.ravel() for name, values in self.columns.items()}, pairs)
-        return frame.reindex(columns=[*COLUMNS, *COLLAPSE]).reset_index()
+        return pd.DataFrame({name: self.columns[name].ravel() for name in in_order(self.columns)}, pairs).reset_index()
 
 
 def write_scores(path: Path, scores: dict[str, Scores]) -> None:
     """Writes the scores of predictors as CSV, atomically: six significant digits, and blanks for NaN."""
     frames = [predictor_scores.frame(predictor) for predictor, predictor_scores in scores.items()]
-    table = pd.concat(frames) if frames else pd.DataFrame(columns=[*KEYS, *COLUMNS, *COLLAPSE])
+    table = pd.concat(frames) if frames else pd.DataFrame(columns=KEYS)
     with atomic_write(path) as tmp:
         table.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
 
 
 def read_scores(path: Path) -> dict[str, Scores]:
-    """Reads a file of `write_scores`; empty if there was nothing to score.
-
-    Raises:
-        UserError: if the file is not a table of scores, or a figure lacks a light.
-    """
+    """Reads a file of `write_scores`. Raises UserError if it is none, or a figure lacks a light."""
     table = read_table(path, "scores", KEYS, "the stage evaluate")
     try:
         return {name: _grid(rows) for name, rows in table.groupby("predictor", sort=False)}
@@ -74,7 +70,7 @@ def read_table(
         path: the file.
         what: its content, for errors.
         columns: required columns.
-        writer: the command that writes such files.
+        writer: the command that writes such files, for errors.
         types: type of each column.
 
     Raises:

@@ -98,50 +98,28 @@ class Difference:
 
 @lru_cache(maxsize=8)
 def resample_weights(levels: int, resamples: int, seed: int) -> np.ndarray:
-    """Draws a bootstrap of a factor.
-
-    Args:
-        levels: N, number of figures or of lights.
-        resamples: B.
-        seed: random seed.
-
-    Returns:
-        (B,N) weights of the levels in each resample, multiples of 1/N; rows sum to 1.
-    """
+    """Draws a bootstrap of a factor: the weights (B,N) of its N levels in each of B resamples, whose sum is 1."""
     generator = np.random.default_rng([seed, levels, resamples])
     return generator.multinomial(levels, np.full(levels, 1 / levels), resamples) / levels
 
 
 @lru_cache
-def expansion_factor(levels: int) -> float:
-    """Returns the factor by which resamples are expanded so that intervals match Student's t (Hesterberg 2015).
-
-    Args:
-        levels: number of figures, or of lights, that are resampled; 2 or more.
-    """
+def _expansion_factor(levels: int) -> float:
+    """Returns the factor by which resamples of a factor are expanded so that intervals match Student's t."""
     tail = (1 + CONFIDENCE) / 2
     return float(np.sqrt(levels / (levels - 1)) * t.ppf(tail, levels - 1) / norm.ppf(tail))
 
 
 @dataclass
 class Spread:
-    """The spread between trainings of a row.
-
-    Attributes:
-        deviation: standard deviation of the mean over all figures and lights.
-        freedom: its degrees of freedom; 0 if it is unknown.
-    """
+    """The standard deviation between trainings of their means, and its degrees of freedom; 0 if it is unknown."""
 
     deviation: float = 0.0
     freedom: int = 0
 
 
 def pooled_spread(rows: list[np.ndarray]) -> Spread:
-    """Pools the standard deviation between trainings over rows.
-
-    Args:
-        rows: values (S,...) of the S trainings of each row; rows with one training have no effect.
-    """
+    """Pools the spread of trainings over rows, given the values (S,...) of the S trainings of each."""
     means = [values.reshape(len(values), -1).mean(1) for values in rows]
     freedom = sum(len(means_of_row) - 1 for means_of_row in means)
     squares = sum(((means_of_row - means_of_row.mean()) ** 2).sum() for means_of_row in means)
@@ -184,17 +162,12 @@ def estimate(
     for axis, levels in enumerate((figures, lights)):
         if levels > 1:
             weights = resample_weights(levels, resamples, seed + 1000 * axis)
-            resampled += expansion_factor(levels) * (weights @ (pair_means.mean(1 - axis) - mean))
+            resampled += _expansion_factor(levels) * (weights @ (pair_means.mean(1 - axis) - mean))
     if freedom:
         resampled += error * np.random.default_rng([noise_seed, trainings]).standard_t(freedom, resamples)
-    estimated.low, estimated.high = interval(resampled)
+    ends = np.quantile(resampled, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    estimated.low, estimated.high = ends.tolist()
     return estimated
-
-
-def interval(resampled: np.ndarray) -> tuple[float, float]:
-    """Returns the ends of the central CONFIDENCE interval of resamples (B,)."""
-    low, high = np.quantile(resampled, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    return float(low), float(high)
 
 
 def compare(first: Estimate, second: Estimate) -> Difference:
@@ -210,7 +183,7 @@ def compare(first: Estimate, second: Estimate) -> Difference:
         The difference first minus second; with an infinite interval and p = 1 if a row has one figure.
     """
     mean = float(first.mean - second.mean)
-    components = variance_components(first, second)
+    components = _variance_components(first, second)
     if not components:
         return Difference(mean, low=-np.inf, high=np.inf, p=1.0)
     if first.freedom == second.freedom:
@@ -228,17 +201,12 @@ def compare(first: Estimate, second: Estimate) -> Difference:
     return Difference(mean, mean - half_width, mean + half_width, p, error, freedom)
 
 
-def variance_components(first: Estimate, second: Estimate) -> list[tuple[float, float]]:
+def _variance_components(first: Estimate, second: Estimate) -> list[tuple[float, float]]:
     """Returns the variance components of the difference of two means over figures and lights (Clark 1973).
 
     The variance of the figures' means includes that of the interaction, and so does that of the lights' means, so the
     interaction is subtracted once, as a negative component. If a factor's own variance would be negative, it is zero.
-
-    Args:
-        first, second: estimates of one column.
-
-    Returns:
-        (variance, degrees of freedom) of each component; empty if a row has one figure.
+    Each component has its degrees of freedom; there are none if a row has one figure.
     """
     rows = [first.values, second.values]
     shared_levels = [first.figures == second.figures, first.lights == second.lights]
@@ -268,14 +236,7 @@ def _interaction(values: np.ndarray) -> float:
 
 
 def holm(p: list[float]) -> np.ndarray:
-    """Corrects p-values for multiple comparisons (Holm 1979).
-
-    Args:
-        p: (N,).
-
-    Returns:
-        (N,), in the same order.
-    """
+    """Corrects p-values (N,) for multiple comparisons (Holm 1979)."""
     values = np.asarray(p, np.float64)
     order = np.argsort(values, kind="stable")
     steps = np.maximum.accumulate(values[order] * (len(values) - np.arange(len(values))))

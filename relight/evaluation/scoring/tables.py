@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
+from relight.config.schema import QUANTITIES
 from relight.errors import UserError
-from relight.evaluation.scoring.labels import split_column
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores
 from relight.evaluation.scoring.statistics import Estimate, compare, estimate, holm, pooled_spread
-from relight.evaluation.scoring.truth import COLUMNS, READINGS
+from relight.evaluation.scoring.truth import COLUMNS, READINGS, in_order, sign
 
 
 def columns_of(*quantities: str) -> tuple[str, ...]:
@@ -20,7 +20,7 @@ def columns_of(*quantities: str) -> tuple[str, ...]:
 
 
 PRINTED = ("table1", "table2")  # the tables that the paper prints
-TABLE1_COLUMNS = columns_of("shading", "transport", "normal", "ao", "light", "albedo")  # of Table 1
+TABLE1_COLUMNS = columns_of(*QUANTITIES[:6])  # of Table 1
 TABLE2_COLUMNS = columns_of("shading", "transport", "light", "albedo")  # of Table 2
 
 Rows = dict[str, list[Scores]]  # row -> the scores of its trainings
@@ -51,11 +51,6 @@ class Table:
         return list(self.trainings)
 
     @property
-    def baselines(self) -> list[str]:
-        """The rows that are baselines."""
-        return [row for row in self.rows if row not in self.trainings]
-
-    @property
     def trainings_range(self) -> tuple[int, int]:
         """The least and the largest number of trainings of a network."""
         counts = self.trainings.values()
@@ -65,10 +60,14 @@ class Table:
         """Returns "network" or "baseline"."""
         return "network" if row in self.trainings else "baseline"
 
+    @property
+    def scored(self) -> list[str]:
+        """All columns that a row has, also those not shown."""
+        return in_order(column for cells in self.rows.values() for column in cells)
+
     def present(self, columns: Iterable[str]) -> list[str]:
-        """Returns those of the given columns that any row has, sorted by reading (READINGS)."""
-        present = [column for column in columns if any(column in cells for cells in self.rows.values())]
-        return sorted(present, key=lambda column: READINGS.index(split_column(column)[1]))
+        """Returns those of the given columns that a network has, sorted by reading."""
+        return by_reading(column for column in columns if any(column in self.rows[row] for row in self.networks))
 
     def statistics(self) -> pd.DataFrame:
         """Returns all columns, also those not shown: mean, 95 % interval, and p-value against the best network."""
@@ -81,8 +80,13 @@ class Table:
                 line[f"{column}_p"] = np.nan if cell.p is None else float(f"{cell.p:.4g}")
             lines.append(line)
         lines += [{"row": name, "kind": "paper", "trainings": 1, **values} for name, values in self.printed.items()]
-        numbers = [f"{column}{end}" for column in self.present(COLUMNS) for end in ("", "_low", "_high", "_p")]
+        numbers = [f"{column}{end}" for column in by_reading(self.scored) for end in ("", "_low", "_high", "_p")]
         return pd.DataFrame(lines, columns=["row", "kind", "trainings", *numbers])
+
+
+def by_reading(columns: Iterable[str]) -> list[str]:
+    """Sorts columns of scores by their reading, in the order of READINGS."""
+    return sorted(columns, key=lambda column: list(READINGS).index(COLUMNS[column][1]))
 
 
 def experiment_table(
@@ -111,10 +115,12 @@ def experiment_table(
         raise UserError(f"{name}: there is no training to put in its table")
     given = {**networks, **baselines}
     rows: dict[str, dict[str, Estimate]] = {row: {} for row in given}
-    for column in COLUMNS:
+    scored = in_order(column for trainings in given.values() for scores in trainings for column in scores.columns)
+    for column in scored:
         for row, cell in estimates(given, column, networks if pool is None else pool, baselines).items():
             rows[row][column] = cell
-    rank([rows[row] for row in networks], columns)
+    for group in (columns, [column for column in scored if column not in columns]):
+        rank([rows[row] for row in networks], group)
     any_scores = next(iter(networks.values()))[0]  # all have the same figures and lights
     return Table(
         columns,
@@ -127,22 +133,19 @@ def experiment_table(
 
 
 def estimates(rows: Rows, column: str, pool: Rows, fixed: Iterable[str] = ()) -> dict[str, Estimate]:
-    """Estimates one column of the scores.
+    """Estimates a column of the scores by row, without rows that lack it.
 
     Args:
         rows: to estimate.
         column: column of the scores.
         pool: rows over which the spread of trainings is pooled.
         fixed: rows without trainings.
-
-    Returns:
-        Row -> estimate, without rows that lack the column.
     """
 
     def values(trainings: list[Scores]) -> np.ndarray | None:
         """Returns the scores (S,F,L), or None if a training lacks the column."""
-        has = all(column in scores.columns for scores in trainings)
-        return np.stack([scores.columns[column] for scores in trainings]) if has else None
+        given = [scores.columns.get(column) for scores in trainings]
+        return None if any(one is None for one in given) else np.stack(given)
 
     spread = pooled_spread([given for trainings in pool.values() if (given := values(trainings)) is not None])
     estimated = {}
@@ -154,27 +157,21 @@ def estimates(rows: Rows, column: str, pool: Rows, fixed: Iterable[str] = ()) ->
     return estimated
 
 
-def rank(networks: list[dict[str, Estimate]], columns: tuple[str, ...]) -> None:
+def rank(networks: list[dict[str, Estimate]], columns: Iterable[str]) -> None:
     """Marks the best network of each column, and compares the others with it, in place.
 
     Args:
         networks: the estimates of each, by column.
-        columns: p-values are corrected over these columns (Holm), and separately over all others.
+        columns: over which p-values are corrected (Holm).
     """
-    for group in (columns, tuple(column for column in COLUMNS if column not in columns)):
-        others, p = [], []
-        for column in group:
-            cells = [row[column] for row in networks if column in row]
-            if len(cells) < 2:
-                continue
-            best = min(cells, key=lambda cell: sign(column) * cell.mean)
-            best.best = True
-            others += [cell for cell in cells if cell is not best]
-            p += [compare(cell, best).p for cell in cells if cell is not best]
-        for cell, corrected in zip(others, holm(p)):
-            cell.p = float(corrected)
-
-
-def sign(column: str) -> int:
-    """Returns 1 for errors, where less is better, and -1 for similarities."""
-    return -1 if "_ssim" in column else 1
+    others, p = [], []
+    for column in columns:
+        cells = [row[column] for row in networks if column in row]
+        if len(cells) < 2:
+            continue
+        best = min(cells, key=lambda cell: sign(column) * cell.mean)
+        best.best = True
+        others += [cell for cell in cells if cell is not best]
+        p += [compare(cell, best).p for cell in cells if cell is not best]
+    for cell, corrected in zip(others, holm(p)):
+        cell.p = float(corrected)

@@ -5,10 +5,12 @@ agree) and, in a second column, over elements. SSIM has an explicit data range a
 that old releases of scikit-image assumed for float images.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from relight.errors import UserError
 from relight.evaluation.scoring.metrics import WINDOW, MaskBox, contrast, explained_variance, rmse, shade, ssim
 from relight.lights.show import unoccluded_ball
 from relight.sh import order_of
@@ -16,7 +18,7 @@ from relight.sh import order_of
 OLD_RANGE = 2.0  # data range that scikit-image < 0.16 assumed for float images
 SPHERE = 64  # pixels, diameter of the sphere that shows a light
 
-# Data range of each quantity for SSIM, rounded to whole numbers.
+# Data range of each quantity for SSIM, rounded to whole numbers; in the order of tables.
 RANGE = {
     "shading": 1.0,
     "shading_true_light": 1.0,
@@ -30,11 +32,32 @@ RANGE = {
     "sphere": 1.0,
     "light": 2.0,
 }
-READINGS = ("rmse", "rmse_element", "ssim", "ssim_range2")
-COLUMNS = tuple(f"{quantity}_{reading}" for quantity in RANGE for reading in READINGS)
-# Columns of the scores that show whether the albedo takes up the shading; no table has them.
-COLLAPSE = ("shading_contrast", "albedo_share")
+# What is read of a quantity: its label, and 1 if less is better, or -1. Each has the first four. The last two are signs
+# of a collapse, in which the albedo takes up the shading: `shading_contrast` falls, and `albedo_share` rises.
+READINGS = {
+    "rmse": ("RMSE", 1),
+    "rmse_element": ("RMSE per element", 1),
+    "ssim": ("SSIM", -1),
+    "ssim_range2": ("SSIM, range 2", -1),
+    "contrast": ("contrast", -1),
+    "share": ("share of the picture", 1),
+}
+# The columns that scores may have -> their quantity and reading.
+COLUMNS = {f"{quantity}_{reading}": (quantity, reading) for quantity in RANGE for reading in READINGS}
 COMMON_COEFFICIENTS = 9  # number of coefficients in which transport and lights of any order are compared
+
+
+def in_order(columns: Iterable[str]) -> list[str]:
+    """Returns columns of scores in the order of COLUMNS. Raises UserError about one that is not there."""
+    given = set(columns)
+    if unknown := sorted(given - set(COLUMNS)):
+        raise UserError(f"scores: {unknown[0]} must be a quantity of RANGE and one of READINGS ({__name__})")
+    return [column for column in COLUMNS if column in given]
+
+
+def sign(column: str) -> int:
+    """Returns 1 for columns where less is better, and -1 where more is."""
+    return READINGS[COLUMNS[column][1]][1]
 
 
 @dataclass
@@ -102,7 +125,7 @@ class Truth:
         self.box = MaskBox(np.asarray(pixel), size)
 
     def compare(self, name: str, values: np.ndarray, quantity: str | None = None) -> dict[str, np.ndarray]:
-        """Compares values with a true map in each of READINGS.
+        """Compares values with a true map in the first four of READINGS.
 
         Args:
             name: of the map, a key of `maps`.
@@ -118,7 +141,7 @@ class Truth:
         return _readings(quantity, rmse(values, truth), values.shape[-1], pictures)
 
     def compare_relit(self, pictures: np.ndarray) -> dict[str, np.ndarray]:
-        """Returns the READINGS (N,) of relit pictures, by column; empty for a single light.
+        """Returns the readings (N,) of relit pictures, by column; empty for a single light.
 
         Args:
             pictures: (N,P,3), inferred under light n and relit by light n + 1 (cyclic).
@@ -141,8 +164,8 @@ class Truth:
             inferred: under the lights of the truth.
 
         Returns:
-            Column -> (N,) float64, for COLLAPSE and those of COLUMNS for which something is inferred. Shading and
-            reconstruction are computed with the truth for what is not inferred.
+            Column -> (N,) float64, for those of COLUMNS for which something is inferred. Shading and reconstruction are
+            computed with the truth for what is not inferred.
         """
         if inferred.relit is not None:
             return self.compare_relit(inferred.relit)
@@ -190,7 +213,7 @@ def light_errors(inferred: np.ndarray, truth: np.ndarray) -> dict[str, np.ndarra
 def _readings(
     quantity: str, error: np.ndarray, channels: int, pictures: tuple[np.ndarray, np.ndarray], window: int = WINDOW
 ) -> dict[str, np.ndarray]:
-    """Returns the READINGS of a quantity by column, (N,) each.
+    """Returns the first four READINGS of a quantity by column, (N,) each.
 
     `error` (N,) is the RMSE of the vector norm; over elements, it is smaller by the root of `channels`. `pictures` are
     the inferred and the true ones, (N,H,W,C).
