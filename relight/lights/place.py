@@ -2,7 +2,7 @@
 
 It is the mean light of places, tinted by half of the picture's color (in logarithms), and changed linearly with a few
 features of the picture, mostly toward its brighter side. If it is known where the light comes from, it is a soft lamp
-there and even light instead. `benchmarks/places.py` fits both and measures their errors.
+there and even light instead. `tools/places.py` fits both.
 """
 
 import json

@@ -42,12 +42,15 @@ def test_both_sides_hold_a_figure():
             assert len(parts["validation"]) == (len(parts["train"] + parts["validation"]) > 1)
 
 
-def test_the_validation_has_few_figures_and_changes_no_test():
+def test_the_validation_has_few_figures_and_changes_no_test(monkeypatch):
     names = [f"f{i:03d}" for i in range(345)]
     parts = split_figures(names, names, split("subject"))
     assert len(parts["validation"]) == 8 and len(parts["train"]) == 345 - 8 - len(parts["test"])
     more = split_figures(names, names, split("subject", seed=1))
     assert set(parts["validation"]) != set(more["validation"])
+    monkeypatch.setattr("relight.learning.split.MAX_VALIDATION", 20)
+    larger = split_figures(names, names, split("subject"))
+    assert len(larger["validation"]) == 20 and larger["test"] == parts["test"]
 
 
 def test_too_few_subjects():
