@@ -97,14 +97,17 @@ def compare(mask: np.ndarray, true: np.ndarray) -> tuple[float, float, float, fl
 
 def masks(pixels: np.ndarray, true: np.ndarray) -> dict[str, np.ndarray]:
     """Returns masks (H,W) in [0,1]: of two values from the true coverage, and the automatic one after each step."""
-    whole = (0, 0, pixels.shape[1], pixels.shape[0])
+    size = pixels.shape[1], pixels.shape[0]
+    once = Image.fromarray(selfie.predict(pixels, (0, 0, *size))).resize(size, Image.Resampling.BICUBIC)
     hard = np.where(true > 0.5, np.uint8(255), np.uint8(0))
+    automatic = selfie.segment(pixels)
     return {
         "given, of two values": hard / 255.0,
-        "given, fitted to the photo": fit_edge(pixels, hard) / 255.0,
-        "one pass": selfie.predict(pixels, whole),
+        "given, its edge fitted": fit_edge(pixels, hard) / 255.0,
+        "one pass": np.clip(once, 0, 1),
         "three passes": selfie.segment_coarsely(pixels),
-        "fitted to the photo": selfie.segment(pixels) / 255.0,
+        "edge moved to the photo's": automatic / 255.0,
+        "as relight uses it": fit_edge(pixels, automatic, automatic=True) / 255.0,
     }
 
 

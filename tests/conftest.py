@@ -41,6 +41,24 @@ def once(tmp_path_factory) -> Callable[[str, Callable[[Path], object]], Path]:
 
 
 @pytest.fixture(scope="session")
+def check_page() -> Callable[[str, dict], None]:
+    """The function that compares a section of docs/lab/files.md with tables of kinds by the form of their file: each
+    row is a kind there, by its name, whose last two entries are the value and the words of the note."""
+
+    def check(section: str, tables: dict[str, dict[str, tuple]]) -> None:
+        page = (Path(__file__).parents[1] / "docs" / "lab" / "files.md").read_text()
+        lines = page.split(f"\n## {section}\n")[1].split("\n## ")[0].splitlines()
+        rows = [line.strip("|").split(" | ") for line in lines if line.startswith("| ")][1:]
+        assert rows
+        for file, says, value, words in ([cell.strip() for cell in row] for row in rows):
+            *_, true, said = tables[file][says]
+            np.testing.assert_allclose(np.array(value.split(), float), true, atol=6e-4, err_msg=says)
+            assert words in said and bool(words) == bool(said), says
+
+    return check
+
+
+@pytest.fixture(scope="session")
 def exported_network(once) -> Callable[[str], Path]:
     """The function that returns the folder of a small network of 128 px by its architecture, ours or unet, with
     all that exports differently from how it is trained: its checkpoint a.safetensors, and a.onnx. The maps of the unet

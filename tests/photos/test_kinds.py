@@ -63,41 +63,45 @@ def converted(codes, matrix, curve) -> np.ndarray:
     return encode(curve(np.asarray(codes, float)) @ (np.linalg.inv(SRGB) @ matrix).T)
 
 
-# profile, and the codes in [0,1] that a picture of codes in [0,1] becomes
+LINEAR_SRGB = profile("built-in Linear sRGB", SRGB, LINEAR)
+LEFT_OUT = "it was left out"
+# profile, the codes in [0,1] that a picture of codes in [0,1] becomes, and what a note says
 PROFILES = {
-    "linear, called sRGB": (profile("built-in Linear sRGB", SRGB, LINEAR), lambda c: converted(c, SRGB, lambda x: x)),
-    "linear, called Rec709": (profile("linear Rec709", SRGB, LINEAR), lambda c: converted(c, SRGB, lambda x: x)),
-    "gamma, called e-sRGB": (profile("e-sRGB", SRGB, GAMMA), lambda c: converted(c, SRGB, lambda x: x ** (563 / 256))),
-    "a table, called sRGB": (profile("sRGB-elle-V2-g18", SRGB, TABLE), lambda c: converted(c, SRGB, lambda x: x**1.8)),
-    "Display P3": (profile("Display P3", P3, CURVE), lambda c: converted(c, P3, decode)),
-    "Adobe RGB": (profile("not sRGB", ADOBE, GAMMA), lambda c: converted(c, ADOBE, lambda x: x ** (563 / 256))),
-    "sRGB under another name": (profile("c2", SRGB, CURVE), lambda c: c),
-    "sRGB of LittleCMS": (ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes(), lambda c: c),
-    "grey": (profile("Dot Gain 20%", None, GAMMA), lambda c: c),
-    "no profile": (b"no profile" * 9, lambda c: c),
-    "cut short": (profile("Display P3", P3, CURVE)[:200], lambda c: c),
+    "nothing more": (None, lambda c: c, ""),
+    "a linear ICC profile called sRGB": (LINEAR_SRGB, lambda c: converted(c, SRGB, lambda x: x), ""),
+    "linear, called Rec709": (profile("linear Rec709", SRGB, LINEAR), lambda c: converted(c, SRGB, lambda x: x), ""),
+    "gamma, called e-sRGB": (
+        profile("e-sRGB", SRGB, GAMMA), lambda c: converted(c, SRGB, lambda x: x ** (563 / 256)), ""),
+    "a table, called sRGB": (
+        profile("sRGB-elle-V2-g18", SRGB, TABLE), lambda c: converted(c, SRGB, lambda x: x**1.8), ""),
+    "Display P3": (profile("Display P3", P3, CURVE), lambda c: converted(c, P3, decode), ""),
+    "Adobe RGB": (profile("not sRGB", ADOBE, GAMMA), lambda c: converted(c, ADOBE, lambda x: x ** (563 / 256)), ""),
+    "an ICC profile of sRGB, under any name": (profile("c2", SRGB, CURVE), lambda c: c, ""),
+    "sRGB of LittleCMS": (ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes(), lambda c: c, ""),
+    "an ICC profile of grey pictures": (profile("Dot Gain 20%", None, GAMMA), lambda c: c, LEFT_OUT),
+    "no profile": (b"no profile" * 9, lambda c: c, LEFT_OUT),
+    "cut short": (profile("Display P3", P3, CURVE)[:200], lambda c: c, LEFT_OUT),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", PROFILES)
 def test_read_photo_converts_by_what_a_profile_holds(tmp_path, name):
-    data, right = PROFILES[name]
+    data, right, says = PROFILES[name]
     Image.fromarray(RGB).save(tmp_path / "a.png", icc_profile=data)
     photo = Picture.of(tmp_path / "a.png")
     want = np.round(right(RGB / 255) * 255)
     if np.array_equal(want, RGB):
         np.testing.assert_array_equal(photo.pixels, RGB)
-    elif name.startswith("linear"):
+    elif "linear" in name:
         assert np.abs(photo.pixels - want).max() <= 1
     else:  # LittleCMS computes in 8 bits
         assert np.abs(photo.pixels - want).mean() < 0.7 and np.abs(photo.pixels - want).max() <= 8
-    left_out = name in ("grey", "no profile", "cut short")
-    assert any("it was left out" in note for note in photo.notes) == left_out == bool(photo.notes)
+    assert says in " ".join(photo.notes) and bool(says) == bool(photo.notes)
 
 
 @pytest.mark.parametrize("name", PROFILES)
 def test_to_srgb_converts_16_bits_by_the_same_profiles(name):
-    data, right = PROFILES[name]
+    data, right, _ = PROFILES[name]
     image = Image.new("RGB", (2, 2))
     image.info["icc_profile"] = data
     pixels, _ = to_srgb(DEEP, image, "a.tif")
@@ -153,39 +157,43 @@ def chrm(*xy):
 
 
 REC709 = (0.3127, 0.3290, 0.64, 0.33, 0.30, 0.60, 0.15, 0.06)
+GIVEN = "gamma that the file gives"
 GAMMAS = {
-    "linear": ([gama(1)], lambda c: encode(c)),
-    "of old Macintoshes": ([gama(0.55556)], lambda c: encode(c**1.8)),
-    "of sRGB": ([gama(0.45455)], lambda c: c),
-    "of sRGB with its primaries": ([gama(0.45455), chrm(*REC709)], lambda c: c),
-    "linear, but sRGB": ([gama(1), (b"sRGB", b"\0")], lambda c: c),
+    "PNG's gamma of 1": ([gama(1)], lambda c: encode(c), GIVEN),
+    "of old Macintoshes": ([gama(0.55556)], lambda c: encode(c**1.8), GIVEN),
+    "of sRGB": ([gama(0.45455)], lambda c: c, ""),
+    "of sRGB with its primaries": ([gama(0.45455), chrm(*REC709)], lambda c: c, ""),
+    "linear, but sRGB": ([gama(1), (b"sRGB", b"\0")], lambda c: c, ""),
     "linear with the primaries of Display P3": (
         [gama(1), chrm(0.3127, 0.3290, 0.680, 0.320, 0.265, 0.690, 0.150, 0.060)],
         lambda c: converted(c, P3, lambda x: x),
+        GIVEN,
     ),
 }
 
 
 @pytest.mark.parametrize("name", GAMMAS)
 def test_read_photo_converts_by_the_gamma_of_a_png(tmp_path, name):
-    chunks, right = GAMMAS[name]
-    pixels = Picture.of(png_of(tmp_path / "a.png", chunks)).pixels
+    chunks, right, says = GAMMAS[name]
+    photo = Picture.of(png_of(tmp_path / "a.png", chunks))
     want = right(RGB / 255) * 255
-    assert np.abs(pixels - want).max() <= 1.5
+    assert np.abs(photo.pixels - want).max() <= 1.5
     if np.array_equal(want, RGB):
-        assert np.array_equal(pixels, RGB)
+        assert np.array_equal(photo.pixels, RGB)
+    assert says in " ".join(photo.notes) and bool(says) == bool(photo.notes)
 
 
 REC2020 = np.array([[0.6735, 0.1656, 0.1251], [0.2790, 0.6753, 0.0456], [-0.0019, 0.0300, 0.7968]])
-# codes of ITU-T H.273 for primaries and transfer -> the codes in [0,1] that a picture becomes
+# codes of ITU-T H.273 for primaries and transfer -> the codes in [0,1] that a picture becomes, and what a note says
+CODED = "that its file codes"
 CODINGS = {
-    (1, 13): lambda c: c,
-    (1, 1): lambda c: c,
-    (2, 2): lambda c: c,
-    (12, 13): lambda c: converted(c, P3, decode),
-    (9, 1): lambda c: converted(c, REC2020, decode),
-    (1, 8): lambda c: converted(c, SRGB, lambda x: x),
-    (1, 4): lambda c: converted(c, SRGB, lambda x: x**2.2),
+    (1, 13): (lambda c: c, ""),
+    (1, 1): (lambda c: c, ""),
+    (2, 2): (lambda c: c, ""),
+    (12, 13): (lambda c: converted(c, P3, decode), CODED),
+    (9, 1): (lambda c: converted(c, REC2020, decode), CODED),
+    (1, 8): (lambda c: converted(c, SRGB, lambda x: x), CODED),
+    (1, 4): (lambda c: converted(c, SRGB, lambda x: x**2.2), CODED),
 }
 
 
@@ -202,9 +210,10 @@ def test_read_photo_converts_by_the_coding_of_a_png(tmp_path, coding, type):
     ):
         chunks += struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
     (tmp_path / "a.png").write_bytes(data[:place] + chunks + data[place:])
-    photo, want = Picture.of(tmp_path / "a.png"), CODINGS[coding](pixels / top) * top
+    right, says = CODINGS[coding]
+    photo, want = Picture.of(tmp_path / "a.png"), right(pixels / top) * top
     assert photo.pixels.dtype == type and np.abs(photo.pixels - want).max() <= (1.5 if top == 255 else 129)
-    assert bool(photo.notes) == (not np.array_equal(want, pixels))
+    assert says in " ".join(photo.notes) and bool(says) == bool(photo.notes)
 
 
 @pytest.mark.parametrize(
@@ -228,20 +237,33 @@ def test_read_photo_converts_by_the_coding_of_an_avif(tmp_path, coding):
         with pytest.raises(UserError, match="high dynamic range"):
             Picture.of(tmp_path / "a.avif")
         return
-    want = CODINGS[coding](flat[0, 0] / 255) * 255
+    want = CODINGS[coding][0](flat[0, 0] / 255) * 255
     assert np.abs(Picture.of(tmp_path / "a.avif").pixels - want).max() <= 3
 
 
-@pytest.mark.parametrize(
-    ("space", "mark", "adobe"), [(0xFFFF, "R03", True), (1, "R98", False), (0xFFFF, "R98", False), (2, "", True)]
-)
-def test_read_photo_believes_a_camera_that_says_adobe_rgb(tmp_path, space, mark, adobe):
+def adobe(codes):
+    return converted(codes, ADOBE, lambda x: x ** (563 / 256))
+
+
+# color space and mark of EXIF, the codes that a picture becomes, and what a note says
+CAMERAS = {
+    "EXIF of a camera: Adobe RGB": (0xFFFF, "R03", adobe, "Adobe RGB"),
+    "an older one": (2, "", adobe, "Adobe RGB"),
+    "sRGB": (1, "R98", lambda c: c, ""),
+    "not calibrated": (0xFFFF, "R98", lambda c: c, ""),
+}
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_read_photo_believes_a_camera_that_says_adobe_rgb(tmp_path, name):
+    space, mark, right, says = CAMERAS[name]
     exif = Image.Exif()
     exif[0x8769] = {0xA001: space, 0xA005: {1: mark}}
     flat = np.full((16, 16, 3), (200, 100, 50), np.uint8)
     Image.fromarray(flat).save(tmp_path / "a.png", exif=exif)
-    want = np.round(converted(flat[0, 0] / 255, ADOBE, lambda x: x ** (563 / 256)) * 255) if adobe else flat[0, 0]
-    assert np.abs(Picture.of(tmp_path / "a.png").pixels[0, 0] - want).max() <= (1 if adobe else 0)
+    photo = Picture.of(tmp_path / "a.png")
+    assert np.abs(photo.pixels[0, 0] - np.round(right(flat[0, 0] / 255) * 255)).max() <= bool(says)
+    assert says in " ".join(photo.notes) and bool(says) == bool(photo.notes)
 
 
 def saved(path, frames, **options):
@@ -549,46 +571,29 @@ def palette(colors, values):
 
 
 VOC = [(0, 0, 0)] * 15 + [(192, 128, 128)]
-# image of a mask -> coverage on the person, on the background; what a note says
+AREA = np.zeros((40, 30), bool)
+AREA[18:26, 9:18] = True  # in the person
+# image of a mask -> coverage in AREA, and what a note says
 MASKS = {
-    "white": (SOFT, 255, ""),
-    "palette of labels": (palette(VOC, PERSON * 15), 255, "two colors: #c08080"),
-    "green": (painted((0, 255, 0)), 255, "two colors"),
+    "white on black": (SOFT, 255, ""),
+    "labels of a palette, the person pink": (palette(VOC, PERSON * 15), 255, "two colors: #c08080"),
+    "green on black": (painted((0, 255, 0)), 255, "two colors"),
     "red": (painted((255, 0, 0)), 255, "two colors"),
     "dark blue": (painted((0, 0, 90)), 255, "two colors"),
     "white on blue": (painted((255, 255, 255), (0, 0, 255)), 255, "#ffffff is taken for the person"),
-    "0 and 1": (PERSON.astype(np.uint8), 255, "two values 0 and 1"),
+    "0 and 1": (PERSON.astype(np.uint8), 255, "the two values 0 and 1"),
     "0 and 1 in 16 bits": (PERSON.astype(np.uint16), 255, ""),
-    "0 and 255 in 16 bits": (PERSON.astype(np.uint16) * 255, 255, ""),
+    "16 bits of 0 and 255": (PERSON.astype(np.uint16) * 255, 255, ""),
     "0 and 100": (PERSON.astype(np.uint8) * 100, 255, "two values 0 and 100"),
     "0 and 1 as floats": (PERSON.astype(np.float32), 255, ""),
     "0 and 0.4 as floats": (PERSON.astype(np.float32) * 0.4, 255, "two values 0 and 0.4"),
     "grey and white": (np.where(PERSON, 255, 60).astype(np.uint8), 255, "two values 60 and 255"),
-    "one bit": (Image.fromarray(PERSON), 255, ""),
-    "soft red": (np.stack([SOFT, SOFT * 0, SOFT * 0], -1), 255, "drawn in one color"),
+    "one bit": (PERSON, 255, ""),
+    "red with a soft edge": (np.stack([SOFT, SOFT * 0, SOFT * 0], -1), 255, "drawn in one color"),
     "alpha of 0 and 255": (np.dstack([RGB, np.where(PERSON, 255, 0)]).astype(np.uint8), 255, ""),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", MASKS)
-def test_read_mask_of_every_kind(tmp_path, name):
-    image, person, says = MASKS[name]
-    image = image if isinstance(image, Image.Image) else Image.fromarray(image)
-    path = tmp_path / ("m.tif" if image.mode == "F" else "m.png")
-    image.save(path)
-    mask, notes = read_mask(path, (40, 30))
-    assert mask.dtype == np.uint8 and (mask[PERSON] == person).all() and (mask[~PERSON & (SOFT == 0)] == 0).all()
-    assert says in " ".join(notes) and bool(says) == bool(notes)
-    if name in ("white", "soft red"):
-        np.testing.assert_array_equal(mask, SOFT)
-
-
-AREA = np.zeros((40, 30), bool)
-AREA[18:26, 9:18] = True  # in the person
-# what a mask has beside black and white -> the coverage there, and what a note says
-SHADES = {
-    "a trimap": (np.where(AREA, 128, SOFT), 128, "areas of the value 128"),
-    "grey": (np.where(PERSON, 200, SOFT), 200, "nowhere white: its largest value is 200"),
+    "an area of 128 beside white and black": (
+        np.where(AREA, np.uint8(128), SOFT), 128, "areas of the value 128, which are taken as covered in part"),
+    "nothing above 200": (np.where(PERSON, np.uint8(200), SOFT), 200, "nowhere white: its largest value is 200"),
     "floats up to 0.6": ((SOFT / np.float32(425)), 153, "nowhere white"),
     "12 bits": (SOFT.astype(np.uint16) * 16, 255, ""),
     "floats up to 255": (SOFT.astype(np.float32), 255, ""),
@@ -597,14 +602,18 @@ SHADES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SHADES)
-def test_read_mask_of_shades(tmp_path, name):
-    values, inside, says = SHADES[name]
-    path = tmp_path / ("m.tif" if values.dtype == np.float32 else "m.png")
-    Image.fromarray(values if values.dtype in (np.float32, np.uint16) else values.astype(np.uint8)).save(path)
+@pytest.mark.parametrize("name", MASKS)
+def test_read_mask_of_every_kind(tmp_path, name):
+    image, inside, says = MASKS[name]
+    image = image if isinstance(image, Image.Image) else Image.fromarray(image)
+    path = tmp_path / ("m.tif" if image.mode == "F" else "m.png")
+    image.save(path)
     mask, notes = read_mask(path, (40, 30))
-    assert mask[22, 12] == inside
+    assert mask.dtype == np.uint8 and (mask[AREA] == inside).all() and (mask[~PERSON & (SOFT == 0)] == 0).all()
+    assert (mask[PERSON & ~AREA] == (255 if inside == 128 else inside)).all()
     assert says in " ".join(notes) and bool(says) == bool(notes)
+    if name in ("white on black", "red with a soft edge"):
+        np.testing.assert_array_equal(mask, SOFT)
 
 
 STEPS = (np.indices((40, 30)).sum(0) // 18).astype(np.uint8)
@@ -671,5 +680,13 @@ def test_person_is_shown_in_a_line(relighter, draw):
 
 def test_photo_from_image_of_pillow_with_metadata():
     image = Image.fromarray(RGB)
-    image.info["icc_profile"] = PROFILES["linear, called sRGB"][0]
+    image.info["icc_profile"] = LINEAR_SRGB
     assert np.abs(Picture.of(image).pixels - encode(RGB / 255) * 255).max() <= 1.5
+
+
+def test_the_page_of_files_shows_kinds_of_these_tables(check_page):
+    pixel = np.array([200, 100, 50]) / 255
+    kinds = {**PROFILES, **GAMMAS, **CAMERAS, "PNG's `cICP` of linear values": CODINGS[1, 8]}
+    photos = {name: (np.round(right(pixel) * 255), says) for name, (*_, right, says) in kinds.items()}
+    check_page("Photos", {"photo": photos})
+    check_page("Masks", {"mask": MASKS})
