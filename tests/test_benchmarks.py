@@ -1,4 +1,4 @@
-"""Scripts of `benchmarks/`: they import, and a step of the training that they time runs."""
+"""Scripts of `benchmarks/` and `tools/`: they import, and a step of the training that they time runs."""
 
 import importlib
 import sys
@@ -6,14 +6,16 @@ from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).parents[1] / "benchmarks"
+FOLDERS = [Path(__file__).parents[1] / name for name in ("tools", "benchmarks")]
 
 
 @pytest.fixture
 def scripts(monkeypatch):
-    """The folder on the path; its modules are forgotten afterwards."""
-    monkeypatch.syspath_prepend(FOLDER)
-    names = [path.stem for path in sorted(FOLDER.glob("*.py"))]
+    """The folders on the path; their modules are forgotten afterwards."""
+    for folder in FOLDERS:
+        monkeypatch.syspath_prepend(folder)
+    names = [path.stem for folder in FOLDERS for path in sorted(folder.glob("*.py"))]
+    names.remove("hooks")  # of MkDocs, which the extra `docs` installs
     yield names
     for name in names:
         sys.modules.pop(name, None)
