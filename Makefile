@@ -27,7 +27,7 @@ all: run  ## install what is missing, then run the whole workflow on the embedde
 
 env: $(STAMP)  ## create .venv with the packages of uv.lock, checked against its hashes
 
-$(STAMP): pyproject.toml uv.lock tools/system.py relight/libraries.py
+$(STAMP): pyproject.toml uv.lock tools/system.py relight/core/libraries.py
 	@$(PYTHON) -m tools.system
 	@echo "installing the packages of uv.lock into .venv (some minutes the first time)"
 	@$(PIP) --quiet $(UV)

@@ -22,6 +22,8 @@ from scipy.ndimage import binary_erosion
 from relight.benchmark.measures import INVARIANCES, LEAKS, Intrinsics, errors, invariances, leaks
 from relight.benchmark.picture import on_square
 from relight.benchmark.shots import variants
+from relight.core.progress import progress
+from relight.core.srgb import encode, to_bytes
 from relight.evaluation.scoring import metrics
 from relight.figures.dress import GENERATOR
 from relight.lights import Light
@@ -29,9 +31,7 @@ from relight.lights.chain import generated_light
 from relight.maps import Maps, read_maps, write_maps
 from relight.maps.square import Crop, crop_around
 from relight.photos.api import Relighter, load
-from relight.progress import progress
 from relight.sh import basis
-from relight.srgb import encode, to_bytes
 
 SEEDS = range(9000, 9006)
 POSES = range(9600, 9612)  # one person in one outfit

@@ -25,6 +25,7 @@ import torch
 from PIL import Image
 from scipy.ndimage import distance_transform_edt
 
+from relight.core.srgb import to_bytes
 from relight.lights import load_light
 from relight.maps import read_maps
 from relight.photos.camera import camera_view
@@ -32,7 +33,6 @@ from relight.photos.color import roll_off, to_srgb8
 from relight.photos.mask import selfie
 from relight.photos.mask.edge import fit_edge
 from relight.photos.render import over
-from relight.srgb import to_bytes
 
 SHAPE = 1250, 1000  # height and width of a picture, pixels
 STRIP = 600, 250  # width and height of a picture with its masks in the sheet, pixels

@@ -23,7 +23,6 @@ import numpy as np
 import torch
 from omegaconf import OmegaConf
 
-from relight.config import composed
 from relight.evaluation.scoring import metrics
 from relight.learning.augment import augment_batch
 from relight.learning.checkpoint import load_network
@@ -31,7 +30,8 @@ from relight.learning.color import shade
 from relight.learning.data import RelitSet, read_split
 from relight.learning.losses import detail
 from relight.learning.networks import Network, build
-from relight.training_name import TrainingName
+from relight.learning.training_name import TrainingName
+from relight.settings import composed
 
 PHOTOGRAPHS = ["train.color=photo", "augment=photo"]
 KINDS = {

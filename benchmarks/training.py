@@ -33,12 +33,12 @@ from omegaconf import OmegaConf
 from torch._subclasses.fake_tensor import FakeTensorMode
 from torch.utils.flop_counter import FlopCounterMode
 
-from relight.config import Model, composed
 from relight.learning.data import Batch, RelitSet
 from relight.learning.losses import losses
 from relight.learning.networks import build
 from relight.learning.optimizers import make_optimizers
 from relight.maps import Maps, pack_maps, write_maps
+from relight.settings import Model, composed
 from relight.sh import unoccluded
 
 CASES = {

@@ -46,8 +46,8 @@ def figure(path: Path | None, seed: int, per_subject: int = 1) -> Mesh:
         seed: of the generated figure.
         per_subject: number of consecutive seeds that are one person in one outfit, in different poses.
     """
-    from relight.config import composed
     from relight.meshes import align, clean, read_mesh
+    from relight.settings import composed
 
     cfg = composed()
     if path is None:

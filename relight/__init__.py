@@ -2,7 +2,7 @@
 
 from typing import Any
 
-__version__ = "0.3.0.dev0"
+from relight.core.version import __version__ as __version__
 
 
 def __getattr__(name: str) -> Any:
@@ -16,7 +16,7 @@ def __getattr__(name: str) -> Any:
 
         return load_light
     if name == "UserError":
-        from relight.errors import UserError
+        from relight.core.errors import UserError
 
         return UserError
     raise AttributeError(f"module 'relight' has no attribute {name!r}")

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperCommand
 
-from relight import __version__
 from relight.benchmark.commands import app as benchmark
-from relight.errors import UserError, out_of_memory
+from relight.core.errors import UserError, out_of_memory
+from relight.core.version import __version__
 from relight.figures.commands import app as figures
 from relight.learning.commands import app as learning
 from relight.lights.commands import app as lights
@@ -76,8 +76,8 @@ class RunCommand(TyperCommand):
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # click's, which Typer bundles privately
         """Writes the help of `relight run`, followed by all settings with their default values."""
-        from relight.config import composed
-        from relight.config.help import overview
+        from relight.settings import composed
+        from relight.settings.help import overview
 
         super().format_help(ctx, formatter)
         print("Settings, as key=value, with their default values (docs/workflow.md):\n" + overview(composed()))
@@ -85,7 +85,7 @@ class RunCommand(TyperCommand):
 
 def completed(ctx: typer.Context, incomplete: str) -> list[str]:
     """Returns the completions of an unfinished override, for shells."""
-    from relight.config.help import complete
+    from relight.settings.help import complete
 
     return complete(ctx.params.get("overrides") or [], incomplete)
 
@@ -114,7 +114,7 @@ def run(
     if cfg:
         from omegaconf import OmegaConf
 
-        from relight.config import composed
+        from relight.settings import composed
 
         print(OmegaConf.to_yaml(composed(overrides or [])), end="")
         return
@@ -132,8 +132,8 @@ def ui(
     port: Annotated[int, typer.Option(help="Port of the local server.", min=1, max=65535)] = 5000,
 ) -> None:
     """Browse the runs in MLflow, on this machine only."""
-    from relight.config import composed
-    from relight.tracking.server import serve
+    from relight.lab.tracking.server import serve
+    from relight.settings import composed
 
     need_clone("ui")
     serve(composed(overrides or []).track, port)
@@ -141,7 +141,7 @@ def ui(
 
 def need_clone(command: str) -> None:
     """Raises UserError if relight was installed from a wheel, which does not contain the workflow."""
-    from relight.config import IS_CLONE
+    from relight.settings import IS_CLONE
 
     if not IS_CLONE:
         raise UserError(f"relight {command} needs the repository with its Snakefile: clone it and type `make` there")

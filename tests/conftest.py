@@ -67,10 +67,10 @@ def exported_network(once) -> Callable[[str], Path]:
     def fill(folder: Path) -> None:
         import torch
 
-        from relight.config import Model, composed
         from relight.learning.checkpoint import load_network, save_network
         from relight.learning.export import export
         from relight.learning.networks import build
+        from relight.settings import Model, composed
 
         torch.set_num_threads(1)
         torch.manual_seed(0)

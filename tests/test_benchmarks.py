@@ -28,7 +28,7 @@ def test_every_script_can_be_imported(scripts):
 
 
 def test_a_step_of_the_timed_training_runs(scripts, tmp_path):
-    from relight.config import Model
+    from relight.settings import Model
 
     training = importlib.import_module("training")
     model = Model("ours", 0.125, "batch", 0.5, 2, "clip", "strided", False, "image")
@@ -56,7 +56,7 @@ def test_multiply_adds_of_every_network(scripts, words, size, operations):
     """Heads that leave autocast, too: fake tensors have a device, meta tensors have one that autocast refuses."""
     from omegaconf import OmegaConf
 
-    from relight.config import composed
+    from relight.settings import composed
 
     counted = 2 * importlib.import_module("training").multiply_adds(OmegaConf.to_object(composed(words)).model, size)
     assert counted == pytest.approx(operations, rel=0.01) if operations else counted > 2e6

@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from relight.config import ROOT
 from relight.lab import code
+from relight.settings import ROOT
 
 
 @pytest.fixture
@@ -15,16 +15,16 @@ def package(tmp_path, monkeypatch):
     folder = tmp_path / "relight"
     files = {
         "../scripts/bake.py": "from relight.transport import bake\nbake()\n",
-        "../scripts/lights.py": "from relight.config import ROOT\nfrom relight.lights import chain\n",
+        "../scripts/lights.py": "from relight.settings import ROOT\nfrom relight.lights import chain\n",
         "lights/chain.py": "",
         "transport/__init__.py": "",
         "transport/__init__.pyi": "from relight.transport.baker import bake\n",
-        "transport/baker.py": "import relight.npz\nimport relight.transport.sampling\ndef bake():\n    return 1\n",
+        "transport/baker.py": "import relight.core.npz\nimport relight.transport.sampling\ndef bake():\n    return 1\n",
         "transport/sampling.py": "N = 2\n",
         "transport/unused.py": "N = 2\n",
         "transport/table.csv": "1\n",
-        "npz.py": "",
-        "config/__init__.py": "ROOT = 1\n",
+        "core/npz.py": "",
+        "settings/__init__.py": "ROOT = 1\n",
     }
     for name, text in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -45,7 +45,7 @@ def hashes() -> tuple[str, str]:
 
 
 def test_closure_follows_functions_stubs_and_plain_imports(package):
-    names = {"relight.transport.baker", "relight.transport.sampling", "relight.npz"}
+    names = {"relight.transport.baker", "relight.transport.sampling", "relight.core.npz"}
     assert code.closure(["relight.transport.baker"]) == names
     assert code.closure(code.source(code.SCRIPTS / "bake.py").imports) == names
 
@@ -56,7 +56,7 @@ def test_closure_follows_functions_stubs_and_plain_imports(package):
         ("transport/sampling.py", "N = 3\n", True, False),
         (
             "transport/baker.py",
-            "import relight.npz\nimport relight.transport.sampling\ndef bake():\n    return 2\n",
+            "import relight.core.npz\nimport relight.transport.sampling\ndef bake():\n    return 2\n",
             True,
             False,
         ),
@@ -67,7 +67,7 @@ def test_closure_follows_functions_stubs_and_plain_imports(package):
         ("weights/network.onnx", "2\n", False, False),
         ("transport/templates/page.md", "2\n", True, False),
         ("transport/unused.py", "N = 3\n", False, False),
-        ("config/__init__.py", "ROOT = 2\n", False, False),
+        ("settings/__init__.py", "ROOT = 2\n", False, False),
     ],
 )
 def test_code_hash_changes_with_what_a_rule_runs_and_with_nothing_else(

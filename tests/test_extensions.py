@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from relight import extensions
-from relight.config import ROOT, check, composed, resolved
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lights import load_light
 from relight.panoramas import project
+from relight.settings import ROOT, check, composed, resolved
 
 PAGE = (ROOT / "docs" / "workflow.md").read_text()
 EXAMPLE = re.search(r"```python\n# relight/extensions/mine\.py\n(.*?)```", PAGE, re.S)
@@ -23,8 +23,8 @@ from relight import extensions
 extensions.__path__.append(sys.argv[1])
 
 import torch
-from relight.config import Loss, composed, resolved, check
-from relight.errors import UserError
+from relight.settings import Loss, composed, resolved, check
+from relight.core.errors import UserError
 from relight.learning.checkpoint import load_network, save_network
 from relight.learning.networks import build
 from relight.lights import load_light

@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from relight.errors import UserError
-from relight.files import atomic_folder, atomic_write, writable_file, writable_folder
+from relight.core.errors import UserError
+from relight.core.files import atomic_folder, atomic_write, writable_file, writable_folder
 
 
 def test_a_folder_that_can_be_made_is_left_unmade(tmp_path):
@@ -72,7 +72,7 @@ def test_a_full_disk_is_said_and_leaves_the_old_file(tmp_path):
 # A writer that is killed in the middle of its block, by a signal that leaves no time to tidy up.
 KILLED = """
 import os, signal
-from relight.files import {block}
+from relight.core.files import {block}
 with {block}({path!r}) as temporary:
     os.kill(os.getpid(), signal.SIGKILL)
 """

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from relight import libraries
-from relight.errors import UserError
+from relight.core import libraries
+from relight.core.errors import UserError
 
 NEEDS = {
     "libEGL.so.1": ["libGLdispatch.so.0"],

@@ -8,8 +8,8 @@ from threading import Thread
 
 import pytest
 
-from relight.errors import UserError
-from relight.npm import Package, fetch
+from relight.core.download import Package, fetch
+from relight.core.errors import UserError
 
 DATA = b"the package"
 PACKAGE = Package("@scope/name", "1.2.3", base64.b64encode(hashlib.sha512(DATA).digest()).decode(), "relight x setup")

@@ -2,8 +2,8 @@
 
 import pytest
 
-import relight.progress
-from relight.progress import duration, progress
+import relight.core.progress
+from relight.core.progress import duration, progress
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(0.4, "0 s"), (59.4, "59 s"), (125, "2 min 05 s"), (4200, "1 h 10 min")])
@@ -20,7 +20,7 @@ def clock(monkeypatch):
         now[0] += 2.0
         return now[0]
 
-    monkeypatch.setattr(relight.progress.time, "monotonic", monotonic)
+    monkeypatch.setattr(relight.core.progress.time, "monotonic", monotonic)
 
 
 def test_lines_with_time_left(clock, capsys):

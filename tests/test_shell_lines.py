@@ -12,9 +12,9 @@ import typer
 from PIL import Image
 
 from relight.cli import app
-from relight.config import composed
-from relight.lab.settings import expand_sweep
+from relight.lab.record import expand_sweep
 from relight.lights import LightSet, write_light_set
+from relight.settings import composed
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relight.srgb import LINEAR, decode, encode, to_bytes
+from relight.core.srgb import LINEAR, decode, encode, to_bytes
 
 LINEAR_POINTS, CODE_POINTS = [0, 0.0031308, 0.2140411, 0.5, 1], [0, 0.04045, 0.5, 0.7353570, 1]
 

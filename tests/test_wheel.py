@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 import relight
 from relight.cli import app
-from relight.errors import UserError
+from relight.core.errors import UserError
 
 assert Path(relight.__file__).is_relative_to(sys.argv[1]), relight.__file__
 for line in sys.argv[2:]:

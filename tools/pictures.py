@@ -12,16 +12,16 @@ import numpy as np
 from PIL import Image
 
 import relight
-from relight import srgb
 from relight.benchmark.files import BenchmarkSet, read_arrays
 from relight.benchmark.score import read_scores
-from relight.config import composed
+from relight.core import srgb
 from relight.figures.dress import make_figure
 from relight.lights import lit_ball, load_light
 from relight.maps import Maps
 from relight.maps.square import extent, fill_outside
 from relight.meshes import Mesh, align, clean
 from relight.photos.background import read_background
+from relight.settings import composed
 from relight.sh import basis
 from relight.transport import bake
 from relight.transport.raycaster import RayCaster

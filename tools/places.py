@@ -13,13 +13,13 @@ from functools import cached_property
 
 import numpy as np
 
-from relight.files import atomic_write
+from relight.core.files import atomic_write
+from relight.core.srgb import encode, to_bytes
 from relight.lights.chain import GENERATORS
 from relight.lights.place import IRRADIANCE, SIDE, STATISTICS, features, lamp_parts, thumbnail, tint
 from relight.panoramas import Panorama, luminance, polyhaven, project, read_panorama
 from relight.panoramas.lookup import lookup
 from relight.sh import rotate_y, rotation_about_y
-from relight.srgb import encode, to_bytes
 
 VIEWS, ROOMS = 64, 1200  # of each real panorama; generated panoramas
 ROOM_SEED = 200_000  # of the first generated panorama

@@ -6,14 +6,14 @@ from typing import Any, get_origin
 import yaml
 from omegaconf import MISSING, DictConfig, OmegaConf
 
-from relight.config import CONF, Config, Experiment, composed, flat, presets
-from relight.config.schema import EXPERIMENT, FIELDS
-from relight.config.setting import domain_in_words, setting_of, type_in_words
+from relight.settings import CONF, Config, Experiment, composed, flat, presets
+from relight.settings.schema import EXPERIMENT, FIELDS
+from relight.settings.setting import domain_in_words, setting_of, type_in_words
 
 HEAD = """\
 # Settings
 
-All settings of `relight run`, from `relight/config/schema.py` and `conf/`.
+All settings of `relight run`, from `relight/settings/schema.py` and `conf/`.
 [The workflow](workflow.md) says how to give them. The defaults are those of a run without overrides, `scale=demo`.
 """
 

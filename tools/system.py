@@ -22,7 +22,7 @@ def main() -> None:
     if not PYTHONS[0] <= (major, minor) <= PYTHONS[1]:
         names = " to ".join(".".join(map(str, version)) for version in PYTHONS)
         sys.exit(f"relight needs Python {names}, and {sys.executable} is {major}.{minor}: make PYTHON=python3.12")
-    from relight.libraries import LIBRARIES, missing, remedy
+    from relight.core.libraries import LIBRARIES, missing, remedy
 
     if not PYTHON.exists():
         subprocess.run([sys.executable, "-m", "venv", "--clear", "--without-pip", ".venv"], check=True)

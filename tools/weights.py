@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from relight import config
-from relight.files import atomic_write
+from relight import settings as config
+from relight.core.files import atomic_write
 from relight.learning.checkpoint import load_network
 from relight.learning.export import export
 from relight.lights import read_light_set

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from relight import srgb
+from relight.core import srgb
 from relight.lights import Light
 from relight.panoramas import Panorama, project
 from relight.photos.api import load

@@ -33,7 +33,7 @@ def make(
     """Render the pictures of a set, resuming where it was stopped. Needs Mitsuba (the extra `bench`)."""
     from relight.benchmark.make import make as make_set
     from relight.benchmark.picture import Settings
-    from relight.errors import UserError
+    from relight.core.errors import UserError
     from relight.figures.dress import DETAILS
 
     if detail not in DETAILS:

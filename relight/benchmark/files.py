@@ -11,10 +11,10 @@ from PIL import Image
 
 from relight.benchmark.measures import Intrinsics
 from relight.benchmark.shots import Shot
-from relight.errors import UserError
-from relight.files import atomic_write, existing_file, file_hash
+from relight.core.errors import UserError
+from relight.core.files import atomic_write, existing_file, file_hash
+from relight.core.npz import read_npz
 from relight.maps.square import MASK_THRESHOLD, Crop, crop_around
-from relight.npz import read_npz
 
 INDEX = "index.json"
 PICTURES = ("ratio", "full")  # relit pictures: the photograph times a gain, and rendered from maps alone

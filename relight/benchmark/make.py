@@ -24,14 +24,14 @@ from relight.benchmark.recipes import (
     draw_recipes,
     with_gloss,
 )
-from relight.config import Align
-from relight.errors import UserError
-from relight.files import atomic_folder, atomic_write, file_hash, writable_folder
+from relight.core.errors import UserError
+from relight.core.files import atomic_folder, atomic_write, file_hash, writable_folder
+from relight.core.progress import progress
 from relight.maps import write_maps
 from relight.meshes import Mesh, align
 from relight.panoramas import Panorama
 from relight.panoramas.polyhaven import NAMES, panorama_file
-from relight.progress import progress
+from relight.settings import Align
 from relight.transport.tracer import import_mitsuba
 
 FORMAT = 1  # version of the file format

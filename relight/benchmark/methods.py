@@ -9,8 +9,10 @@ import numpy as np
 from PIL import Image
 
 from relight.benchmark.files import BenchmarkSet, Entry, square_mask, write_arrays
-from relight.errors import UserError
-from relight.files import atomic_write, file_hash, writable_folder
+from relight.core.errors import UserError
+from relight.core.files import atomic_write, file_hash, writable_folder
+from relight.core.progress import progress
+from relight.core.srgb import LINEAR, decode
 from relight.maps import read_maps
 from relight.maps.square import fill_outside
 from relight.panoramas import project, read_panorama
@@ -19,8 +21,6 @@ from relight.photos.color import apply_gain, to_srgb8
 from relight.photos.person import Person
 from relight.photos.render import render
 from relight.photos.shading import gain, shading
-from relight.progress import progress
-from relight.srgb import LINEAR, decode
 
 Method = Callable[[BenchmarkSet, Entry], dict[str, np.ndarray]]  # to the arrays of an answer (`files.KEYS`)
 RECORD = "answers.json"  # in a folder of answers: what made them

@@ -10,13 +10,13 @@ from relight.benchmark.lights import panorama, resampled
 from relight.benchmark.measures import Intrinsics
 from relight.benchmark.recipes import PictureRecipe
 from relight.benchmark.shots import Shot, variants
+from relight.core.srgb import encode, to_bytes
 from relight.learning.camera import Camera, simulate_camera
 from relight.maps import Maps
 from relight.maps.square import Crop, extent, figure_means
 from relight.meshes import Mesh
 from relight.panoramas import Panorama, project
 from relight.photos.camera import camera_view
-from relight.srgb import encode, to_bytes
 from relight.transport import Baker
 from relight.transport.tracer import PathTracer
 

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from relight.benchmark.lights import Lamplight
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.learning.augment import CUT_HEIGHT
 from relight.meshes import Mesh
 from relight.panoramas.polyhaven import NAMES

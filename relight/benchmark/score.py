@@ -7,13 +7,13 @@ import pandas as pd
 
 from relight.benchmark.files import PICTURES, BenchmarkSet, Entry, read_answer, square_mask, to_intrinsics
 from relight.benchmark.measures import INVARIANCES, LEAKS, errors, invariances, leaks
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
+from relight.core.progress import progress
+from relight.core.srgb import LINEAR, encode
 from relight.evaluation.scoring.metrics import MaskBox, best_scale, psnr, rmse
 from relight.evaluation.scoring.scores import read_table
-from relight.files import atomic_write
 from relight.photos.person import OPAQUE
-from relight.progress import progress
-from relight.srgb import LINEAR, encode
 
 KEYS = ["set", "picture", "figure"]
 # Of relit pictures: ending of the column -> its head.

@@ -9,7 +9,7 @@ import pandas as pd
 from relight.benchmark.files import PICTURES
 from relight.benchmark.measures import INVARIANCES, LEAKS
 from relight.benchmark.score import MAP_COLUMNS, READINGS, require_one_set
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.evaluation.report.formats import TextTable, count
 from relight.evaluation.scoring.statistics import Estimate, estimate
 

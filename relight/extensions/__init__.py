@@ -15,7 +15,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 
 GROUP = "relight.extensions"
 OWN = {"place": "relight.photos.place"}  # of relight: lights that need packages above relight.lights

@@ -15,7 +15,7 @@ app = typer.Typer()
 
 def seeds_of(text: str) -> list[int]:
     """Parses "7", "0-47" or "1,4,10-12" into integers, each once, in the order given."""
-    from relight.errors import UserError
+    from relight.core.errors import UserError
 
     seeds: list[int] = []
     for part in text.split(","):
@@ -80,13 +80,13 @@ def figures(
     """
     import multiprocessing
 
-    from relight.errors import UserError
+    from relight.core.errors import UserError
+    from relight.core.processes import has_semaphores
+    from relight.core.progress import progress
     from relight.figures.constraints import Constraints
     from relight.figures.constraints import names as known_names
     from relight.figures.dress import DETAILS
     from relight.figures.export import FORMATS
-    from relight.processes import has_semaphores
-    from relight.progress import progress
 
     if names:
         for kind, known in known_names().items():
@@ -123,10 +123,10 @@ def make_one(task: tuple[int, dict, Path]) -> str | None:
     import json
     from dataclasses import asdict
 
-    from relight.errors import UserError
+    from relight.core.errors import UserError
+    from relight.core.files import atomic_write
     from relight.figures.dress import GENERATOR, make_figure
     from relight.figures.export import LICENCE, export
-    from relight.files import atomic_write
 
     seed, settings, path = task
     record = path.with_suffix(".json")
@@ -154,7 +154,7 @@ def write_table(folder: Path) -> None:
     import csv
     import json
 
-    from relight.files import atomic_write
+    from relight.core.files import atomic_write
 
     records = [json.loads(path.read_text()) for path in sorted(folder.glob("g[0-9]*.json"))]
     if not records:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.figures.body.person import Person, sample_person
 from relight.figures.hair.styles import style_odds, styles
 from relight.figures.outfits import Outfit, fitted_to_pose, sample_outfit

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.figures import gates
 from relight.figures.assembly import Assembly
 from relight.figures.body.person import Expression, Person, build_body, sample_expression

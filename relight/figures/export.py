@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.errors import UserError
-from relight.files import atomic_write
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
 from relight.meshes import Material, Mesh, vertex_normals
 from relight.meshes.gltf_file import BINARY_CHUNK, JSON_CHUNK
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from relight.srgb import encode
+from relight.core.srgb import encode
 
 Color = tuple[float, float, float]  # linear albedo of red, green and blue
 MIN_TEXELS = 1.4  # size of the smallest feature

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
-from relight.errors import UserError
-from relight.files import existing_file
+from relight.core.errors import UserError
+from relight.core.files import existing_file
 from relight.lab.plan import Plan
 
 MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead

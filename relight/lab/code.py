@@ -11,13 +11,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from relight import extensions
-from relight.config import ROOT
-from relight.errors import UserError
-from relight.files import atomic_write
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
+from relight.settings import ROOT
 
 PACKAGE = "relight"
 # Modules on which no result depends: settings, whose values are recorded, messages, records and the start of processes.
-WITHOUT_RESULTS = ("cli", "config", "errors", "files", "lab.job", "lazy", "processes", "progress", "tracking")
+WITHOUT_RESULTS = (
+    "cli", "core.errors", "core.files", "core.lazy", "core.libraries", "core.processes", "core.progress",
+    "core.version", "lab.job", "lab.tracking", "settings",
+)  # fmt: skip
 SCRIPTS = ROOT / "workflow" / "scripts"
 CACHE = Path(".snakemake", "relight.code.json")
 

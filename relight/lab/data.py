@@ -6,9 +6,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from relight.config import Split
-from relight.errors import UserError
-from relight.files import atomic_write
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
+from relight.settings import Split
 
 
 def pack(maps: Sequence[Path], least: float, out: Path, record: Path) -> None:

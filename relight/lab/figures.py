@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from relight.config import Bake, Figures
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.files import require_safe_name
 from relight.extensions import extension
-from relight.files import require_safe_name
 from relight.meshes import Mesh
+from relight.settings import Bake, Figures
 
 
 def draw(name: str, figures: Figures, out: Path) -> None:

@@ -13,8 +13,8 @@ from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from relight import __version__
-from relight.errors import UserError, out_of_memory
+from relight.core.errors import UserError, out_of_memory
+from relight.core.version import __version__
 
 PACKAGES = ("numpy", "scipy", "torch", "mlflow", "open3d-cpu", "pymeshlab", "warp-lang")  # whose versions logs have
 

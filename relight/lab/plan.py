@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from relight.config import ROOT, Experiment
-from relight.errors import UserError
-from relight.files import atomic_write, is_unsafe_name
-from relight.lab.settings import Record
-from relight.processes import git
-from relight.training_name import TrainingName
+from relight.core.errors import UserError
+from relight.core.files import atomic_write, is_unsafe_name
+from relight.core.processes import git
+from relight.lab.record import Record
+from relight.learning.training_name import TrainingName
+from relight.settings import ROOT, Experiment
 
 if TYPE_CHECKING:
     from relight.meshes.scans import Scan
@@ -31,7 +31,7 @@ class Plan:
     A *row* is a named set of overrides, that is, of one row of the tables. A *training* is a row with a seed.
 
     Attributes:
-        record: the composed settings (`relight.lab.settings.compose_run`).
+        record: the composed settings (`relight.lab.record.compose_run`).
         shared: the settings that all rows share, as plain values by group.
         out: the folder of the results, relative to the working directory.
         trainings: name -> TrainingName, for all rows and seeds.

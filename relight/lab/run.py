@@ -15,13 +15,13 @@ from typing import Any
 
 import yaml
 
-from relight.config import ROOT, flat
-from relight.errors import UserError
-from relight.files import writable_folder
+from relight.core.errors import UserError
+from relight.core.files import writable_folder
 from relight.lab.checks import check, check_figures
 from relight.lab.code import SCRIPTS, code_hash, save_cache
 from relight.lab.plan import Plan
-from relight.lab.settings import compose_run, expand_sweep
+from relight.lab.record import compose_run, expand_sweep
+from relight.settings import ROOT, flat
 
 LOCK = "lock"  # a file of the results that is locked as long as a workflow makes them
 INTERRUPTED = 130  # exit code after Ctrl-C

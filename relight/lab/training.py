@@ -4,9 +4,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-from relight.config import Augment, Loss, Model, Train
 from relight.learning.train import Inputs, Recipe, fingerprint
 from relight.learning.train import train as train_network
+from relight.settings import Augment, Loss, Model, Train
 
 
 def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, tracking: dict[str, Any]) -> None:
@@ -22,7 +22,7 @@ def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, trac
         curve: losses per epoch (.csv).
         tracking: of the workflow (`Plan.tracking`).
     """
-    from relight.tracking.run import training_run
+    from relight.lab.tracking.run import training_run
 
     recipe = Recipe(
         Model(**settings["model"]), Loss(**settings["loss"]), Train(**settings["train"]), Augment(**settings["augment"])
@@ -49,8 +49,8 @@ def evaluate(
     from relight.evaluation.scoring.evaluate import Condition
     from relight.evaluation.scoring.evaluate import evaluate as score
     from relight.evaluation.scoring.scores import read_scores
+    from relight.lab.tracking.run import log_scores
     from relight.learning.checkpoint import read_config
-    from relight.tracking.run import log_scores
 
     score(network, packed, lights, split, Condition.parse(condition), out)
     scores = next(iter(read_scores(out).values()), None)  # None if the condition has no figures or no lights

@@ -16,9 +16,9 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from relight.config import composed
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.learning.train import Inputs, Recipe, train
+from relight.settings import composed
 
 
 def main() -> None:

@@ -13,11 +13,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from relight.config import STRENGTHS, Augment
 from relight.learning.camera import Camera, simulate_camera
 from relight.learning.color import shade
 from relight.learning.data import Batch, compact_index, extent
 from relight.learning.harmonics import unoccluded
+from relight.settings import STRENGTHS, Augment
 
 FIGURE_SHARE = 0.9  # larger side of a figure's bounding box over the image's side (docs/conventions.md)
 CUT_SHARE = 0.5  # of the pictures with a new framing, which end between chest and knees

@@ -17,11 +17,11 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
-from relight.config import Model
-from relight.errors import UserError
-from relight.files import atomic_write, existing_file
+from relight.core.errors import UserError
+from relight.core.files import atomic_write, existing_file
 from relight.learning.networks import Network, build
 from relight.photos.network import read_network
+from relight.settings import Model
 
 PREFIX = "network."  # of the weights' names in an .onnx file
 HALF = ".half"  # after the name of a constant of an .onnx file that is stored in half precision

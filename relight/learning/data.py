@@ -16,15 +16,15 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from relight.errors import UserError
-from relight.files import existing_file
+from relight.core.errors import UserError
+from relight.core.files import existing_file
+from relight.core.npz import read_npz
+from relight.core.progress import progress
+from relight.core.text import read_text
 from relight.learning.color import photograph, quantised, shade
 from relight.learning.harmonics import mirror_signs
 from relight.maps import PackedMaps
-from relight.npz import read_npz
-from relight.progress import progress
 from relight.sh import order_of
-from relight.text import read_text
 
 MULTIPLE = 64  # P is a multiple of it
 

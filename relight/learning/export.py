@@ -17,8 +17,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 from torch.export import Dim
 
-from relight.errors import UserError
-from relight.files import atomic_write
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
 from relight.learning.checkpoint import HALF, PREFIX
 from relight.learning.harmonics import mirror_signs
 from relight.learning.networks import STRIDE, InstanceNorm, Network, Refinement, with_transport

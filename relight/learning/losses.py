@@ -1,6 +1,6 @@
 """The fifteen L1 losses of the paper (section 4), two under another light, and four of detail for photographs.
 
-`TERMS` is the table of the losses: the name of a weight in `relight.config.Loss`, and the function that computes what
+`TERMS` is the table of the losses: the name of a weight in `relight.settings.Loss`, and the function that computes what
 it weighs. To add a loss, add a weight there and a term here.
 
 They are computed on the pixels inside the masks. Outside, ground truth and masked outputs are both zero, so sums over
@@ -20,12 +20,12 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from relight.config import Loss
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.extensions import extension
 from relight.learning.color import shade
 from relight.learning.data import Batch
 from relight.learning.networks import with_transport
+from relight.settings import Loss
 from relight.sh import order_of
 
 OCTAVES = 5  # of detail: structures of about 2 to 64 pixels

@@ -18,10 +18,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from relight.config import Model
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.extensions import extension
 from relight.learning.harmonics import unoccluded
+from relight.settings import Model
 
 ENCODER = (64, 128, 256, 512, 512, 512)  # channels at 1/2 to 1/64 of the size, at width 1
 DECODER = (512, 512, 256, 128, 64)

@@ -8,8 +8,8 @@ import torch
 import torch.distributed as distributed
 from torch import Tensor, nn
 
-from relight.config import Train
 from relight.learning.networks import NORMS
+from relight.settings import Train
 
 BETA2 = 0.999  # decay of Adam's mean of squared gradients
 # Learning rate of Muon over that of Adam. Muon spreads each step over all directions of a matrix, so it takes steps of

@@ -5,7 +5,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.learning.color import shade
 from relight.learning.harmonics import mirror_signs
 from relight.learning.networks import Network, with_transport

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from relight.config import Split
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.settings import Split
 
 VALIDATION = 0.1  # share of the figures for training that are left out of it for the validation
 MAX_VALIDATION = 8  # figures

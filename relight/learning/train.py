@@ -25,9 +25,9 @@ import torch.distributed as distributed
 from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
-from relight.config import Augment, Loss, Model, Train
-from relight.errors import UserError
-from relight.files import atomic_write, existing_file, file_hash
+from relight.core.errors import UserError
+from relight.core.files import atomic_write, existing_file, file_hash
+from relight.core.progress import duration
 from relight.learning.augment import augment_batch
 from relight.learning.checkpoint import load_network, restore_state, save_network, save_state
 from relight.learning.data import Batch, RelitSet, choose_device, draw_pairs, generator, read_split
@@ -35,7 +35,7 @@ from relight.learning.losses import losses
 from relight.learning.networks import STRIDE, Network, UNet, build
 from relight.learning.optimizers import make_optimizers
 from relight.learning.validation import Validation
-from relight.progress import duration
+from relight.settings import Augment, Loss, Model, Train
 
 # Purposes of random numbers, as for `data.generator`; purpose 0 is the order of the pairs.
 STEP_DRAWS = 1

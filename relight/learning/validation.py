@@ -11,14 +11,14 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from relight.config import NO_AUGMENTATION, Loss
+from relight.core.srgb import to_bytes
 from relight.learning.augment import augment_batch
 from relight.learning.color import encode, shade
 from relight.learning.data import RelitSet, extent, read_split
 from relight.learning.losses import losses
 from relight.learning.networks import with_transport
+from relight.settings import NO_AUGMENTATION, Loss
 from relight.sh import order_of
-from relight.srgb import to_bytes
 
 MAX_PAIRS = 8
 MAX_DRAWN = 4  # pairs in the picture

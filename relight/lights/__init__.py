@@ -1,5 +1,5 @@
 """Lights: read, generated, measured, selected, written and drawn."""
 
-from relight.lazy import entry_points
+from relight.core.lazy import entry_points
 
 __getattr__, __dir__, __all__ = entry_points(__name__, __file__)

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from relight.config import Lights, Panoramas
-from relight.errors import UserError
-from relight.files import require_safe_name
+from relight.core.errors import UserError
+from relight.core.files import require_safe_name
+from relight.core.processes import count_cores, end_with_parent, has_semaphores
+from relight.core.progress import progress as show_progress
 from relight.lights.select import select_lights
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import LightSet
@@ -26,8 +27,7 @@ from relight.panoramas import (
     project,
     read_panorama,
 )
-from relight.processes import count_cores, end_with_parent, has_semaphores
-from relight.progress import progress as show_progress
+from relight.settings import Lights, Panoramas
 
 log = logging.getLogger(__name__)
 

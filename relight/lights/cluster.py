@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from relight.config import Lights
+from relight.settings import Lights
 from relight.sh import cosine_factors, order_of, per_coefficient
 
 VALIDATION = 0.1  # share of the lights for training that are left out of it for the validation

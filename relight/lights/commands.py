@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from relight.default_command import default_command
-from relight.files import PHOTO_SUFFIXES
+from relight.core.default_command import default_command
+from relight.core.files import PHOTO_SUFFIXES
 
 LIGHT = Annotated[
     str,
@@ -67,7 +67,7 @@ def numbers(
     from rich.console import Console
     from rich.table import Table
 
-    from relight.errors import UserError
+    from relight.core.errors import UserError
     from relight.lights.light import write_light
     from relight.lights.load import load_light
     from relight.lights.show import format_statistics, write_contact_sheet, write_light_picture

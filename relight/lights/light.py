@@ -9,8 +9,8 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from relight.errors import UserError
-from relight.files import atomic_write
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
 from relight.lights.statistics import moment_eigenvalue, reference_brightness
 from relight.panoramas import Panorama
 from relight.sh import CONVENTIONS, UNOCCLUDED_T00, coefficient_count, from_relight, order_of

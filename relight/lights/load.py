@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from relight import extensions
-from relight.errors import UserError
-from relight.files import existing_file
+from relight.core.errors import UserError
+from relight.core.files import existing_file
+from relight.core.npz import read_npy
+from relight.core.srgb import decode
+from relight.core.text import read_text
 from relight.lights.chain import GENERATORS
 from relight.lights.light import Light, direction, parts_of, total
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import read_light_set
-from relight.npz import read_npy
 from relight.panoramas import Panorama, orient, polyhaven, project, read_panorama
 from relight.sh import CONVENTIONS, basis, to_relight
 from relight.sh.conventions import as_table
-from relight.srgb import decode
-from relight.text import read_text
 
 GENERATED = re.compile(r"(room|sky|lamps):(\d{1,9})(?::([-+.0-9]+))?")
 KIND = re.compile(r"([a-z]{2,}):")  # Windows has drives of one letter

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from relight.core.srgb import LINEAR
 from relight.panoramas import luminance
 from relight.sh import bands, basis, cosine_factors, per_coefficient
-from relight.srgb import LINEAR
 
 STATISTICS = Path(__file__).with_name("place.json")
 SIDE = 48  # pixels of the picture's longer side that are looked at

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from relight.config import Lights
-from relight.errors import UserError
-from relight.files import existing_file
+from relight.core.errors import UserError
+from relight.core.files import existing_file
+from relight.core.text import read_text
 from relight.lights.cluster import choose_test_lights, choose_validation_lights, medoids
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import SPLITS, LightSet
+from relight.settings import Lights
 from relight.sh import order_of, rotation_about_y, rotation_matrix
-from relight.text import read_text
 
 log = logging.getLogger(__name__)
 
@@ -72,7 +72,7 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     Args:
         coefficients: (N,K,3) radiance, in the panoramas' own units.
         sources: N names of the panoramas.
-        settings: settings of all steps; must have passed relight.config.check.
+        settings: settings of all steps; must have passed relight.settings.check.
 
     Returns:
         The light set, and a record of plain values: `steps` with the numbers of lights before and after each step and

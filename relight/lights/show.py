@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from relight.files import atomic_write
+from relight.core.files import atomic_write
+from relight.core.srgb import encode
 from relight.lights.light import MIN_EIGENVALUE, Light
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import LightSet
 from relight.panoramas.lookup import lookup
 from relight.panoramas.projection import latlong_directions
 from relight.sh import irradiance, order_of, unoccluded
-from relight.srgb import encode
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.errors import UserError
-from relight.files import atomic_write
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
+from relight.core.npz import read_npz
 from relight.lights.statistics import reference_brightness
-from relight.npz import read_npz
 from relight.sh import bands, coefficient_count, order_of
 from relight.sh.conventions import MAX_COEFFICIENT
 

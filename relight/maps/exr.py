@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
-from relight import __version__
-from relight.errors import UserError
-from relight.files import atomic_write, existing_file
+from relight.core.errors import UserError
+from relight.core.files import atomic_write, existing_file
+from relight.core.version import __version__
 from relight.sh import order_of
 
 FRAME = "right-handed, +x image right, +y up, +z toward the camera"

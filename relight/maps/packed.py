@@ -22,12 +22,12 @@ from typing import Any
 import numpy as np
 from safetensors import safe_open
 
-from relight.errors import UserError
-from relight.files import atomic_write, existing_file
+from relight.core.errors import UserError
+from relight.core.files import atomic_write, existing_file
+from relight.core.progress import progress
+from relight.core.srgb import LINEAR, encode, to_bytes
 from relight.maps.octahedral import fold, octahedral
-from relight.progress import progress
 from relight.sh import UNOCCLUDED_T00, coefficient_count
-from relight.srgb import LINEAR, encode, to_bytes
 
 DTYPE_NAMES = {"uint8": "U8", "int16": "I16", "int64": "I64", "float16": "F16"}
 

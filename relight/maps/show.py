@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.files import atomic_write
+from relight.core.files import atomic_write
+from relight.core.srgb import encode, to_bytes
 from relight.maps.exr import Maps
 from relight.maps.square import extent
-from relight.srgb import encode, to_bytes
 
 LIGHT_DIRECTION = np.array([0.5, 0.6, 0.62])  # toward the light of the shaded view: upper right, in front
 STRENGTH = 0.6  # of its constant and of its linear coefficients

@@ -13,8 +13,8 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import distance_transform_edt
 
-from relight.errors import UserError
-from relight.srgb import to_bytes
+from relight.core.errors import UserError
+from relight.core.srgb import to_bytes
 
 MASK_THRESHOLD = 128  # coverage (of 255) from which a pixel counts as the person's
 PADDING = 0.05  # margin around the person's box, as a share of the square's side

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.config import Align
-from relight.errors import UserError
-from relight.files import existing_file
+from relight.core.errors import UserError
+from relight.core.files import existing_file
+from relight.core.text import read_table
 from relight.maps.square import PADDING
 from relight.meshes.axes import AXES, find_axes, flat_side
 from relight.meshes.mesh import Mesh
+from relight.settings import Align
 from relight.sh import rotation_about_y
-from relight.text import read_table
 
 MIN_CERTAINTY = 0.3  # of the front, below which there is a warning
 

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.errors import UserError
-from relight.files import atomic_write
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
+from relight.core.progress import progress
 from relight.meshes.read import READERS, read_mesh
-from relight.progress import progress
 
 SUBJECT = re.compile(r"\d{5}")
 SEQUENCE = re.compile(r"([a-z]+)_(\w+)", re.IGNORECASE)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from relight.config import Clean
-from relight.errors import UserError
-from relight.libraries import with_libraries
+from relight.core.errors import UserError
+from relight.core.libraries import with_libraries
 from relight.meshes.geometry import connected_parts, face_areas, solidity
 from relight.meshes.mesh import Mesh
+from relight.settings import Clean
 
 if TYPE_CHECKING:
     import pymeshlab

@@ -26,8 +26,8 @@ def check(
     front: Annotated[str, typer.Option(help="Axis that the figure faces, or auto.")] = "auto",
 ) -> None:
     """Read, clean and align one file, and print what was found and repaired."""
-    from relight.config import Align, read_preset
     from relight.meshes import align, clean, read_mesh
+    from relight.settings import Align, read_preset
 
     original = read_mesh(mesh)
     textures = [material.texture for material in original.materials if material.texture is not None]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from relight.libraries import with_libraries
+from relight.core.libraries import with_libraries
 from relight.meshes.mesh import Mesh
 
 

@@ -4,8 +4,8 @@ import os
 import unicodedata
 from pathlib import Path, PurePosixPath
 
-from relight.errors import UserError
-from relight.text import spellings
+from relight.core.errors import UserError
+from relight.core.text import spellings
 
 
 def find_file(beside: Path, *names: str | bytes) -> Path:

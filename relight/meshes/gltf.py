@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.meshes.gltf_file import PICTURE_FORMATS, Gltf
 from relight.meshes.mesh import CLAMP, MIRROR, REPEAT, Material
 from relight.meshes.raw import MAX_FACES, RawMesh, read_texture, unit_colors

@@ -10,10 +10,10 @@ from urllib.parse import unquote_to_bytes
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.text import decode
 from relight.meshes.find import find_file
 from relight.meshes.raw import MAX_FACES
-from relight.text import decode
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942  # kinds of a .glb file's chunks: "JSON" and "BIN" in ASCII

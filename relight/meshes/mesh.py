@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from relight.errors import UserError
-from relight.files import atomic_write
-from relight.npz import read_npz
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
+from relight.core.npz import read_npz
 
 REPEAT, CLAMP, MIRROR = "repeat", "clamp", "mirror"  # how a texture goes on beyond its edge
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.text import open_lines, spellings
 from relight.meshes.mtl import NO_PLACEMENT, Surface, read_libraries
 from relight.meshes.obj_lines import Faces, Numbers
 from relight.meshes.polygons import triangulate
 from relight.meshes.raw import RawMesh, linear, unit_colors, without_tints
-from relight.text import open_lines, spellings
 
 CONTINUED = b"\\\n", b"\\\r\n"  # after a byte over 127 the backslash is half a character
 KEYS = {b"v", b"f", b"vt", b"vn", b"usemtl", b"mtllib"}  # others are seldom, and may be written in capitals

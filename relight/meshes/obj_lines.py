@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 
 CHUNK = 1 << 17  # lines that are parsed at a time, so that 5 million faces never exist as text objects
 

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.text import spellings
 from relight.meshes.find import find_file
 from relight.meshes.mesh import Material
 from relight.meshes.ply_file import Block, ListColumn, read_blocks
 from relight.meshes.polygons import triangulate
 from relight.meshes.raw import RawMesh, linear, read_texture, unit_colors, without_tints
-from relight.text import spellings
 
 COLORS = [
     [prefix + name for name in names] for prefix in ("", "diffuse_") for names in (("red", "green", "blue"), "rgb")

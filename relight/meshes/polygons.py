@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 
 MAX_CORNERS = 1000  # of a polygon that is not convex; clipping ears takes the square of it
 BLOCK = 1 << 13  # polygons that are tested at a time

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.srgb import LINEAR, decode
 from relight.meshes.mesh import Material, Mesh
-from relight.srgb import LINEAR, decode
 
 MAX_COORDINATE = 1e12  # units; larger ones are damage
 MAX_STEP = 1e-4  # of the size, between neighbouring coordinates; above it a figure's small faces are lost

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from relight.errors import UserError
-from relight.files import existing_file
+from relight.core.errors import UserError
+from relight.core.files import existing_file
 from relight.meshes.gltf import read_gltf
 from relight.meshes.mesh import Mesh
 from relight.meshes.obj import read_obj

@@ -8,11 +8,11 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from relight.errors import UserError
-from relight.files import require_readable
+from relight.core.errors import UserError
+from relight.core.files import require_readable
+from relight.core.text import Table, read_table
 from relight.meshes.find import find_path
 from relight.meshes.read import READERS, suffix_list
-from relight.text import Table, read_table
 
 TABLE = "scans.csv"
 YES, NO = ("", "1", "1.0", "y", "yes", "t", "true", "x", "on"), ("0", "0.0", "n", "no", "f", "false", "-", "off")

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relight.srgb import LUMINANCE
+from relight.core.srgb import LUMINANCE
 
 # CIE XYZ to linear Rec. 709, white D65 (ITU-R BT.709).
 XYZ_TO_RGB = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])

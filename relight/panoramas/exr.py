@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.srgb import decode
 from relight.panoramas.color import XYZ, convert_primaries
 from relight.panoramas.panorama import check_size
-from relight.srgb import decode
 
 MAX_BYTES = 2**29  # decoded size, all channels at four bytes
 UNCHECKED_BYTES = 2**26  # decoded size up to which the compression ratio is not checked

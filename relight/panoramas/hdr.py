@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.panoramas.color import XYZ, convert_primaries
 from relight.panoramas.panorama import check_size
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 
 LAYOUTS = ("latlong", "angular", "ball", "cross", "strip", "strip-gl")
 MAX_PIXELS = 2**25  # 8192 x 4096

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.panoramas.panorama import check_size
 
 MIN_LARGEST, MAX_LARGEST = 1e-20, 1e20  # of the values

@@ -5,9 +5,9 @@ import io
 import tarfile
 from pathlib import Path
 
-from relight.errors import UserError
-from relight.files import atomic_folder, data_folder
-from relight.npm import Package, fetch
+from relight.core.download import Package, fetch
+from relight.core.errors import UserError
+from relight.core.files import atomic_folder, data_folder
 
 INTEGRITY = "zHmKNS+3Jvu9K3zJBQfYQKT9Pn9IQt8s0q/eJC3CXKpWpyg6IBa+ivN9NgDn+fDT2AVjUh2YRZ//GXUueuAdCg=="
 PACKAGE = Package("@pmndrs/assets", "1.7.0", INTEGRITY, "relight light setup")

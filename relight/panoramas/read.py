@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.errors import UserError
-from relight.files import existing_file, require_readable
+from relight.core.errors import UserError
+from relight.core.files import existing_file, require_readable
 from relight.panoramas.exr import read_exr
 from relight.panoramas.hdr import read_hdr
 from relight.panoramas.panorama import LAYOUTS, Panorama

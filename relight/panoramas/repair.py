@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import convolve
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 
 ROWS = 64  # rows that are tested at a time
 MAX_SHARE = 0.01  # of the pixels; a picture with more is broken

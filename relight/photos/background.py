@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageColor
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.srgb import LINEAR
 from relight.panoramas import Panorama, luminance
 from relight.photos.camera import blurred, camera_view
 from relight.photos.color import apply_gain, roll_off
 from relight.photos.opening import is_picture
 from relight.photos.picture import Given, Picture
-from relight.srgb import LINEAR
 
 KINDS = ("keep", "none", "color", "picture", "panorama")
 

@@ -9,7 +9,7 @@ far as the gain is below 1; near black, where values are noise, large gains coun
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from relight.srgb import LINEAR, decode, encode
+from relight.core.srgb import LINEAR, decode, encode
 
 KNEE = 0.8  # linear value from which values are rolled off
 FADE = 0.06  # how fast a rolled-off color pales, so that a strong lamp still shows as brightness

@@ -179,7 +179,7 @@ def photo(
     jobs: int | None = None,
 ) -> None:
     """Relight the people in a photo, or in each photo of a folder."""
-    from relight.errors import UserError
+    from relight.core.errors import UserError
     from relight.photos.folder import BEFORE_AFTER, relight_file, relight_folder
     from relight.photos.mask.find import NoMaskNetwork
     from relight.photos.network import read_network
@@ -257,7 +257,7 @@ def movie(
     weights: Path | None = None,
 ) -> None:
     """Write a movie: a photo under a turning light, or a relit clip of moving people. The exposure is fixed."""
-    from relight.errors import UserError
+    from relight.core.errors import UserError
     from relight.photos.video import writable_video
 
     writable_video(out)
@@ -297,8 +297,8 @@ def mask_draw(
     mask_model: str | None = None,
 ) -> None:
     """Write the automatic mask of a photo, to correct in a paint program. `relight photo` finds it beside the photo."""
-    from relight.errors import UserError
-    from relight.files import writable_file
+    from relight.core.errors import UserError
+    from relight.core.files import writable_file
     from relight.photos.mask.find import automatic_mask
     from relight.photos.picture import Picture
     from relight.photos.write import write_picture

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 
-from relight import __version__
-from relight.errors import UserError
-from relight.files import atomic_write
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
+from relight.core.version import __version__
 from relight.panoramas.exr import read_exr
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"
@@ -44,7 +44,7 @@ def read_16_bits(path: Path, orientation: int, what: str) -> tuple[np.ndarray, n
     spec = image.spec()
     alpha_channel, is_multiplied = spec.alpha_channel, not spec.get_int_attribute(UNASSOCIATED)
     image.orientation = orientation
-    values = oiio.ImageBufAlgo.reorient(image).get_pixels(oiio.UINT16)
+    values = np.asarray(oiio.ImageBufAlgo.reorient(image).get_pixels(oiio.UINT16))
     alpha = values[..., alpha_channel] if alpha_channel >= 0 else None
     pixels = values[..., :3] if values.shape[2] > 2 else np.repeat(values[..., :1], 3, axis=2)
     if alpha is not None and is_multiplied:

@@ -15,9 +15,11 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from relight import __version__
-from relight.errors import UserError
-from relight.files import writable_folder
+from relight.core.errors import UserError
+from relight.core.files import writable_folder
+from relight.core.processes import has_semaphores
+from relight.core.progress import progress
+from relight.core.version import __version__
 from relight.photos.color import DISPLAY_STOPS, KNEE
 from relight.photos.look import Look
 from relight.photos.mask.find import automatic_model
@@ -32,8 +34,6 @@ from relight.photos.write import (
     write_maps,
     write_picture,
 )
-from relight.processes import has_semaphores
-from relight.progress import progress
 from relight.sh import rotate_y
 
 RECORD = "photo.json"

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter, uniform_filter
 
+from relight.core.srgb import LUMINANCE
 from relight.maps.square import Crop
-from relight.srgb import LUMINANCE
 
 RADIUS = 2  # of a window, pixels of the square
 SMOOTH = 1e-3  # variance of the guide under which a window counts as flat: weaker texture is not copied

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lights import Light, load_light
 from relight.lights.light import total
 from relight.photos.background import Background, read_background

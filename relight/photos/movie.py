@@ -14,7 +14,8 @@ from typing import TypeVar, Unpack
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.progress import progress
 from relight.maps.square import Crop, crop_around
 from relight.photos.look import Look
 from relight.photos.mask.edge import fit_edge
@@ -26,7 +27,6 @@ from relight.photos.person import Person, balanced, infer_person
 from relight.photos.picture import Picture
 from relight.photos.scene import Scene, SceneOptions, require_white_balance
 from relight.photos.video import FPS, is_video, read_frames, write_video
-from relight.progress import progress
 
 T = TypeVar("T")
 LIGHT_RADIUS, CROP_RADIUS, TRANSPORT_RADIUS = 12, 4, 1  # frames to each side that the means include

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from relight.errors import UserError
-from relight.files import existing_file, file_hash
+from relight.core.errors import UserError
+from relight.core.files import existing_file, file_hash
 
 INPUTS = ["image", "mask"]
 OUTPUTS = ["albedo", "transport", "light"]

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from PIL import Image, TiffImagePlugin
 
-from relight.errors import UserError
-from relight.files import PHOTO_SUFFIXES, require_readable
+from relight.core.errors import UserError
+from relight.core.files import PHOTO_SUFFIXES, require_readable
 
 MAX_PIXELS = 100_000_000  # of a photo; decoders allocate memory before they find that a file is a decompression bomb
 TOO_LARGE = f"at most {MAX_PIXELS // 10**6} million pixels are read"

@@ -6,13 +6,13 @@ from functools import cached_property
 
 import numpy as np
 
+from relight.core.srgb import decode, encode, to_linear
 from relight.maps.square import MASK_THRESHOLD, Crop, crop_around
 from relight.panoramas import luminance
 from relight.photos.color import chroma
 from relight.photos.guide import FittedMap, Guide, fit_map, luma, square_root
 from relight.photos.network import PhotoNetwork
 from relight.photos.shading import gain, shading, steady
-from relight.srgb import decode, encode, to_linear
 
 OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the person
 LEAST_CHANNEL = 0.2  # of the luminance: lower bound of the channels of `Person.white`, which lights are divided by

@@ -7,8 +7,8 @@ from typing import Union
 import numpy as np
 from PIL import ExifTags, Image, ImageOps
 
-from relight.errors import UserError
-from relight.files import existing_file
+from relight.core.errors import UserError
+from relight.core.files import existing_file
 from relight.photos.color import as_codes
 from relight.photos.deep import is_exr, read_16_bits, read_linear
 from relight.photos.opening import bits_of, coding_of, decoding_errors, open_picture, require_still

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lights import Light
 from relight.lights.light import direction, parts_of
 from relight.lights.load import parse_number

@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from PIL import ExifTags, Image, ImageCms
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.srgb import decode, encode
 from relight.panoramas.color import REC709, chromaticity_matrix
-from relight.srgb import decode, encode
 
 SRGB_GAMMA = 0.45455  # as PNG writes it
 ADOBE = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)  # x and y of the primaries and of white

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter, uniform_filter1d
 
+from relight.core.srgb import to_linear
 from relight.maps.square import extent
 from relight.photos.background import Background
 from relight.photos.color import CLIPPING, apply_gain, clipping_excess, roll_off, to_codes
@@ -16,7 +17,6 @@ from relight.photos.ground import ground_under
 from relight.photos.guide import FittedMap, luma
 from relight.photos.person import Person
 from relight.sh import order_of
-from relight.srgb import to_linear
 
 STRIP = 512  # rows
 RADII = 45, 6  # of the two passes of `estimate_foreground`, pixels: hair, then detail

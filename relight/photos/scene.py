@@ -8,7 +8,7 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lights import Light, LightOptions, load_light
 from relight.panoramas import luminance
 from relight.photos.background import Background

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Unpack
 
-from relight.files import writable_folder
+from relight.core.files import writable_folder
 from relight.lights import Light
 from relight.photos.look import Look
 from relight.photos.network import PhotoNetwork

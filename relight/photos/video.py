@@ -6,13 +6,13 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise, repeat
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import Image
 
-from relight.errors import UserError
-from relight.files import atomic_write, writable_file
+from relight.core.errors import UserError
+from relight.core.files import atomic_write, writable_file
 from relight.photos.opening import list_photos
 from relight.photos.picture import Picture
 
@@ -109,7 +109,7 @@ def _add_sound(path: Path, source: Path) -> None:
             streams = {
                 id(one): out.add_stream_from_template(one) for one in (shown.streams.video[0], spoken.streams.audio[0])
             }
-            packets = [*shown.demux(video=0), *spoken.demux(audio=0)]
+            packets: list[Any] = [*shown.demux(video=0), *spoken.demux(audio=0)]
             for packet in sorted((p for p in packets if p.dts is not None), key=lambda p: float(p.dts * p.time_base)):
                 packet.stream = streams[id(packet.stream)]
                 out.mux(packet)
@@ -165,7 +165,8 @@ def read_frames(path: Path | str) -> tuple[Iterator[Picture], int | None, float]
     try:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
-            times = sorted(float(p.pts * stream.time_base) for p in container.demux(stream) if p.pts is not None)
+            base = float(stream.time_base or 1)
+            times = sorted(packet.pts * base for packet in container.demux(stream) if packet.pts is not None)
             average = float(stream.average_rate or FPS)
     except (av.FFmpegError, IndexError, TypeError) as error:
         raise UserError(f"{path} cannot be read as a video ({error})") from None
@@ -189,7 +190,7 @@ def _decoded(path: Path) -> Iterator[Picture]:
 
     try:
         with av.open(str(path)) as container:
-            stream, graph, size = container.streams.video[0], None, None
+            stream, graph, size = container.streams.video[0], None, (0, 0)
             for number, frame in enumerate(container.decode(stream), 1):
                 if graph is None:
                     graph, size, notes = _conversion(stream, frame), (frame.width, frame.height), hdr_notes(path, frame)
@@ -240,7 +241,8 @@ def hdr_notes(path: Path, frame: "VideoFrame") -> list[str]:
 
 def _upright(pixels: np.ndarray, frame: "VideoFrame") -> np.ndarray:
     """Returns pixels (H,W,3) turned and mirrored as the display matrix of a frame says (ISO 14496-12, 6.2.2)."""
-    for data in frame.side_data:
+    sides: Any = frame.side_data
+    for data in sides:
         if data.type.name == "DISPLAYMATRIX":
             a, b, _, c, d = np.frombuffer(data, np.int32, 5)
             if abs(b) > abs(a):

@@ -8,8 +8,9 @@ import numpy as np
 import OpenEXR
 from PIL import Image
 
-from relight import __version__
-from relight.files import atomic_write
+from relight.core.files import atomic_write
+from relight.core.srgb import to_bytes, to_linear
+from relight.core.version import __version__
 from relight.lights import Light, lit_ball, write_light
 from relight.maps import coefficient_names
 from relight.maps.exr import CONVENTION, FRAME
@@ -21,7 +22,6 @@ from relight.photos.render import strips, total_coverage
 from relight.photos.scene import Scene
 from relight.photos.shading import shading
 from relight.sh import mean_direction
-from relight.srgb import to_bytes, to_linear
 
 STRIP_SIDE, GAP = 1080, 12  # pixels of the longer side of each picture in a strip, and between them
 LAYERS = {"albedo": "RGB", "shading": "RGB", "normal": "XYZ"}  # of maps.exr, before the transport

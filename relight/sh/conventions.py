@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.sh.harmonics import bands, coefficient_count, cosine_factors, order_of, per_coefficient, rotation_matrix
 
 KANAMORI_ORDER = [0, 2, 3, 1, 4, 5, 7, 6, 8]  # indices in kanamori2018 of 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2

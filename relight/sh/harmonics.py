@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 
 UNOCCLUDED_T00 = math.sqrt(math.pi) / 2  # T_00 of unoccluded points, its maximum: pi Y_00 = .8862
 

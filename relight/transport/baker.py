@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.progress import progress
 from relight.maps import Maps
 from relight.meshes import Mesh, vertex_normals
-from relight.progress import progress
 from relight.sh import UNOCCLUDED_T00, rotation_matrix
 from relight.transport.bounce import solve_radiosity
 from relight.transport.camera import Camera

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.transport.view import Pose, rotate_vectors
 
 

@@ -65,7 +65,7 @@ def bake(
     """
     import time
 
-    from relight.errors import UserError
+    from relight.core.errors import UserError
 
     targets = out or [Path(mesh.stem + ".exr")]
     kinds = {".exr", ".png", ".ply", ".npz"}
@@ -145,9 +145,9 @@ def _cleaned_and_aligned(mesh: "Mesh", up: str, front: str, padding: float) -> "
     `up` and `front`, which is toward the camera, are axes of the file such as "+y", or "auto". `padding` is the empty
     share of the image at top and bottom.
     """
-    from relight.config import Align, read_preset
     from relight.meshes import align, clean
     from relight.meshes.cleaning import FINDINGS
+    from relight.settings import Align, read_preset
 
     cleaned = clean(mesh, read_preset("clean"))
     repairs = {name: count for name, count in cleaned.info["repairs"].items() if name not in FINDINGS}

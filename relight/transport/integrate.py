@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from relight.errors import UserError
-from relight.progress import progress
+from relight.core.errors import UserError
+from relight.core.progress import progress
 from relight.sh import basis, coefficient_count, unoccluded
 from relight.transport.raycaster import MISS, RayCaster
 from relight.transport.sampling import random_azimuths, rotate_to_world, tangent_frames, vogel_directions

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from relight.errors import UserError
-from relight.libraries import with_libraries
+from relight.core.errors import UserError
+from relight.core.libraries import with_libraries
 
 open3d = with_libraries("open3d")
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.srgb import LINEAR
 from relight.meshes import Mesh
 from relight.meshes.mesh import CLAMP, MIRROR, REPEAT
-from relight.srgb import LINEAR
 
 
 def wrapped(texel: np.ndarray, size: int, mode: str) -> np.ndarray:

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.srgb import LINEAR
 from relight.meshes import Material, Mesh, vertex_normals
-from relight.srgb import LINEAR
 from relight.transport.camera import Camera
 from relight.transport.surface import sample_albedo
 from relight.transport.view import rotate_vectors

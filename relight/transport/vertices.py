@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from relight.errors import UserError
-from relight.files import atomic_write
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
 from relight.maps import coefficient_names
 from relight.maps.exr import CONVENTION
 from relight.meshes import Mesh, vertex_normals

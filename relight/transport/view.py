@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.sh import rotation_about_y
 
 HALF_FILM_HEIGHT = 18.0  # mm, for 36 x 24 mm film in portrait format

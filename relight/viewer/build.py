@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from relight.errors import UserError
-from relight.files import atomic_write
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
+from relight.core.progress import progress
 from relight.lights.place import STATISTICS
-from relight.progress import progress
 from relight.sh import deringed
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import Figure, embed

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from relight.default_command import default_command
+from relight.core.default_command import default_command
 
 app = typer.Typer()
 web_app = typer.Typer(
@@ -42,10 +42,10 @@ def view(
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
     """Write one self-contained .html page: drag to turn the light, choose lights, drop your own .hdr."""
-    from relight.errors import UserError
-    from relight.files import writable_file
+    from relight.core.errors import UserError
+    from relight.core.files import writable_file
+    from relight.core.progress import progress
     from relight.photos.api import load
-    from relight.progress import progress
     from relight.viewer.build import build_viewer
     from relight.viewer.source import figure_of, named_lights
 
@@ -89,10 +89,10 @@ def web_build(
     weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A network (.onnx).")] = None,
 ) -> None:
     """Write the site to the folder DIR, for any static web server."""
-    from relight.errors import UserError
+    from relight.core.errors import UserError
+    from relight.core.progress import progress
     from relight.photos.api import load
     from relight.photos.network import WEIGHTS
-    from relight.progress import progress
     from relight.viewer.site import build_site
     from relight.viewer.source import figure_of, named_lights, portrait
 

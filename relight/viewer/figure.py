@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.srgb import LINEAR
+from relight.core.srgb import encode as encode_srgb
 from relight.maps import Maps
 from relight.maps.octahedral import octahedral
 from relight.maps.square import extent, fill_outside
@@ -14,8 +16,6 @@ from relight.photos.color import CLIPPING, chroma, clipping_excess
 from relight.photos.render import estimate_foreground
 from relight.photos.shading import shading, shading_floor
 from relight.sh import UNOCCLUDED_T00, coefficient_count
-from relight.srgb import LINEAR
-from relight.srgb import encode as encode_srgb
 from relight.viewer.codec import deflate, encode
 
 ALBEDO_STEPS = 510  # per unit of sRGB-coded albedo: a quarter of an 8-bit code is lost at most

@@ -7,9 +7,9 @@ import tarfile
 import zlib
 from pathlib import Path
 
-from relight.errors import UserError
-from relight.files import atomic_write, data_folder
-from relight.npm import Package, fetch
+from relight.core.download import Package, fetch
+from relight.core.errors import UserError
+from relight.core.files import atomic_write, data_folder
 
 INTEGRITY = "q0y+JrrtukXSzsBWEMccVfqX25LRmosXHF+CaRJmg8pZClzcV7svNc4rKY3jL02Vb7QmRMDs1SigqR4CXAfKYQ=="
 PACKAGE = Package("onnxruntime-web", "1.30.0", INTEGRITY, "relight web setup")
@@ -22,7 +22,7 @@ def package_file() -> Path:
 
 
 def setup(package: Path | str | None = None) -> Path:
-    """Puts onnxruntime-web (33 MB) into the user's data folder (`relight.npm.fetch`).
+    """Puts onnxruntime-web (33 MB) into the user's data folder (`relight.core.download.fetch`).
 
     Args:
         package: its .tgz file; by default it is downloaded.

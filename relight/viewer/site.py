@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.errors import UserError
-from relight.files import atomic_folder
+from relight.core.errors import UserError
+from relight.core.files import atomic_folder
 from relight.photos.mask import selfie
 from relight.viewer import runtime
 from relight.viewer.build import Additions, page_text

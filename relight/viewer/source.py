@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from relight.errors import UserError
-from relight.files import existing_file
+from relight.core.errors import UserError
+from relight.core.files import existing_file
+from relight.core.srgb import LINEAR
 from relight.lights import load_light, reference_brightness
 from relight.maps import Maps
 from relight.photos.guide import luma
 from relight.sh import UNOCCLUDED_T00
-from relight.srgb import LINEAR
 from relight.viewer.figure import Figure
 
 if TYPE_CHECKING:

@@ -7,11 +7,11 @@ from relight.benchmark import make as making
 from relight.benchmark.lights import panorama
 from relight.benchmark.picture import Picture, Settings, crop_maps, crop_window, on_square
 from relight.benchmark.shots import variants
+from relight.core.srgb import encode, to_bytes
 from relight.maps import Maps
 from relight.meshes import Mesh
 from relight.panoramas import project
 from relight.sh import unoccluded
-from relight.srgb import encode, to_bytes
 
 SIZE = 64
 SETTINGS = Settings(size=SIZE, samples=1, rays=16, detail="draft", texture=64)

@@ -10,7 +10,7 @@ from relight.benchmark.files import BenchmarkSet
 from relight.benchmark.make import make, write_panorama
 from relight.benchmark.methods import new_lights
 from relight.benchmark.picture import Settings
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.panoramas import Panorama, project, read_panorama
 
 

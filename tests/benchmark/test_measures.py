@@ -14,10 +14,10 @@ from relight.benchmark.measures import (
 )
 from relight.benchmark.score import relit_errors
 from relight.benchmark.shots import variants
+from relight.core.srgb import decode, encode, to_bytes
 from relight.evaluation.scoring.metrics import MaskBox, best_scale, irradiance_error
 from relight.maps.square import crop_around
 from relight.sh import irradiance, sphere_quadrature
-from relight.srgb import decode, encode, to_bytes
 
 SIDE = 24
 

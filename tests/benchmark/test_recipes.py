@@ -9,7 +9,7 @@ from relight.benchmark import recipes as recipes_module
 from relight.benchmark.lights import Lamplight, panorama, resampled
 from relight.benchmark.make import ATTEMPTS
 from relight.benchmark.recipes import FIRST_SEED, HASHES, SPARE_OFFSET, digest, draw_recipe, draw_recipes, with_gloss
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lights.chain import GENERATORS
 from relight.lights.statistics import reference_brightness
 from relight.meshes import Material, Mesh

@@ -17,7 +17,7 @@ from relight.benchmark.methods import answer
 from relight.benchmark.score import COLUMNS, read_scores, score
 from relight.benchmark.tables import MethodComparison
 from relight.cli import app
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.photos.person import OPAQUE
 
 

@@ -11,11 +11,11 @@ from relight.benchmark.lights import Lamplight
 from relight.benchmark.methods import true_maps
 from relight.benchmark.picture import Settings, render_picture
 from relight.benchmark.recipes import draw_recipe
+from relight.core.srgb import decode
 from relight.meshes import Material, Mesh
 from relight.panoramas import Panorama
 from relight.panoramas.radiosity import view_directions
 from relight.sh import basis
-from relight.srgb import decode
 from relight.transport import View
 
 pytest.importorskip("mitsuba")

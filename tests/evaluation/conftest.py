@@ -10,7 +10,7 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from relight import config
+from relight import settings as config
 from relight.evaluation.scoring.evaluate import TEST, Condition
 from relight.evaluation.scoring.statistics import estimate
 from relight.learning.checkpoint import save_network

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relight.config import composed
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.srgb import decode
 from relight.evaluation.pictures.panels import plates
 from relight.evaluation.scoring.baselines import evaluate_baselines, make_predictors
 from relight.evaluation.scoring.evaluate import evaluate, infer, inferred_maps, load, unlearned
@@ -16,8 +16,8 @@ from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet
 from relight.learning.predict import predict
 from relight.maps import read_maps
+from relight.settings import composed
 from relight.sh import unoccluded
-from relight.srgb import decode
 
 
 @pytest.fixture(scope="module")

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from relight.config.schema import QUANTITIES
 from relight.evaluation.scoring.metrics import psnr, rmse, ssim
 from relight.evaluation.scoring.tables import TABLE1_COLUMNS, columns_of
 from relight.evaluation.scoring.truth import COLUMNS, RANGE, Inferred, Truth, light_errors
+from relight.settings.schema import QUANTITIES
 from relight.sh import unoccluded
 
 FOUR = ("rmse", "rmse_element", "ssim", "ssim_range2")

@@ -9,8 +9,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from relight.config import Panoramas, Trace
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, Chain, evaluate_traced, traced_plate
 from relight.evaluation.experiments.tracing import Scene, read_scenes, sky_of, trace
 from relight.evaluation.report.own import traced_tables
@@ -21,6 +20,7 @@ from relight.lights.chain import generated_light
 from relight.maps import pack_maps, write_maps
 from relight.meshes import Material, Mesh
 from relight.panoramas import orient
+from relight.settings import Panoramas, Trace
 from relight.sh import basis, unoccluded
 from relight.transport import bake
 from relight.transport.tracer import sky_directions, sky_weights

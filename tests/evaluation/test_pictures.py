@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.srgb import encode
 from relight.evaluation.experiments.occlusion import COLUMNS as OCCLUSION
 from relight.evaluation.experiments.occlusion import (
     HISTOGRAM,
@@ -26,7 +27,6 @@ from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.evaluation.scoring.tables import TABLE2_COLUMNS, experiment_table
 from relight.maps import read_maps, write_left_out
 from relight.sh import unoccluded
-from relight.srgb import encode
 
 
 def test_occlusion_closed_form(world, tmp_path):

@@ -13,7 +13,6 @@ import pytest
 import yaml
 from PIL import Image
 
-from relight.config import CONF, Experiment
 from relight.evaluation.experiments.occlusion import HISTOGRAM
 from relight.evaluation.report import build, page, provenance, sections
 from relight.evaluation.report.data import costs_and_settings, redraws
@@ -22,6 +21,7 @@ from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import Verdict
 from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.evaluation.scoring.truth import COLUMNS
+from relight.settings import CONF, Experiment
 
 pytestmark = pytest.mark.usefixtures("few_resamples")
 FIGURES = [f"f{i}" for i in range(10)]

@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.evaluation.report.formats import (
     MARKDOWN,
     TextTable,

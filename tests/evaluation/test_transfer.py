@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.evaluation.experiments.transfer import (
     BASELINES,
     VARIANTS,

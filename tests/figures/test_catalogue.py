@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.figures.body import makehuman
 from relight.figures.body.person import Shape, expressions, sample_person, units
 from relight.figures.body.skin import Iris

@@ -287,7 +287,7 @@ def test_props_of_sitting_figures_are_a_stool_on_the_floor(person):
 
 
 def test_makehuman_folder_missing_is_one_sentence(monkeypatch):
-    from relight.errors import UserError
+    from relight.core.errors import UserError
 
     makehuman.folder.cache_clear()
     monkeypatch.setattr(makehuman.importlib.util, "find_spec", lambda name: None)

@@ -22,8 +22,7 @@ from omegaconf import OmegaConf
 from PIL import Image
 from typer.testing import CliRunner
 
-from relight.config import composed
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.figures import dress, gates
 from relight.figures.body.person import sample_person
 from relight.figures.cloth import colliders
@@ -43,6 +42,7 @@ from relight.figures.tailor.garments import wardrobe
 from relight.figures.wear import DrapedGarment
 from relight.meshes import Material, Mesh, clean, read_mesh
 from relight.meshes.cleaning import FINDINGS
+from relight.settings import composed
 
 SEED, SUBJECT = 1, 3  # the second of three figures of one person
 CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.figures import dress, shading
 from relight.meshes import Material, Mesh
 from relight.sh import basis

@@ -13,8 +13,8 @@ import pytest
 import torch
 from PIL import Image
 
-from relight import srgb
-from relight.errors import UserError
+from relight.core import srgb
+from relight.core.errors import UserError
 from relight.lights import Light, load_light
 from relight.panoramas import Panorama, generate_room, project
 from relight.sh import rotate_y

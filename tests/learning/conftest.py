@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from relight.config import NO_AUGMENTATION, Loss, Model, Train
 from relight.maps import Maps, pack_maps, write_maps
+from relight.settings import NO_AUGMENTATION, Loss, Model, Train
 from relight.sh import unoccluded
 
 SIZE = 64

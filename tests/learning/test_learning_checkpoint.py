@@ -8,7 +8,7 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.learning.checkpoint import load_network, save_network
 from relight.learning.networks import build
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy.ndimage import binary_erosion
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.learning.color import decode, encode
 from relight.learning.data import RelitSet, neighbours, read_split
 from relight.maps import PackedMaps

@@ -6,7 +6,7 @@ import pytest
 import torch
 from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.learning.checkpoint import load_network
 from relight.learning.export import (
     NEIGHBOURHOOD,

@@ -9,12 +9,12 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from relight.config import Loss, composed
-from relight.config.schema import FIELDS
-from relight.config.setting import setting_of
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.learning.data import RelitSet
 from relight.learning.losses import DARK, LEVEL, OCTAVES, TERMS, losses
+from relight.settings import Loss, composed
+from relight.settings.schema import FIELDS
+from relight.settings.setting import setting_of
 from relight.sh import unoccluded
 
 FIFTEEN = {

@@ -6,7 +6,7 @@ import torch
 from torch import nn
 from torch.utils.flop_counter import FlopCounterMode
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.learning.networks import PooledHead, Refinement, build, constrain_albedo
 
 HEAD = {"ours": "strided", "unet": "pooled"}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.learning.networks import build
 from relight.learning.predict import predict
 from relight.sh import unoccluded

@@ -14,12 +14,12 @@ import pytest
 from mlflow import MlflowClient
 from safetensors import safe_open
 
-from relight.config import flat
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.lab.tracking import store
+from relight.lab.tracking.run import TrainingRun
 from relight.lab.training import train
 from relight.learning.train import Inputs
-from relight.tracking import store
-from relight.tracking.run import TrainingRun
+from relight.settings import flat
 
 OUT, CURVE, STATE = (Path("train") / name for name in ("one.s0.safetensors", "one.s0.csv", "state/one.s0/state.pt"))
 

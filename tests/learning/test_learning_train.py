@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet, draw_pairs
 from relight.learning.train import (
@@ -43,7 +43,7 @@ class Run:
         return (
             "import os, signal\n"
             "from pathlib import Path\n"
-            "from relight import config\n"
+            "from relight import settings as config\n"
             "from relight.learning.train import Inputs, Recipe, train\n"
             f"out, state, curve = Path({str(self.out)!r}), Path({str(self.state)!r}), {curve and str(curve)!r}\n"
             f"train(Recipe({parts}), Inputs({paths}), out, state, curve and Path(curve), {log})\n"

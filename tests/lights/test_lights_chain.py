@@ -4,8 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relight.config import Panoramas, read_preset
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lights import (
     build_light_set,
     measure,
@@ -20,6 +19,7 @@ from relight.lights.select import RULES as ALL_RULES
 from relight.lights.select import broken_rules, counted
 from relight.lights.table import SPLITS
 from relight.panoramas.color import blackbody, daylight
+from relight.settings import Panoramas, read_preset
 from relight.sh import basis, irradiance, rotate_y, sphere_quadrature
 
 SETTINGS = replace(read_preset("lights"), clusters=12, test=3)

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from relight.config import Panoramas
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.evaluation.experiments.tracing import panorama_of
 from relight.lights import Light, load_light, reference_brightness, write_light
 from relight.lights.chain import file_light
@@ -14,6 +13,7 @@ from relight.lights.commands import app
 from relight.lights.load import PROBES, printed_probe, probe
 from relight.lights.statistics import moment_eigenvalue
 from relight.panoramas import Panorama, generate_room, orient, project
+from relight.settings import Panoramas
 from relight.sh import irradiance, rotate_y, to_relight
 
 

@@ -118,7 +118,7 @@ def test_a_measured_probe_gives_the_printed_table(file):
 
 def layout_of(file):
     """Light probes are square and angular; what is not square tells itself."""
-    from relight.errors import UserError
+    from relight.core.errors import UserError
 
     try:
         return read_panorama(file).layout

@@ -1,12 +1,12 @@
 import numpy as np
 from typer.testing import CliRunner
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.srgb import encode
 from relight.lights import Light, LightSet, lit_ball, load_light, write_contact_sheet, write_light_set
 from relight.lights.commands import app
 from relight.lights.show import ALBEDO, diffuse_panorama, format_statistics
 from relight.sh import basis
-from relight.srgb import encode
 
 
 def constant(value=1.0):

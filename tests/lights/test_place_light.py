@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from relight.core.srgb import encode, to_bytes
 from relight.lights.light import direction
 from relight.lights.place import (
     IRRADIANCE,
@@ -18,7 +19,6 @@ from relight.lights.place import (
 from relight.lights.statistics import moment_eigenvalue
 from relight.panoramas import luminance
 from relight.sh import basis
-from relight.srgb import encode, to_bytes
 
 MIRROR = np.array([1, 1, 1, -1, -1, 1, 1, -1, 1.0])[:, None]
 

@@ -6,7 +6,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.maps import LeftOut, Maps, coefficient_names, read_info, read_maps, write_left_out, write_maps
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.srgb import encode
 from relight.maps import Maps, PackedMaps, pack_maps, read_maps, write_left_out, write_maps
 from relight.maps.packed import decode_normals, encode_normals
-from relight.srgb import encode
 
 
 def random_maps(name, size=9, order=2, bounced=False, seed=0):

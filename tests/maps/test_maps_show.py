@@ -3,9 +3,9 @@
 import numpy as np
 from PIL import Image
 
+from relight.core.srgb import encode
 from relight.maps import Maps, write_maps_picture
 from relight.maps.show import BACKGROUND
-from relight.srgb import encode
 
 
 def test_panels(tmp_path):

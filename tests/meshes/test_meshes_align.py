@@ -5,11 +5,11 @@ from itertools import product
 import numpy as np
 import pytest
 
-from relight.config import Align
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.meshes import Material, Mesh, align
 from relight.meshes.alignment import axes_rotation, read_align_table
 from relight.meshes.axes import AXES, find_axes
+from relight.settings import Align
 
 AUTO = Align(up="auto", front="auto")
 PAIRS = [(up, front) for up, front in product(AXES, AXES) if up[1] != front[1]]

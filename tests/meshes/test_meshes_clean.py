@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.config import Clean
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.meshes import Material, Mesh, clean
 from relight.meshes.cleaning import count_opposed_faces, edge_uses
 from relight.meshes.geometry import connected_parts, face_areas, solidity
+from relight.settings import Clean
 
 PLAIN = Clean(close_holes=0, max_faces=0)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.meshes import Mesh, align, list_scans, read_mesh
 from relight.meshes.gltf_file import READ, WITHOUT_EFFECT
 from relight.meshes.polygons import clip_ears, fan, triangulate
@@ -814,7 +814,7 @@ def test_scans_table_with_a_use_that_says_nothing(tmp_path, use):
 
 
 def test_align_table_with_a_decimal_comma(tmp_path, person):
-    from relight.config import Align
+    from relight.settings import Align
 
     meshes = []
     for text in ("name;turn\nperson;22,5\n", "name,turn\nperson,22.5\n"):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.meshes import read_mesh
 
 CASES = int(os.environ.get("RELIGHT_FUZZ", "150"))  # places where a file is cut and altered

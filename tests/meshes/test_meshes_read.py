@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.meshes import read_mesh
 from relight.meshes.raw import linear
 

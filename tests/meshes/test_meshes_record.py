@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.meshes import Material, Mesh
 
 

@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from snakemake.io import apply_wildcards
 
-from relight.errors import UserError
-from relight.files import atomic_write, is_unsafe_name
+from relight.core.errors import UserError
+from relight.core.files import atomic_write, is_unsafe_name
 from relight.meshes import Mesh, list_scans
 from relight.meshes.buff import BuffFrame, cluster_representatives, list_frames, select_frames
 

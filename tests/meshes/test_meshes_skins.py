@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.meshes import read_mesh
 
 COMPONENTS = {"|u1": 5121, "<u2": 5123, "<f4": 5126}

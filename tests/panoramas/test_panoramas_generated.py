@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
-from relight.config import composed
 from relight.lights import measure, select_lights
 from relight.panoramas import Panorama, generate_lamps, generate_room, generate_sky, project
 from relight.panoramas.color import XYZ_TO_RGB, blackbody, daylight
@@ -23,6 +22,7 @@ from relight.panoramas.radiosity import (
     render_room,
 )
 from relight.panoramas.rooms import CLEARANCE, sample_room, white_balance
+from relight.settings import composed
 
 COUNT = 160
 

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.panoramas.hdr import read_hdr
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.panoramas import read_panorama
 from relight.panoramas.color import REC709, XYZ, chromaticity_matrix
 

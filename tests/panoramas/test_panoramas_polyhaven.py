@@ -11,7 +11,7 @@ import OpenEXR
 import pytest
 from typer.testing import CliRunner
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lights import load_light
 from relight.lights.commands import app
 from relight.panoramas import Panorama, polyhaven, project

@@ -2,7 +2,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.panoramas import list_panoramas, project, read_panorama
 from relight.sh import irradiance
 

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 import relight
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lights import Light, load_light
 from relight.photos.background import Background
 from relight.photos.look import Look

@@ -11,7 +11,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from relight.cli import app
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lights import load_light
 from relight.photos.folder import MOST_LINES, note_lines
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from relight.core.srgb import LINEAR
 from relight.lights import Light, load_light
 from relight.maps.square import extent
 from relight.panoramas import Panorama
@@ -14,7 +15,6 @@ from relight.photos.ground import Camera, _fill_with_balls, _transport, ground_u
 from relight.photos.look import Look
 from relight.photos.render import render
 from relight.sh import basis, rotate_y, unoccluded
-from relight.srgb import LINEAR
 
 Y00 = 0.5 / np.sqrt(np.pi)
 

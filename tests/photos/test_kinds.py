@@ -10,14 +10,14 @@ import pytest
 import tifffile
 from PIL import ExifTags, Image, ImageCms
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.srgb import decode, encode, to_linear
 from relight.photos.color import as_codes, to_codes
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import masked, read_mask
 from relight.photos.picture import Picture
 from relight.photos.profile import _curve, to_srgb
 from relight.photos.write import write_picture
-from relight.srgb import decode, encode, to_linear
 
 RNG = np.random.default_rng(0)
 RGB = RNG.integers(0, 256, (40, 30, 3)).astype(np.uint8)

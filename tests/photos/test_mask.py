@@ -11,7 +11,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from relight.cli import app
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.photos.mask import selfie, u2net
 from relight.photos.mask.find import automatic_model, masked
 from relight.photos.mask.tflite import convert

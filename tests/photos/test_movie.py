@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.srgb import encode
 from relight.maps.square import crop_around
 from relight.photos.look import Look
 from relight.photos.movie import smooth_over_time, windows, with_masks
@@ -15,7 +16,6 @@ from relight.photos.opening import mask_in
 from relight.photos.person import Person
 from relight.photos.picture import Picture
 from relight.photos.video import read_frames, write_video
-from relight.srgb import encode
 
 COLORS = [(200, 60, 40), (40, 180, 60), (60, 80, 220), (128, 128, 128), (250, 250, 250)]
 

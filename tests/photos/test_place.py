@@ -12,7 +12,7 @@ from PIL import Image
 
 import relight
 from relight import load_light
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lights.light import direction
 from relight.lights.place import place_light
 from relight.photos.look import Look

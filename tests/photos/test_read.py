@@ -9,7 +9,7 @@ import pytest
 import tifffile
 from PIL import Image, ImageCms
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.photos.mask.find import masked, read_mask
 from relight.photos.mask.people import count_heads, mask_warnings, split_people
 from relight.photos.opening import RAW, list_photos

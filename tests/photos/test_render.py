@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.srgb import LINEAR, LUMINANCE, encode
 from relight.maps.square import Crop, crop_around
 from relight.photos import render as rendering
 from relight.photos.background import Background, read_background
@@ -26,7 +27,6 @@ from relight.photos.shading import (
     steady,
 )
 from relight.sh import UNOCCLUDED_T00, rotate_y, rotation_matrix, unoccluded
-from relight.srgb import LINEAR, LUMINANCE, encode
 
 LIGHT = np.zeros((9, 3), np.float32)
 LIGHT[0], LIGHT[1], LIGHT[2], LIGHT[3] = (0.7, 0.75, 0.8), 0.2, (0.3, 0.25, 0.2), (0.2, 0.1, 0.0)

@@ -1,14 +1,14 @@
 """Clips as cameras and programs write them: colors, shape, times and sound are those that a player shows."""
 
+import struct
 from fractions import Fraction
-from types import SimpleNamespace
 
 import av
 import numpy as np
 import pytest
 
-from relight.errors import UserError
-from relight.photos.video import _upright, read_frames, write_video
+from relight.core.errors import UserError
+from relight.photos.video import read_frames, write_video
 
 PATCHES = np.array([[200, 60, 40], [40, 160, 60], [50, 80, 200], [128, 128, 128]])
 LUMA = {"601": (0.299, 0.114), "709": (0.2126, 0.0722), "2020": (0.2627, 0.0593)}  # of red and blue
@@ -116,21 +116,21 @@ def test_colors_are_those_of_the_picture(tmp_path, coding):
 @pytest.mark.parametrize(
     "matrix", [(1, 0, 0, 1), (0, 1, -1, 0), (-1, 0, 0, -1), (0, -1, 1, 0), (-1, 0, 0, 1), (0, 1, 1, 0)]
 )
-def test_frames_are_turned_and_mirrored_as_displayed(matrix):
+def test_frames_are_turned_and_mirrored_as_displayed(tmp_path, matrix):
     """The display matrix takes a point (x, y) to (a x + c y, b x + d y), up to a shift."""
     a, b, c, d = matrix
-    stored = np.arange(12).reshape(3, 4)
+    write(tmp_path / "a.mp4", np.kron(np.arange(12).reshape(3, 4, 1) / 12, np.ones((32, 32, 3))), tags=(1, 1, 1))
+    stored = next(read_frames(tmp_path / "a.mp4")[0]).pixels[16::32, 16::32, 0].astype(int)
     y, x = np.mgrid[:3, :4]
     across, down = a * x + c * y, b * x + d * y
     shown = np.empty((np.ptp(down) + 1, np.ptp(across) + 1), int)
     shown[down - down.min(), across - across.min()] = stored
-    data = np.array([a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30], np.int32)
-
-    class Data(bytes):
-        type = SimpleNamespace(name="DISPLAYMATRIX")
-
-    frame = SimpleNamespace(side_data=[Data(data.tobytes())])
-    np.testing.assert_array_equal(_upright(stored[..., None], frame)[..., 0], shown)
+    data = bytearray((tmp_path / "a.mp4").read_bytes())
+    place = data.index(b"tkhd") + 44  # of the matrix in ISO 14496-12, 8.3.2, version 0
+    data[place : place + 36] = struct.pack(">9i", a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30)
+    (tmp_path / "b.mp4").write_bytes(data)
+    turned = next(read_frames(tmp_path / "b.mp4")[0]).pixels
+    assert np.abs(turned[16::32, 16::32, 0].astype(int) - shown).max() <= 1
 
 
 def test_pixels_are_square(tmp_path):

@@ -8,10 +8,10 @@ from omegaconf import OmegaConf
 from scipy.spatial import cKDTree
 
 import relight
-from relight import srgb
-from relight.config import composed
+from relight.core import srgb
 from relight.photos.network import WEIGHTS
 from relight.photos.trust import ERROR
+from relight.settings import composed
 from relight.viewer.source import PORTRAIT_MASK
 
 

@@ -17,7 +17,7 @@ LOOP = """
 import sys, time
 sys.path.insert(0, sys.argv[1])
 import readers
-from relight.errors import UserError
+from relight.core.errors import UserError
 def most_memory():  # of this program alone, in kilobytes; getrusage would count the parent's before the exec
     try:
         status = open("/proc/self/status").read()

@@ -11,7 +11,7 @@ from pathlib import Path
 import atheris
 import readers
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 
 
 def main() -> None:

@@ -121,13 +121,13 @@ def encoded(image: Image.Image, kind: str, **options) -> bytes:
 
 def write_whole(folder: Path) -> dict[str, list[Path]]:
     """Files of each kind, by the name of the reader."""
-    from relight.config import Model
     from relight.learning.checkpoint import save_network
     from relight.learning.networks import build
     from relight.lights import Light, LightSet, write_light, write_light_set
     from relight.maps import Maps, pack_maps, write_left_out, write_maps
     from relight.meshes import Material, Mesh
     from relight.photos.write import write_picture
+    from relight.settings import Model
 
     rng = np.random.default_rng(0)
     found: dict[str, list[Path]] = {}

@@ -7,11 +7,11 @@ import sys
 import pytest
 from namespaces import mounted, namespaced
 
-from relight.config import ROOT
+from relight.settings import ROOT
 
 BARE = """
 import os
-from relight.processes import has_semaphores
+from relight.core.processes import has_semaphores
 assert not os.listdir("/sys") and not has_semaphores()
 from relight import cli
 from relight.lights.chain import parallel_map
@@ -37,7 +37,7 @@ def test_figures_are_made_in_this_process_where_others_cannot_share(tmp_path, mo
     from relight.figures import commands
 
     made = []
-    monkeypatch.setattr("relight.processes.has_semaphores", lambda: False)
+    monkeypatch.setattr("relight.core.processes.has_semaphores", lambda: False)
     monkeypatch.setattr(commands, "make_one", lambda task: made.append((os.getpid(), task[0])))
     monkeypatch.setattr(commands, "write_table", lambda folder: None)
     commands.figures(seeds="3-5", out=tmp_path, jobs=2)

@@ -16,9 +16,8 @@ import pytest
 import readers
 from namespaces import mounted, namespaced
 
-from relight.config import ROOT, Model
-from relight.errors import UserError
-from relight.files import atomic_write, system_errno
+from relight.core.errors import UserError
+from relight.core.files import atomic_write, system_errno
 from relight.learning.checkpoint import restore_state, save_network, save_state
 from relight.learning.networks import build
 from relight.lights import Light, write_light
@@ -26,6 +25,7 @@ from relight.maps import Maps, pack_maps, write_maps
 from relight.meshes import Material, Mesh, list_scans, read_mesh
 from relight.panoramas import list_panoramas, read_panorama
 from relight.photos.opening import list_photos
+from relight.settings import ROOT, Model
 
 SIZE = 32
 MODEL = Model(name="unet", width=0.1, norm="batch", dropout=0.0, order=1, albedo="clip", light_head="pooled",
@@ -166,7 +166,7 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 import os, subprocess, numpy as np
 from test_reliability_disk import writers
-from relight.errors import UserError
+from relight.core.errors import UserError
 inputs, place = Path(sys.argv[2]), Path(sys.argv[3])
 write, rng = writers(inputs), np.random.default_rng(1)
 def told(name, why):

@@ -16,13 +16,13 @@ from hypothesis import strategies as st
 from people import person
 from scipy.spatial.transform import Rotation
 
-from relight.config import Align, Model
 from relight.evaluation.scoring.statistics import compare, estimate
 from relight.figures.body.person import build_body, sample_person
 from relight.learning.color import shade
 from relight.learning.networks import build
 from relight.lights import load_light
 from relight.meshes import Material, Mesh, align
+from relight.settings import Align, Model
 from relight.sh import rotation_matrix
 from relight.transport import bake, bake_vertices
 

@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from readers import write_whole
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lights import load_light
 
 CASES = int(os.environ.get("RELIGHT_FUZZ", "320"))

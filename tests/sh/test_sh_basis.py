@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.special import sph_harm_y
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.sh import (
     basis,
     coefficient_count,

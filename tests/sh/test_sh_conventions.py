@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.sh import CONVENTIONS, from_relight, irradiance, to_relight
 from relight.sh.conventions import as_table
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.meshes import Material, Mesh
 from relight.sh import basis, unoccluded
 from relight.transport import Baker, bake

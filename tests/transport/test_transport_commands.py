@@ -6,7 +6,7 @@ import trimesh
 from PIL import Image
 from typer.testing import CliRunner
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.maps import read_maps
 from relight.transport.commands import app
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.config import ROOT
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lights import load_light, write_light
 from relight.maps import coefficient_names
 from relight.meshes import Material, Mesh, read_mesh
+from relight.settings import ROOT
 from relight.sh import basis, unoccluded
 from relight.transport import bake_vertices
 from relight.transport.bounce import MAX_EDGE

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.meshes import Material, Mesh
 from relight.sh import rotation_matrix, unoccluded
 from relight.transport import FRONTAL, Baker, View, bake, random_view, view_names

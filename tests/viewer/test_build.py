@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.maps import write_maps
 from relight.maps.octahedral import octahedral
 from relight.viewer.build import build_viewer

@@ -7,7 +7,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lights import load_light, write_light
 from relight.maps import write_left_out, write_maps
 from relight.photos.api import Relighter

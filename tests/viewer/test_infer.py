@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
+from relight.core.srgb import LINEAR, encode, to_bytes
 from relight.lights.place import STATISTICS, place_light
 from relight.photos.background import Background, estimate_white
 from relight.photos.color import chroma, clipping_excess
@@ -22,7 +23,6 @@ from relight.photos.network import PhotoNetwork
 from relight.photos.picture import Picture
 from relight.photos.render import estimate_foreground
 from relight.photos.scene import Scene
-from relight.srgb import LINEAR, encode, to_bytes
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import EXCESS_STEPS, QUALITIES, pack
 from relight.viewer.site import STUDIO

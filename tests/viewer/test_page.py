@@ -11,6 +11,7 @@ from PIL import Image
 from scipy.ndimage import binary_fill_holes, gaussian_filter
 from scipy.spatial.transform import Rotation
 
+from relight.core.srgb import LINEAR, decode, encode
 from relight.lights.load import key_light
 from relight.lights.place import place_light
 from relight.maps import Maps
@@ -22,7 +23,6 @@ from relight.photos.person import Person as Inferred
 from relight.photos.render import render
 from relight.photos.shading import exposure_factor, gain, shading, steady
 from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
-from relight.srgb import LINEAR, decode, encode
 from relight.viewer.build import build_viewer
 from relight.viewer.codec import encode as encode_planes
 from relight.viewer.figure import Figure

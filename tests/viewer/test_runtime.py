@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.viewer import runtime
 
 

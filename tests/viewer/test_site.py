@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.photos.network import read_network
 from relight.photos.scene import Scene
 from relight.viewer import runtime

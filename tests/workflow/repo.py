@@ -14,8 +14,8 @@ from pathlib import Path
 
 import psutil
 
-from relight.config import ROOT
-from relight.processes import end_with_parent
+from relight.core.processes import end_with_parent
+from relight.settings import ROOT
 
 LEFT = (
     "results",

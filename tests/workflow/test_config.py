@@ -7,12 +7,12 @@ from itertools import zip_longest
 import pytest
 from omegaconf import MISSING, OmegaConf
 
-from relight.config import Config, Loss, check, composed, presets, read_preset
-from relight.config.schema import AXES, EXPERIMENT, FIELDS
-from relight.config.setting import Setting, domain_in_words, setting, setting_of, type_in_words
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.meshes import axes
 from relight.panoramas.panorama import LAYOUTS
+from relight.settings import Config, Loss, check, composed, presets, read_preset
+from relight.settings.schema import AXES, EXPERIMENT, FIELDS
+from relight.settings.setting import Setting, domain_in_words, setting, setting_of, type_in_words
 
 # Presets that are composed together: the first of each group, then the second. Those of experiments compose one by one
 # in test_plan.py.

@@ -12,8 +12,8 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 
-from relight.config import ROOT
-from relight.libraries import LIBRARIES
+from relight.core.libraries import LIBRARIES
+from relight.settings import ROOT
 
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PROJECT = PYPROJECT["project"]

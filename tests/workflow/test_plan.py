@@ -11,12 +11,12 @@ from dataclasses import replace
 import pytest
 import yaml
 
-from relight.config import CONF, ROOT, Train
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lab.checks import check
 from relight.lab.plan import Plan
-from relight.lab.settings import compose_run, expand_sweep, from_config
+from relight.lab.record import compose_run, expand_sweep, from_config
 from relight.learning.train import learning_rate
+from relight.settings import CONF, ROOT, Train
 
 
 def plan_of(words: str, **rows: list[str]) -> Plan:

@@ -9,7 +9,7 @@ import psutil
 import pytest
 from repo import start
 
-from relight.config import ROOT
+from relight.settings import ROOT
 
 PATIENCE = 120  # seconds, which a slow machine has too; less than a stand-in sleeps
 
@@ -98,7 +98,7 @@ def test_a_job_whose_snakemake_is_gone_does_not_start():
 SCRIPT = """
 import os, sys
 from types import SimpleNamespace
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lab.job import job
 
 process = SimpleNamespace(config={"process": os.getppid()}, rule="bake", wildcards=["a b", ""], log=["x.log"])

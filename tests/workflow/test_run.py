@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lab import run as module
 from relight.lab.plan import Plan
-from relight.lab.settings import compose_run
+from relight.lab.record import compose_run
 
 
 @pytest.fixture

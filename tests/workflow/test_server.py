@@ -5,9 +5,9 @@ import socket
 
 import pytest
 
-from relight.config import Track
-from relight.errors import UserError
-from relight.tracking import server
+from relight.core.errors import UserError
+from relight.lab.tracking import server
+from relight.settings import Track
 
 
 @pytest.fixture

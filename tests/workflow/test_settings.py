@@ -9,9 +9,9 @@ import sys
 import pytest
 import yaml
 
-from relight.config import ROOT, composed, presets
-from relight.config.help import complete, overview
-from relight.config.schema import FIELDS
+from relight.settings import ROOT, composed, presets
+from relight.settings.help import complete, overview
+from relight.settings.schema import FIELDS
 
 
 def test_help_has_every_setting_with_its_value_and_description():

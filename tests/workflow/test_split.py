@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relight.config import Split
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.learning.split import is_seated, split_figures
+from relight.settings import Split
 
 NAMES = [f"f{i:02d}" for i in range(40)]
 SUBJECTS = [f"s{i // 4}" for i in range(40)]

@@ -21,15 +21,15 @@ import psutil
 import pytest
 from mlflow import MlflowClient
 
-from relight.config import ROOT, Model, Track
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lab.plan import Plan
-from relight.lab.settings import compose_run
+from relight.lab.record import compose_run
+from relight.lab.tracking import store
+from relight.lab.tracking.run import log_scores, training_run
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
-from relight.tracking import store
-from relight.tracking.run import log_scores, training_run
-from relight.training_name import COLORS
+from relight.learning.training_name import COLORS
+from relight.settings import ROOT, Model, Track
 
 URI = "sqlite:///mlflow.db"
 NETWORK = Model(
@@ -39,7 +39,7 @@ NETWORK = Model(
 WRITERS = 4
 TAGS = {"workflow": "demo", "experiment": "table1, table2"}
 FORKS = multiprocessing.get_context("forkserver")  # to import MLflow once for all writers
-FORKS.set_forkserver_preload(["mlflow", "mlflow.store.tracking.sqlalchemy_store", "relight.tracking.run"])
+FORKS.set_forkserver_preload(["mlflow", "mlflow.store.tracking.sqlalchemy_store", "relight.lab.tracking.run"])
 HAS_POSTGRES = pytest.mark.skipif(
     not (shutil.which("initdb") and find_spec("psycopg2")), reason="there is no PostgreSQL, or no psycopg2"
 )

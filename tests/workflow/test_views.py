@@ -8,17 +8,17 @@ import pytest
 from omegaconf import OmegaConf
 from people import person
 
-from relight.config import composed
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.evaluation.scoring.evaluate import Condition, select_pairs
 from relight.lab.data import pack, split
 from relight.lab.figures import bake, left_out
 from relight.lab.plan import Plan
-from relight.lab.settings import compose_run
+from relight.lab.record import compose_run
 from relight.learning.data import RelitSet
 from relight.learning.train import select_training_data
 from relight.maps import PackedMaps, read_info, read_maps
 from relight.meshes import Material, Mesh, align
+from relight.settings import composed
 from relight.transport import random_view
 
 FIGURES = ("ann", "bob", "eve")

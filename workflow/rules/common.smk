@@ -13,12 +13,12 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 
 from snakemake.exceptions import WorkflowError
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.lab.checks import check
 from relight.lab.code import code_hash, save_cache
 from relight.lab.plan import Plan, safe
 from relight.lab.run import hold
-from relight.lab.settings import from_config
+from relight.lab.record import from_config
 
 try:
     PLAN = Plan(from_config(config))

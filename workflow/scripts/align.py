@@ -1,10 +1,10 @@
 from pathlib import Path
 
-from relight.config import Align
+from relight.core.progress import progress
 from relight.lab.figures import transform
 from relight.lab.job import job
 from relight.meshes import align
-from relight.progress import progress
+from relight.settings import Align
 
 with job(snakemake):
     settings = Align(**snakemake.params.align)

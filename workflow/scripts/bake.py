@@ -1,9 +1,9 @@
 from pathlib import Path
 
-from relight.config import Bake
+from relight.core.progress import progress
 from relight.lab.figures import bake
 from relight.lab.job import job
-from relight.progress import progress
+from relight.settings import Bake
 
 with job(snakemake):
     settings = Bake(**snakemake.params.bake)

@@ -1,10 +1,10 @@
 from pathlib import Path
 
-from relight.config import Clean
+from relight.core.progress import progress
 from relight.lab.figures import transform
 from relight.lab.job import job
 from relight.meshes import clean
-from relight.progress import progress
+from relight.settings import Clean
 
 with job(snakemake):
     settings = Clean(**snakemake.params.clean)

@@ -1,9 +1,9 @@
 from pathlib import Path
 
-from relight.config import Figures
+from relight.core.progress import progress
 from relight.lab.figures import draw
 from relight.lab.job import job
-from relight.progress import progress
+from relight.settings import Figures
 
 with job(snakemake):
     settings = Figures(**snakemake.params.figures)

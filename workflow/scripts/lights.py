@@ -1,10 +1,10 @@
 import json
 from pathlib import Path
 
-from relight.config import Lights, Panoramas
-from relight.files import atomic_write
+from relight.core.files import atomic_write
 from relight.lab.job import job
 from relight.lights import build_light_set, write_light_set
+from relight.settings import Lights, Panoramas
 
 with job(snakemake):
     given = snakemake.params

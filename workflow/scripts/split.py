@@ -1,8 +1,8 @@
 from pathlib import Path
 
-from relight.config import Split
 from relight.lab.data import split
 from relight.lab.job import job
+from relight.settings import Split
 
 with job(snakemake):
     settings = Split(**{**snakemake.params.split, "kind": snakemake.wildcards.kind})

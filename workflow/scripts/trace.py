@@ -1,8 +1,8 @@
 from pathlib import Path
 
-from relight.config import Panoramas, Trace
 from relight.evaluation.experiments.tracing import trace
 from relight.lab.job import job
+from relight.settings import Panoramas, Trace
 
 with job(snakemake):
     given, settings = snakemake.input, snakemake.params

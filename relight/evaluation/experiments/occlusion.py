@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
+from relight.core.progress import progress
 from relight.evaluation.pictures.charts import chart
 from relight.evaluation.scoring.paper import IMPLIED_AO, IMPLIED_LOST
 from relight.evaluation.scoring.scores import read_table
-from relight.files import atomic_write
 from relight.maps import LeftOut, Maps, read_maps
-from relight.progress import progress
 from relight.sh import order_of, unoccluded
 
 DARK = 0.5  # ambient occlusion, limit of deep shade

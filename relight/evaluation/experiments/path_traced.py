@@ -21,16 +21,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
+from relight.core.progress import progress
 from relight.evaluation.experiments.tracing import Scene, read_scenes
 from relight.evaluation.pictures.panels import PLATE_FIGURES, Cell, Line, Subject, draw, evenly_spaced
 from relight.evaluation.scoring.evaluate import infer, load, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
 from relight.evaluation.scoring.truth import Inferred, Truth
-from relight.files import atomic_write
 from relight.learning.data import RelitSet
-from relight.progress import progress
 from relight.sh import order_of, unoccluded
 
 CAUSES = {

@@ -11,17 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from relight import config
-from relight.errors import UserError
+from relight import settings as config
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
+from relight.core.npz import read_npz
+from relight.core.progress import progress
 from relight.evaluation.pictures.panels import evenly_spaced
 from relight.evaluation.scoring.evaluate import pixels, select_pairs
-from relight.files import atomic_write
 from relight.learning.data import RelitSet
 from relight.lights import LightSet, read_light_set
 from relight.meshes import Mesh
-from relight.npz import read_npz
 from relight.panoramas import Panorama
-from relight.progress import progress
 from relight.sh import basis, order_of
 from relight.transport import PathTracer
 from relight.transport.tracer import block_means, sky_directions, sky_weights

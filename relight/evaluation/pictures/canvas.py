@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from relight.files import atomic_write
+from relight.core.files import atomic_write
 from relight.lights import lit_ball
 from relight.maps.square import extent
 from relight.sh import unoccluded

@@ -12,13 +12,13 @@ import numpy as np
 from matplotlib.figure import Figure  # no pyplot: no windows, nothing global
 from matplotlib.ticker import LogFormatter, MaxNLocator
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
 from relight.evaluation.scoring.labels import label, title
 from relight.evaluation.scoring.scores import read_table
 from relight.evaluation.scoring.statistics import Estimate
 from relight.evaluation.scoring.tables import Table
-from relight.files import atomic_write
-from relight.training_name import COLORS, TrainingName
+from relight.learning.training_name import COLORS, TrainingName
 
 STYLES = ("-", "--", ":", "-.")  # for more rows than colors
 GREY = "#9a9a9e"  # of baselines

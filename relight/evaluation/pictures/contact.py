@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.progress import progress
+from relight.core.srgb import encode
 from relight.evaluation.pictures.canvas import CELL, FAINT, WHITE_PERCENTILE, Canvas, ball, bounding_box, composite
 from relight.evaluation.scoring.metrics import shade
 from relight.lights import measure
 from relight.maps import LeftOut, Maps, read_info, read_maps
 from relight.maps.square import fill_outside
-from relight.progress import progress
-from relight.srgb import encode
 
 VIEWS = ("lit", "albedo", "normal", "AO", "shading")
 CELL_HEIGHT = 240  # pixels

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from relight.core.progress import progress
+from relight.core.srgb import encode
 from relight.evaluation.pictures.canvas import (
     FAINT,
     WHITE_PERCENTILE,
@@ -23,8 +25,6 @@ from relight.evaluation.scoring.metrics import shade
 from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.truth import Inferred, Truth
 from relight.learning.data import RelitSet
-from relight.progress import progress
-from relight.srgb import encode
 
 COLUMNS = (
     "picture",

@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 
 from markupsafe import Markup
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
 from relight.evaluation.report import data, own, page, sections
 from relight.evaluation.report.formats import TextTable
 from relight.evaluation.report.provenance import command, costs, provenance
@@ -17,7 +18,6 @@ from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import compare_rows
 from relight.evaluation.scoring.paper import CITATION, CONTENTS
 from relight.evaluation.scoring.tables import PRINTED, Table
-from relight.files import atomic_write
 
 T = TypeVar("T")
 MIN_FIGURES = 5  # test figures, with fewer of which the first lines of the page draw no conclusion

@@ -13,12 +13,12 @@ import numpy as np
 import pandas as pd
 from markupsafe import escape
 
+from relight.core.files import atomic_write
 from relight.evaluation.scoring.comparisons import Comparison, Verdict
 from relight.evaluation.scoring.labels import column_label, label, quantity_label
 from relight.evaluation.scoring.statistics import Estimate
 from relight.evaluation.scoring.tables import Table
 from relight.evaluation.scoring.truth import COLUMNS, READINGS
-from relight.files import atomic_write
 
 SIGNS = {Verdict.BETTER: "✓", Verdict.WORSE: "✗", Verdict.EQUIVALENT: "≈", Verdict.OPEN: "?"}
 LATEX: dict[str | int, str | int | None] = {

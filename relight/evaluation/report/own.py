@@ -20,7 +20,7 @@ from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.scores import gather, read_table
 from relight.evaluation.scoring.statistics import estimate
 from relight.evaluation.scoring.tables import estimates
-from relight.training_name import TrainingName
+from relight.learning.training_name import TrainingName
 
 Numbers = dict[str, Any]
 # What light transfer compares for each network: two predictors, whose names follow that of the network.

@@ -11,13 +11,13 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 from PIL import Image
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.files import existing_file
+from relight.core.progress import duration
 from relight.evaluation.report import formats
 from relight.evaluation.scoring.comparisons import MARGIN, Verdict
 from relight.evaluation.scoring.labels import column_label, label
 from relight.evaluation.scoring.statistics import ALPHA
-from relight.files import existing_file
-from relight.progress import duration
 
 TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
 LARGE = 400_000  # bytes; larger PNGs are embedded as JPEGs of the same size in pixels

@@ -10,9 +10,9 @@ import pandas as pd
 import psutil
 import yaml
 
-from relight import __version__
-from relight.config import ROOT
-from relight.processes import count_cores, git
+from relight.core.processes import count_cores, git
+from relight.core.version import __version__
+from relight.settings import ROOT
 
 
 def provenance(folder: Path) -> dict[str, Any]:

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import yaml
 
-from relight.config import flat
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.files import existing_file
 from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.tables import Rows, Table, columns_of, experiment_table
-from relight.files import existing_file
-from relight.training_name import TrainingName
+from relight.learning.training_name import TrainingName
+from relight.settings import flat
 
 
 class Results:
@@ -26,7 +26,8 @@ class Results:
 
     Attributes:
         folder: results/<name>.
-        experiments: name -> fields of `config.Experiment`, `trainings` and files (`relight.lab.plan.Plan.described`).
+        experiments: name -> fields of `relight.settings.Experiment`, `trainings` and files
+            (`relight.lab.plan.Plan.described`).
     """
 
     def __init__(self, folder: Path, experiments: dict[str, dict[str, Any]]):

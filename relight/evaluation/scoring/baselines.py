@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.evaluation.scoring.evaluate import Condition, Predictor, pixel_rows, pixels, truth, write_all_scores
 from relight.evaluation.scoring.truth import Inferred
 from relight.learning.data import RelitSet, read_split

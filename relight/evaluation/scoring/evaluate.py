@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from relight.config.schema import PARTS, SCORED_LIGHTS, Loss, fields_by_key
-from relight.config.setting import setting_of
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.progress import progress
+from relight.core.srgb import decode
 from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.evaluation.scoring.truth import Inferred, Truth
 from relight.learning.checkpoint import load_network
@@ -19,9 +19,9 @@ from relight.learning.data import RelitSet, choose_device, read_split
 from relight.learning.harmonics import unoccluded
 from relight.learning.networks import Network
 from relight.maps import Maps
-from relight.progress import progress
+from relight.settings.schema import PARTS, SCORED_LIGHTS, Loss, fields_by_key
+from relight.settings.setting import setting_of
 from relight.sh import UNOCCLUDED_T00, coefficient_count
-from relight.srgb import decode
 
 BATCH_PIXELS = 2**20  # largest number of pixels of the images in a batch
 
@@ -222,5 +222,7 @@ def inferred_maps(network: Network, data: RelitSet, light: int, true: Maps) -> M
     if inferred.albedo is not None:
         coded = np.clip(inferred.albedo[0], 0, 1)
         values["albedo"] = decode(coded) if data.color == "paper" else coded
-    images = {name: dense(array, pixels(data, int(figure)), data.size) for name, array in values.items()}
+    images: dict[str, Any] = {
+        name: dense(array, pixels(data, int(figure)), data.size) for name, array in values.items()
+    }
     return replace(true, **{**images, "ao": images["ao"][..., 0]}, bounced=None)

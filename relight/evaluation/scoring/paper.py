@@ -3,7 +3,7 @@
 The values were measured by its authors, on scanned figures that are not public, at 1024 px, without intervals.
 """
 
-from relight.config.schema import QUANTITIES
+from relight.settings.schema import QUANTITIES
 
 CITATION = {
     "authors": "Yoshihiro Kanamori and Yuki Endo",

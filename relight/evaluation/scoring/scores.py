@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.core.files import atomic_write, existing_file
 from relight.evaluation.scoring.truth import in_order
-from relight.files import atomic_write, existing_file
-from relight.training_name import TrainingName
+from relight.learning.training_name import TrainingName
 
 KEYS = ["predictor", "figure", "light"]
 

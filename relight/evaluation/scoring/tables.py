@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from relight.config.schema import QUANTITIES
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores
 from relight.evaluation.scoring.statistics import Estimate, compare, estimate, holm, pooled_spread
 from relight.evaluation.scoring.truth import COLUMNS, READINGS, in_order, sign
+from relight.settings.schema import QUANTITIES
 
 
 def columns_of(*quantities: str) -> tuple[str, ...]:
@@ -144,8 +144,8 @@ def estimates(rows: Rows, column: str, pool: Rows, fixed: Iterable[str] = ()) ->
 
     def values(trainings: list[Scores]) -> np.ndarray | None:
         """Returns the scores (S,F,L), or None if a training lacks the column."""
-        given = [scores.columns.get(column) for scores in trainings]
-        return None if any(one is None for one in given) else np.stack(given)
+        given = [scores.columns[column] for scores in trainings if column in scores.columns]
+        return np.stack(given) if len(given) == len(trainings) else None
 
     spread = pooled_spread([given for trainings in pool.values() if (given := values(trainings)) is not None])
     estimated = {}

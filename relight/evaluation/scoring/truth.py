@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.evaluation.scoring.metrics import WINDOW, MaskBox, contrast, explained_variance, rmse, shade, ssim
 from relight.lights.show import unoccluded_ball
 from relight.sh import order_of

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 
 BODY = slice(0, 13380)
 EYES = {"L": slice(14598, 14670), "R": slice(14670, 14742)}

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import yaml
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 
 T = TypeVar("T")
 FOLDER = Path(__file__).parent

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Literal
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.figures.catalogue.schema import entries
 from relight.figures.cloth.solver import Cloth
 from relight.figures.tailor.fabrics import Fabric

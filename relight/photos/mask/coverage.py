@@ -4,7 +4,7 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 
 GREY = 24  # largest difference of channels that a coder leaves in a grey mask
 FULL = 128  # least largest value of a mask that is no map of labels

@@ -14,8 +14,8 @@ from functools import reduce
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
+from relight.core.srgb import to_linear
 from relight.maps.square import MASK_THRESHOLD, extent
-from relight.srgb import to_linear
 
 CELLS = 400  # along the longer side of the people's box, of 2 pixels or more; one or two along the edge are unsure
 SURE = 13  # codes from 0 and 255 within which coverage is none and all

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageOps
 
-from relight.errors import UserError
-from relight.files import existing_file
+from relight.core.errors import UserError
+from relight.core.files import existing_file
 from relight.maps.square import MASK_THRESHOLD
 from relight.photos.mask import selfie, u2net
 from relight.photos.mask.coverage import WANTED, coverage_of

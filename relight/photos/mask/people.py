@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import distance_transform_edt, label
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 from relight.maps.square import MASK_THRESHOLD, extent
 
 MIN_SIZE = 8  # pixels; a person smaller than this in both directions is dirt

@@ -19,8 +19,8 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, label, uniform_filter
 
-from relight.errors import UserError
-from relight.files import atomic_write, data_folder, existing_file
+from relight.core.errors import UserError
+from relight.core.files import atomic_write, data_folder, existing_file
 from relight.maps.square import extent
 from relight.photos.network import open_session
 

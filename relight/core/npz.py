@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.errors import UserError
-from relight.files import existing_file
+from relight.core.errors import UserError
+from relight.core.files import existing_file
 
 MAX_BYTES = 8 << 30  # total size of the arrays of an archive, which can be far larger than the file
 

@@ -4,9 +4,9 @@ import os
 import socket
 import sys
 
-from relight.config import ROOT, Track
-from relight.errors import UserError
-from relight.tracking.store import connect
+from relight.core.errors import UserError
+from relight.lab.tracking.store import connect
+from relight.settings import ROOT, Track
 
 # The list of runs beside their curves; without a type MLflow's pages are for language models.
 VIEW = "?workflowType=machine_learning&compareRunsMode=CHART&orderByKey=attributes.start_time&orderByAsc=false"

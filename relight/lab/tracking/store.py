@@ -12,9 +12,9 @@ from pathlib import Path
 from urllib.parse import urlparse
 from urllib.request import url2pathname
 
-from relight.config import Track
-from relight.errors import UserError
-from relight.files import atomic_write
+from relight.core.errors import UserError
+from relight.core.files import atomic_write
+from relight.settings import Track
 
 SQLITE = "sqlite:///"
 LOCK = Path(".mlflow.lock")

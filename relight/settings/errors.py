@@ -6,9 +6,9 @@ import yaml
 from hydra.errors import MissingConfigException, OverrideParseException
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
-from relight.config.checks import no_choice, no_such
-from relight.config.schema import field_of
-from relight.config.setting import type_in_words
+from relight.settings.checks import no_choice, no_such
+from relight.settings.schema import field_of
+from relight.settings.setting import type_in_words
 
 
 def explain(error: Exception, groups: Iterable[str]) -> str:

@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 
 # With the Debian package of each, and then those of what it links to.
 LIBRARIES = {

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from relight import __version__
-from relight.config import Track, flat
-from relight.files import file_hash
-from relight.tracking.store import connect, find_run, warn
-from relight.training_name import COLORS, TrainingName
+from relight.core.files import file_hash
+from relight.core.version import __version__
+from relight.lab.tracking.store import connect, find_run, warn
+from relight.learning.training_name import COLORS, TrainingName
+from relight.settings import Track, flat
 
 NOTE = """\
 Losses are means over the steps since the last point, and those of the validation over figures and lights that are \

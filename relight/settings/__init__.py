@@ -1,8 +1,8 @@
 """Settings: their schema, composition from conf/, and checks."""
 
-from relight.config.checks import MAX_NAME_LENGTH, check, check_name
-from relight.config.composition import CONF, IS_CLONE, ROOT, composed, flat, presets, read_preset, resolved
-from relight.config.schema import (
+from relight.settings.checks import MAX_NAME_LENGTH, check, check_name
+from relight.settings.composition import CONF, IS_CLONE, ROOT, composed, flat, presets, read_preset, resolved
+from relight.settings.schema import (
     NO_AUGMENTATION,
     STRENGTHS,
     Align,

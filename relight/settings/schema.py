@@ -5,7 +5,7 @@ from dataclasses import Field, dataclass, field, fields, is_dataclass
 from typing import Any
 
 from relight import extensions
-from relight.config.setting import setting
+from relight.settings.setting import setting
 
 DEVICES = ("auto", "cpu", "cuda")
 PARTS = ("test", "sitting", "views")  # parts of the split that can be scored

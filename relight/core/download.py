@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from http.client import HTTPException
 from pathlib import Path
 
-from relight.errors import UserError
-from relight.files import existing_file
+from relight.core.errors import UserError
+from relight.core.files import existing_file
 
 REGISTRY = "https://registry.npmjs.org"
 TIMEOUT = 60  # seconds without an answer of the registry

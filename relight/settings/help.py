@@ -4,9 +4,9 @@ import textwrap
 
 from omegaconf import DictConfig
 
-from relight.config.composition import presets
-from relight.config.schema import FIELDS, Config
-from relight.config.setting import domain_in_words, setting_of
+from relight.settings.composition import presets
+from relight.settings.schema import FIELDS, Config
+from relight.settings.setting import domain_in_words, setting_of
 
 WIDTH = 110  # characters of a line
 INDENT = 40  # characters before descriptions

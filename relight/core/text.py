@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from relight.errors import UserError
+from relight.core.errors import UserError
 
 # In the order in which they are tried. Any bytes are text in Latin-1.
 CODE_PAGES = ("utf-8", "cp1252", "gb18030", "cp932", "big5", "cp949", "cp1251", "cp1250", "latin-1")

@@ -9,9 +9,9 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from relight import extensions
-from relight.config.schema import BASELINES, EXPERIMENT, FIELDS, QUANTITIES, STRENGTHS
-from relight.config.setting import domain_in_words, setting_of
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.settings.schema import BASELINES, EXPERIMENT, FIELDS, QUANTITIES, STRENGTHS
+from relight.settings.setting import domain_in_words, setting_of
 
 # The settings, or groups, that a source does not read; scales and experiments may set them all the same. Extensions may
 # read all, and `figures.outfits` and `figures.shading`, with which a user undoes an experiment, are checked by value.

@@ -11,9 +11,9 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from relight.config import CONF, MAX_NAME_LENGTH, Experiment, check_name, composed, flat
-from relight.config.composition import quoted
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.settings import CONF, MAX_NAME_LENGTH, Experiment, check_name, composed, flat
+from relight.settings.composition import quoted
 
 ROW_GROUPS = ("model", "loss", "train", "augment", "split", "track")  # that rows may change; of the split its kind
 Record = dict[str, Any]

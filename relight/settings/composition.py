@@ -9,10 +9,10 @@ import yaml
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from relight.config.checks import check, no_choice
-from relight.config.schema import FIELDS, Config
-from relight.config.setting import setting_of
-from relight.errors import UserError
+from relight.core.errors import UserError
+from relight.settings.checks import check, no_choice
+from relight.settings.schema import FIELDS, Config
+from relight.settings.setting import setting_of
 
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
@@ -41,7 +41,7 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
     from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
 
-    from relight.config.errors import explain
+    from relight.settings.errors import explain
 
     if not CONF.is_dir():
         raise UserError(f"there is no folder {CONF}: the workflow and its stages run from a clone of the repository")
