@@ -130,7 +130,7 @@ rule report:
         ),
         charts=expand(
             f"{OUT}/report/{{chart}}.png",
-            chart=["errors", "curves"] if PLAN.tables else [],
+            chart=["curves"] if PLAN.tables else [],
         ),
     log:
         f"{OUT}/log/report.log",
