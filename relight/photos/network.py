@@ -1,6 +1,7 @@
 """The network for photos as one graph, an .onnx file that onnxruntime runs: relighting a photo needs no torch."""
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -98,8 +99,11 @@ def open_session(path: Path, threads: int = 0) -> Any:
     Raises:
         UserError: if it is damaged, or of a version that onnxruntime does not know.
     """
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which writes an id and a database of events
     import onnxruntime
 
+    if hasattr(onnxruntime, "disable_telemetry_events"):  # where another program has imported it
+        onnxruntime.disable_telemetry_events()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.log_severity_level = 4  # fatal errors only
