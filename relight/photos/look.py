@@ -69,7 +69,7 @@ class Look:
         self.light, self.windowed = _read_light(light)
         if self.light is None and self.background.picture is not None:
             self.light = estimated(self.background.picture, self.background.name).checked()
-        if self.background.kind == "panorama":
+        if self.background.kind == "panorama" and self.background.panorama is None:
             panorama = self.light.panorama if self.light else None
             if panorama is None:
                 raise UserError(
@@ -110,8 +110,8 @@ def _read_light(given: LightGiven) -> tuple[Light | None, bool]:
         return checked, not is_of_person(given.source)
     if isinstance(given, Sequence) and given and all(isinstance(part, Light | str | Path) for part in given):
         parts = [light for light, _ in map(_read_light, given) if light is not None]
-        order = max(part.order for part in parts)
-        return total(
-            [part.at_order(order) for part in parts], " + ".join(part.source for part in parts)
-        ).checked(), True
+        if not parts:
+            return None, True
+        order, source = max(part.order for part in parts), " + ".join(part.source for part in parts)
+        return total([part.at_order(order) for part in parts], source).checked(), True
     return Light(as_table(given, "the light"), "the light").checked(), False

@@ -216,7 +216,7 @@ def test_a_state_that_is_damaged_begins_anew(tmp_path):
 
 
 def test_a_cache_that_cannot_be_written_is_kept_here(monkeypatch, tmp_path):
-    from relight import run
+    from relight.lab import run
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     assert run.cache_environment() == {} and not (tmp_path / "cache").exists()
