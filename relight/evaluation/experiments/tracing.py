@@ -149,14 +149,14 @@ def sky_of(table: LightSet, row: int, panoramas: config.Panoramas) -> np.ndarray
     """Returns the panorama of a row of a light set, rotated and scaled like it: (H,W,3), at `sky_directions`."""
     from relight.panoramas.lookup import lookup
 
-    panorama = _panorama_of(str(table.source[row]), float(table.yaw[row]), panoramas)
+    panorama = panorama_of(str(table.source[row]), float(table.yaw[row]), panoramas)
     # Means over each texel's area, since lamps of a room can be smaller than a texel.
     shifts = (np.arange(TEXEL_SAMPLES) + 0.5) / TEXEL_SAMPLES - 0.5
     radiance = np.mean([lookup(panorama, sky_directions(down, right)) for down in shifts for right in shifts], 0)
     return radiance.astype(np.float64) * float(table.scale[row])
 
 
-def _panorama_of(source: str, yaw: float, panoramas: config.Panoramas) -> Panorama:
+def panorama_of(source: str, yaw: float, panoramas: config.Panoramas) -> Panorama:
     """Returns the panorama of a light by its source, a file or kind:seed. Raises UserError if it is of another kind."""
     from relight.lights.chain import GENERATORS, read_from_folder
 
