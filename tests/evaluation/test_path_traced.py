@@ -25,7 +25,7 @@ from relight.sh import basis, unoccluded
 from relight.transport import bake
 from relight.transport.tracer import sky_directions, sky_weights
 
-GENERATED = Panoramas("generated", None, 3, 0, "auto", True, 1)
+GENERATED = Panoramas("generated", None, 3, 0, 0, "auto", True, True)
 
 
 @pytest.fixture(scope="module")

@@ -55,7 +55,7 @@ def test_upside_down_is_applied_everywhere(tmp_path):
     out = tmp_path / "a.json"
     assert CliRunner().invoke(app, [str(path), "--upside-down", "-o", str(out)]).exit_code == 0
     np.testing.assert_allclose(load_light(out).coefficients, expected, rtol=1e-6)
-    folder = Panoramas("folder", str(tmp_path), 0, 0, "auto", False, upside_down=True)
+    folder = Panoramas("folder", str(tmp_path), 0, 0, 0, "auto", False, upside_down=True)
     np.testing.assert_allclose(file_light("a.pfm", folder, 2)[0], expected, rtol=1e-6)
     np.testing.assert_allclose(project(panorama_of("a.pfm", 0.0, folder)), expected, rtol=1e-6)
 
