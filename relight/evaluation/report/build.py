@@ -52,7 +52,7 @@ def build_report(name: str, experiments: dict[str, dict[str, Any]], folder: Path
         UserError: if no section could be made.
     """
     results = Results(folder, experiments)
-    _remove_outdated(results)
+    remove_outdated(results)
     parts = []
     if _has_printed_tables(results):
         parts.append(_make("what-came-out", "What came out", "summary.md", lambda: sections.summary(results)))
@@ -79,7 +79,7 @@ def _has_printed_tables(results: Results) -> bool:
     return not set(PRINTED).isdisjoint(results.tables)
 
 
-def _remove_outdated(results: Results) -> None:
+def remove_outdated(results: Results) -> None:
     """Removes the tables and pictures of earlier runs with other experiments if the data set has changed since."""
     data = [results.folder / name for name in ("packed.safetensors", "lights/lights.npz")]
     changed = max((path.stat().st_mtime for path in data if path.exists()), default=0)
