@@ -28,7 +28,7 @@ from relight.core.errors import UserError
 from relight.learning.checkpoint import load_network, save_network
 from relight.learning.networks import build
 from relight.lights import load_light
-from relight.lab.figures import draw
+from relight.figures.draw import draw
 from omegaconf import OmegaConf
 
 config = resolved(composed(["scale=smoke", "model.name=mine", "+loss.extra.mine=0.5", "figures.source=mine"]))

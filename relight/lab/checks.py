@@ -33,13 +33,11 @@ def check_figures(plan: Plan) -> None:
 
 def _files(plan: Plan) -> Iterator[str]:
     """Yields messages about the user's files."""
-    for key in ("align.table", "lights.veto"):
-        group, name = key.split(".")
-        if path := plan.shared[group][name]:
-            existing_file(path, key)
+    named = {"align.table": plan.shared["align"]["table"], "lights.veto": plan.shared["lights"]["veto"]}
+    files = [existing_file(path, key) for key, path in named.items() if path]
+    files += [*map(Path, plan.panoramas + plan.table), *(scan.path for scan in plan.scans.values())]
     limit = time.time() + MAX_CLOCK_SKEW
-    named = [path for paths in plan.user_files.values() for path in paths]
-    for path in (*map(Path, named + plan.table), *(scan.path for scan in plan.scans.values())):
+    for path in files:
         if path.exists() and path.stat().st_mtime > limit:  # Snakemake ends a job whose outputs are older
             yield f"{path} is dated in the future: correct this machine's clock, or `touch` the file"
 

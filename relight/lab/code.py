@@ -2,41 +2,35 @@
 
 import ast
 import hashlib
-import json
+import re
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from relight import extensions
-from relight.core.errors import UserError
-from relight.core.files import atomic_write
 from relight.settings import ROOT
 
-PACKAGE = "relight"
 # Modules on which no result depends: settings, whose values are recorded, messages, records and the start of processes.
 WITHOUT_RESULTS = (
     "cli", "core.errors", "core.files", "core.lazy", "core.libraries", "core.processes", "core.progress",
     "core.version", "lab.job", "lab.tracking", "settings",
 )  # fmt: skip
 SCRIPTS = ROOT / "workflow" / "scripts"
-CACHE = Path(".snakemake", "relight.code.json")
 
 
 class Source(NamedTuple):
-    """What counts of a file: a hash of its content without comments, and the modules of relight that it imports."""
+    """What counts of a file: a hash of it, and the files of relight that it imports or finds in its folder."""
 
     hash: str
-    imports: list[str]
+    uses: list[Path]
 
 
 def code_hash(rule: str, names: Iterable[str] = ()) -> str:
-    """Returns a hash of the code of a rule: the modules of relight that its script imports, and their data.
+    """Returns a hash of the code of a rule: its script, the modules of relight that it imports, and their data.
 
-    Comments, docstrings and the layout do not count, nor does the code of other packages. The text of the script is a
-    trigger of Snakemake's own.
+    Comments, docstrings and the layout do not count, nor does the code of other packages.
 
     Args:
         rule: name of a script in workflow/scripts.
@@ -45,88 +39,44 @@ def code_hash(rule: str, names: Iterable[str] = ()) -> str:
     Returns:
         16 hexadecimal digits.
     """
-    modules = closure(source(SCRIPTS / f"{rule}.py").imports)
-    files = {file for module in modules for file in files_of(module)}
-    files |= {file for name in {*names} & {*extensions.names()} if (file := extension_file(name))}
-    digest = hashlib.sha256()
-    for name, content in sorted((file.name, source(file).hash) for file in files):  # the same in every folder
-        digest.update(f"{name}\0{content}\0".encode())
-    return digest.hexdigest()[:16]
+    extended = filter(None, map(extension_file, sorted({*names} & {*extensions.names()})))
+    hashes = sorted((file.name, source(file).hash) for file in closure([SCRIPTS / f"{rule}.py", *extended]))
+    return hashlib.sha256(repr(hashes).encode()).hexdigest()[:16]  # without folders: the same in every clone
 
 
-def closure(names: Iterable[str]) -> set[str]:
-    """Returns modules and all modules of relight that they import, also inside functions or through other modules.
-
-    Those WITHOUT_RESULTS are left out, with what only they import. `names` are full: relight.transport.baker.
-    """
-    modules: set[str] = set()
-    pending = [*names]
+def closure(files: Iterable[Path]) -> set[Path]:
+    """Returns files with all files of relight that they use, also inside functions or through other modules."""
+    found: set[Path] = set()
+    pending = [*files]
     while pending:
-        module = pending.pop()
-        path = path_of(module)
-        if path and module not in modules and not _has_no_results(module):
-            modules.add(module)
-            pending.extend(source(path).imports)
-    return modules
-
-
-def _has_no_results(module: str) -> bool:
-    """Returns whether no result depends on a module: the package itself, and WITHOUT_RESULTS with their submodules."""
-    return module == PACKAGE or any(f"{module}.".startswith(f"{PACKAGE}.{name}.") for name in WITHOUT_RESULTS)
+        file = pending.pop()
+        if file not in found:
+            found.add(file)
+            pending += source(file).uses
+    return found
 
 
 @cache
 def source(path: Path) -> Source:
-    """Returns what counts of a file, from the cache unless the file has changed, since parsing 250 files takes seconds.
-
-    Args:
-        path: a Python file, or data, all of whose bytes count.
-    """
-    entries, key = cached(), str(path)
-    state = [path.stat().st_mtime_ns, path.stat().st_size]
-    if key in entries:
-        known_state, content_hash, modules = entries[key]
-        if known_state == state:
-            return Source(content_hash, modules)
-    content, modules = path.read_bytes(), []
-    if path.suffix == ".py":
-        modules = sorted(set(_imported(ast.parse(content))))
-        content = without_comments(content.decode()).encode()
-    content_hash = hashlib.sha256(content).hexdigest()
-    entries[key] = [state, content_hash, modules]
-    return Source(content_hash, modules)
-
-
-@cache
-def cached() -> dict[str, list[Any]]:
-    """Reads the cache of `source`, once; `source` adds to the same dictionary, and `save_cache` writes it.
-
-    Returns:
-        path of a file -> [[date in ns, size in bytes], hash, imported modules]; empty if there is no cache or it is
-        damaged.
-    """
-    with suppress(OSError, ValueError):
-        if isinstance(entries := json.loads((ROOT / CACHE).read_text()), dict):
-            return entries
-    return {}
-
-
-def save_cache() -> None:
-    """Writes the cache of `source`, where its folder exists and can be written."""
-    if (ROOT / CACHE).parent.is_dir():
-        with suppress(UserError), atomic_write(ROOT / CACHE) as tmp:
-            tmp.write_text(json.dumps(cached()))
+    """Returns what counts of a Python file, or of data, all of whose bytes count."""
+    content = path.read_bytes()
+    if path.suffix != ".py":
+        return Source(hashlib.sha256(content).hexdigest(), [])
+    tree = ast.parse(content)
+    modules = filter(None, map(path_of, _imported(tree)))
+    code = ast.dump(without_docstrings(tree)).encode()
+    return Source(hashlib.sha256(code).hexdigest(), [*modules, *_data(path.parent)])
 
 
 def _imported(tree: ast.AST) -> Iterator[str]:
-    """Yields the full names of the modules of relight that code imports, except imports for type checkers only."""
+    """Yields the full names of all that code imports for a result, so not for type checkers."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING"):
             continue
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names if alias.name.split(".")[0] == PACKAGE)
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == PACKAGE:
-            yield from (_defining_module(str(node.module), alias.name) for alias in node.names)
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield from (_defining_module(node.module, alias.name) for alias in node.names)
         yield from _imported(node)
 
 
@@ -138,9 +88,8 @@ def _defining_module(module: str, name: str) -> str:
     """
     if path_of(f"{module}.{name}"):
         return f"{module}.{name}"
-    path = path_of(module)
-    stub = path.with_suffix(".pyi") if path else None
-    if stub and stub.exists():
+    stub = ROOT.joinpath(*module.split("."), "__init__.pyi")
+    if stub.exists():
         for node in ast.parse(stub.read_bytes()).body:
             if isinstance(node, ast.ImportFrom) and name in (alias.name for alias in node.names):
                 return str(node.module)
@@ -148,30 +97,23 @@ def _defining_module(module: str, name: str) -> str:
 
 
 @cache
-def path_of(name: str) -> Path | None:
-    """Returns the file of a module of relight, or None if there is no such module."""
-    base = ROOT.joinpath(*name.split("."))
+def path_of(module: str) -> Path | None:
+    """Returns the file of a module of relight; None for other modules, the package itself, and WITHOUT_RESULTS."""
+    package, _, name = module.partition(".")
+    if package != "relight" or not name or any(f"{name}.".startswith(f"{other}.") for other in WITHOUT_RESULTS):
+        return None
+    base = ROOT.joinpath(package, *name.split("."))
     return next((path for path in (base.with_suffix(".py"), base / "__init__.py") if path.is_file()), None)
 
 
-def files_of(name: str) -> list[Path]:
-    """Returns the file of a module and, in a subpackage, its data: the other files of its folder.
-
-    Folders in it that hold no Python count too, such as those of templates; hidden files and packages of npm do not.
-    """
-    path = path_of(name)
-    if path is None:
+@cache
+def _data(folder: Path) -> list[Path]:
+    """Returns the data of a subpackage: its files, and those of its folders without Python, such as templates."""
+    if ROOT / "relight" not in folder.parents:
         return []
-    if path.parent == ROOT / PACKAGE:  # whose other folders, such as weights, are inputs of rules
-        return [path]
-    files = [path]
-    for item in sorted(path.parent.iterdir()):
-        if item.is_file():
-            files.append(item)
-        elif item.name not in ("__pycache__", "node_modules") and not any(item.glob("*.py")):
-            files += [file for file in item.rglob("*") if file.is_file() and "node_modules" not in file.parts]
-    data = [file for file in files[1:] if file.suffix not in (".py", ".pyi", ".pyc") and not file.name.startswith(".")]
-    return [path, *data]
+    found = [file for item in folder.iterdir() if not any(item.glob("*.py")) for file in (item, *item.rglob("*"))]
+    apart = re.compile(r"/\.|/node_modules/|\.py\w?$").search
+    return [file for file in found if file.is_file() and not apart(str(file.relative_to(folder.parent)))]
 
 
 def extension_file(name: str) -> Path | None:
@@ -180,15 +122,10 @@ def extension_file(name: str) -> Path | None:
     return Path(spec.origin) if spec and spec.origin else None
 
 
-def without_comments(source: str) -> str:
-    r"""Returns Python source in one layout, without comments and docstrings; strings are kept as they are.
-
-    >>> without_comments('x = "# a  b"  # one\ndef f(): \n  "Returns one."\n  return (1)\n')
-    "x = '# a  b'\n\ndef f():\n    return 1"
-    """
-    tree = ast.parse(source)
+def without_docstrings(tree: ast.AST) -> ast.AST:
+    """Removes the docstrings of a module, its classes and functions in place, and returns it."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             if ast.get_docstring(node, clean=False) is not None:
                 node.body = node.body[1:] or [ast.Pass()]
-    return ast.unparse(tree)
+    return tree

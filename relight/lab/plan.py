@@ -35,7 +35,7 @@ class Plan:
         shared: the settings that all rows share, as plain values by group.
         out: the folder of the results, relative to the working directory.
         trainings: name -> TrainingName, for all rows and seeds.
-        requested: name -> experiment, with the rows that are selected and not duplicates.
+        requested: name -> experiment, with the rows that are selected.
         failed: experiments to leave out -> their missing files.
         experiments: the requested ones that did not fail.
     """
@@ -65,7 +65,7 @@ class Plan:
         experiments = {}
         for name, fields in self.shared["experiments"].items():
             experiment = Experiment(**fields)
-            if rows := self._without_duplicates([row for row in experiment.rows if row in selected]):
+            if rows := [row for row in experiment.rows if row in selected]:
                 experiments[name] = replace(experiment, rows=rows)
         if apart := selected - {row for fields in self.shared["experiments"].values() for row in fields["rows"]}:
             if self.shared["sweep"]["only"]:
@@ -74,25 +74,6 @@ class Plan:
                     f"sweep.only: {row} is in no experiment: +experiments.{row}.rows=[{row}] makes one of it"
                 )
         return experiments
-
-    def _without_duplicates(self, rows: list[str]) -> list[str]:
-        """Returns the rows without duplicates, which differ from another row only in overrides that have no effect."""
-        effective = {row: [word for word in self.rows[row] if not self._has_no_effect(word)] for row in rows}
-        return [
-            row
-            for row in rows
-            if effective[row] == self.rows[row] or all(effective[row] != self.rows[other] for other in rows)
-        ]
-
-    def _has_no_effect(self, word: str) -> bool:
-        """Returns whether an override of a row has no effect on its training.
-
-        That is so for as many training figures as there are figures, or more, and for the width of the scale.
-        """
-        key, _, value = word.partition("=")
-        if key == "train.figures" and value.isdigit():
-            return int(value) >= len(self.figures)
-        return word == f"model.width={self.shared['model']['width']}"
 
     # Figures and lights
 
@@ -154,19 +135,14 @@ class Plan:
         return [f"{self.out}/maps/{batch}/{figure}.exr" for batch, names in self.batches.items() for figure in names]
 
     @property
-    def user_files(self) -> dict[str, list[str]]:
-        """The files of panoramas, vetoed lights and axes of scans that the run reads."""
-        found: dict[str, list[str | None]] = {
-            "panoramas": [],
-            "veto": [self.shared["lights"]["veto"]],
-            "table": [self.shared["align"]["table"]],
-        }
-        if self.shared["panoramas"]["source"] == "folder":
-            from relight.panoramas import list_panoramas
+    def panoramas(self) -> list[str]:
+        """The user's panoramas; empty for generated rooms."""
+        if self.shared["panoramas"]["source"] != "folder":
+            return []
+        from relight.panoramas import list_panoramas
 
-            folder = self.shared["panoramas"]["folder"]
-            found["panoramas"] = [f"{folder}/{name}" for name in list_panoramas(folder)]
-        return {use: safe(path for path in paths if path) for use, paths in found.items()}
+        folder = self.shared["panoramas"]["folder"]
+        return safe(f"{folder}/{name}" for name in list_panoramas(folder))
 
     # Trainings
 
@@ -315,19 +291,11 @@ class Plan:
             folder: the working directory.
 
         Returns:
-            experiment -> files. Empty if shared files are missing or no experiment is complete, since then there is
-            nothing to report.
+            experiment -> files; empty if no experiment is complete, since then there is nothing to report.
         """
-
-        def missing(paths: list[str]) -> list[str]:
-            return [path for path in paths if not (folder / path).exists()]
-
-        lacking = {}
-        for name in self.experiments:
-            if absent := missing([*self.networks(name).values(), *self.results_of(name)]):
-                lacking[name] = absent
-        shared = [f"{self.out}/{path}" for path in ("packed.safetensors", "figures.json", "lights/lights.npz")]
-        return {} if missing(shared) or len(lacking) == len(self.experiments) else lacking
+        files = {name: [*self.networks(name).values(), *self.results_of(name)] for name in self.experiments}
+        lacking = {name: [path for path in paths if not (folder / path).exists()] for name, paths in files.items()}
+        return {} if all(lacking.values()) else {name: paths for name, paths in lacking.items() if paths}
 
     def write_record(self, folder: Path) -> Path:
         """Writes the record to run.yaml in the results, and returns the file.

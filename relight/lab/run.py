@@ -1,6 +1,5 @@
 """`relight run`: composes the settings, calls Snakemake, and says what has changed."""
 
-import ctypes
 import fcntl
 import os
 import shlex
@@ -9,23 +8,21 @@ import subprocess
 import sys
 import tempfile
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from relight.core.errors import UserError
-from relight.core.files import writable_folder
+from relight.core.processes import end_with_parent
 from relight.lab.checks import check, check_figures
-from relight.lab.code import SCRIPTS, code_hash, save_cache
+from relight.lab.code import SCRIPTS, code_hash
 from relight.lab.plan import Plan
 from relight.lab.record import compose_run, expand_sweep
 from relight.settings import ROOT, flat
 
 LOCK = "lock"  # a file of the results that is locked as long as a workflow makes them
 INTERRUPTED = 130  # exit code after Ctrl-C
-PR_SET_PDEATHSIG = 1  # prctl(2)
 
 
 def run(
@@ -62,14 +59,14 @@ def run(
         check_figures(plan)
     for line in change_lines(plan):
         print(line)
-    quiet = ["--quiet", "rules", "reason", "host"]
-    command = [sys.executable, "-m", "snakemake", *targets, *quiet, "--cores", str(cores or "all"), *extra]
+    words = ["--quiet", "rules", "reason", "host", "--nolock", "--cores", str(cores or "all"), *extra]
+    command = [sys.executable, "-m", "snakemake", *targets, *words]
     if dry:
         with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
             yaml.safe_dump(plan.record, file)
             file.flush()
             return snakemake([*command, "--configfile", file.name, "--dry-run"])
-    remove_stale_locks(plan.out)
+    os.close(hold(ROOT / plan.out))
     # In a file, since jobs on a cluster break quotes within quotes.
     command += ["--configfile", str(plan.write_record(ROOT))]
     code = snakemake(command)
@@ -112,7 +109,6 @@ def change_lines(plan: Plan) -> list[str]:
         UserError: if the results are of other people or panoramas.
     """
     plan.record["code"] = {path.stem: code_hash(path.stem) for path in sorted(SCRIPTS.glob("*.py"))}
-    save_cache()
     before = read_record(plan.shared["name"])
     then, now = (flat({key: record[key] for key in ("settings", "rows")}) for record in (before, plan.record))
     for key in ("figures.source", "figures.folder", "panoramas.source", "panoramas.folder"):
@@ -152,10 +148,14 @@ def snakemake(command: list[str]) -> int:
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) == signal.SIG_DFL:  # with nohup, HUP stays ignored
             signal.signal(number, interrupt)
-    environment = {**os.environ, **cache_environment()}
-    start = partial(prepare_child, os.getpid())
+    parent = os.getpid()
+
+    def prepare() -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # which scripts and cron ignore
+        end_with_parent(parent)
+
     # A process group of its own, so that Ctrl-C reaches it once, from here.
-    process = subprocess.Popen(command, cwd=ROOT, env=environment, process_group=0, preexec_fn=start)
+    process = subprocess.Popen(command, cwd=ROOT, process_group=0, preexec_fn=prepare)
     try:
         return process.wait()
     except KeyboardInterrupt:
@@ -165,33 +165,10 @@ def snakemake(command: list[str]) -> int:
         return INTERRUPTED
 
 
-def prepare_child(parent: int) -> None:
-    """Prepares Snakemake's process: enables INT, which scripts and cron ignore; on Linux it ends with its parent."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # the parent has already ended
-        os._exit(1)
-
-
-def cache_environment() -> dict[str, str]:
-    """Returns variables that move the caches of Snakemake and its jobs here, if the user's cache is read-only.
-
-    Otherwise Snakemake would end with a traceback.
-    """
-    import platformdirs
-
-    try:
-        writable_folder(platformdirs.user_cache_dir(), "cache")
-    except UserError:
-        return {"XDG_CACHE_HOME": str(ROOT / ".snakemake" / "cache")}
-    return {}
-
-
 def hold(out: Path | str) -> int:
     """Locks results until this process ends, however it ends, or closes the handle that this returns.
 
-    Snakemake's own locks stay after a kill; by this one, `remove_stale_locks` knows that nobody holds them.
+    Snakemake's own locks would stay after a kill.
 
     Args:
         out: the folder of the results.
@@ -208,16 +185,3 @@ def hold(out: Path | str) -> int:
     except OSError as error:
         raise UserError(f"{out} cannot be written: {os.strerror(error.errno or 0).lower()}") from None
     return handle
-
-
-def remove_stale_locks(out: str) -> None:
-    """Removes the locks that a killed Snakemake left on results.
-
-    Raises:
-        UserError: if a workflow is making them, or they cannot be written.
-    """
-    handle = hold(ROOT / out)
-    for lock in (ROOT / ".snakemake" / "locks").glob("*"):
-        if any(line.startswith(f"{out}/") for line in lock.read_text().splitlines()):
-            lock.unlink()
-    os.close(handle)

@@ -1,11 +1,15 @@
 """Splits of the figures into training, validation and test, with seated figures as a part of their own."""
 
+import json
 from collections.abc import Mapping, Set
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from relight.core.errors import UserError
+from relight.core.files import atomic_write
+from relight.maps import PackedMaps
 from relight.settings import Split
 
 VALIDATION = 0.1  # share of the figures for training that are left out of it for the validation
@@ -56,6 +60,27 @@ def split_figures(
     )
     train = [name for name in train if name not in held_out]
     return {"train": train, "validation": held_out, "test": test, "sitting": seated}
+
+
+def write_split(settings: Split, packed: Path, record: Path, out: Path) -> None:
+    """Writes the names of the figures by part of the split: train, validation, test and so on (.json).
+
+    Args:
+        settings: of the split.
+        packed, record: as from `relight.maps.pack_figures`.
+        out: the split (.json).
+    """
+    packed_maps = PackedMaps(packed)
+    # Of frontal views in the first outfit, whose maps have the name of the figure.
+    subjects = {
+        name: subject
+        for name, subject, figure in zip(packed_maps.names, packed_maps.subjects, packed_maps.figures)
+        if name == figure
+    }
+    sitting = {name for name, info in json.loads(record.read_text())["figures"].items() if is_seated(info)}
+    parts = split_figures(list(subjects), list(subjects.values()), settings, sitting)
+    with atomic_write(out) as tmp:
+        tmp.write_text(json.dumps(parts, indent=1))
 
 
 def draw(unit_of: Mapping[str, str], wanted: float, rng: np.random.Generator) -> list[str]:

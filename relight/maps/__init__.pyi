@@ -6,5 +6,6 @@ from relight.maps.exr import read_maps as read_maps
 from relight.maps.exr import write_left_out as write_left_out
 from relight.maps.exr import write_maps as write_maps
 from relight.maps.packed import PackedMaps as PackedMaps
+from relight.maps.packed import pack_figures as pack_figures
 from relight.maps.packed import pack_maps as pack_maps
 from relight.maps.show import write_maps_picture as write_maps_picture

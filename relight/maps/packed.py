@@ -16,6 +16,8 @@ Ambient occlusion is not stored; it is T_00 / .8862.
 import json
 import math
 import os
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -92,6 +94,39 @@ def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
         for array in arrays.values():
             array.flush()
     return names
+
+
+def pack_figures(maps: Sequence[Path], least: float, out: Path, record: Path) -> None:
+    """Writes the maps of all figures as one packed set, and the record of what was left out (.json).
+
+    Args:
+        maps: of all figures, outfits and views (.exr).
+        least: least share of usable figures.
+        out: the packed set (.safetensors).
+        record: `figures`, the record of each figure, and `left_out`, the reasons by name.
+
+    Raises:
+        UserError: if too few figures are usable.
+    """
+    from relight.maps.exr import read_info
+
+    infos = {path.stem: read_info(path) for path in maps}
+    # Further views and outfits, which have another name than their figure, do not count as figures.
+    figures = {name: info for name, info in infos.items() if info.get("figure", name) == name}
+    reasons = {name: info["left_out"] for name, info in figures.items() if "left_out" in info}
+    usable = len(figures) - len(reasons)
+    needed = max(2, math.ceil(least * len(figures)))  # one to train on and one to test on, at least
+    if usable < needed:
+        first = "".join(f"; {name}: {reason}" for name, reason in list(reasons.items())[:3])
+        raise UserError(
+            f"only {usable} of {len(figures)} figures are usable, and at least {needed} are needed "
+            f"(split.least={least}){first}"
+        )
+    for name, reason in reasons.items():
+        print(f"left out: {name}: {reason}", file=sys.stderr)
+    pack_maps(list(maps), out)
+    with atomic_write(record) as tmp:
+        tmp.write_text(json.dumps({"figures": figures, "left_out": reasons}, indent=1))
 
 
 class PackedMaps:

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from relight.core.errors import UserError
-from relight.core.files import require_readable
+from relight.core.files import require_readable, require_safe_name
 from relight.core.text import Table, read_table
 from relight.meshes.find import find_path
-from relight.meshes.read import READERS, suffix_list
+from relight.meshes.left_out import save_mesh
+from relight.meshes.mesh import Mesh
+from relight.meshes.read import READERS, read_mesh, suffix_list
 
 TABLE = "scans.csv"
 YES, NO = ("", "1", "1.0", "y", "yes", "t", "true", "x", "on"), ("0", "0.0", "n", "no", "f", "false", "-", "off")
@@ -80,6 +82,25 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
             )
         scans[name] = Scan(path, _subject(relative[path], name))
     return dict(sorted(scans.items()))
+
+
+def read_scan(path: Path, name: str, subject: str, out: Path) -> None:
+    """Reads the mesh of a scan without changes.
+
+    Args:
+        path: the mesh.
+        name: of the figure.
+        subject: name of the person.
+        out: the mesh record (.npz).
+    """
+
+    def make() -> Mesh:
+        require_safe_name(path)
+        mesh = read_mesh(path)
+        mesh.info.update(name=name, subject=subject)
+        return mesh
+
+    save_mesh(make, {"name": name, "subject": subject}, out)
 
 
 def safe_name(text: str) -> str:

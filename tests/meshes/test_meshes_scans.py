@@ -159,7 +159,7 @@ def test_one_name_in_two_formats_is_refused(tmp_path):
 
 
 def test_a_file_that_the_workflow_cannot_name_is_left_out_with_a_line(tmp_path, capsys, monkeypatch):
-    from relight.lab.figures import read_scan
+    from relight.meshes.scans import read_scan
 
     odd_ones = ("a{output}.ply", "b\nc.ply", os.fsdecode(b"\xff.ply"))
     touch(tmp_path, *odd_ones)

@@ -126,18 +126,6 @@ def test_the_weights_for_photos_are_trained_at_half_the_size_and_then_at_the_ful
     assert last == pytest.approx(first, rel=1e-3) and learning_rate(full, full.steps - 1) < 0.03 * full.lr
 
 
-def test_rows_that_ask_for_more_figures_than_there_are_are_left_out():
-    plan = plan_of("scale=smoke experiment=data_size figures.count=17")
-    assert plan.experiments["data_size"].rows == ["figures_8", "figures_16", "ours_full"]
-
-
-def test_a_row_that_asks_for_the_width_of_the_scale_is_left_out():
-    rows = plan_of("scale=laptop experiment=width").experiments["width"].rows
-    assert rows == ["width_1_8", "width_1_2", "ours_full"]
-    alone = plan_of("scale=laptop experiment=width sweep.only=[width_1_4]")
-    assert alone.experiments["width"].rows == ["width_1_4"], "it is left out beside its equal only"
-
-
 def test_rows_may_have_splits_of_their_own():
     plan = plan_of("scale=smoke experiment=splits")
     assert plan.split("ours_siblings.s0") == "results/splits/split/siblings.json"

@@ -62,16 +62,6 @@ def test_results_are_made_by_one_workflow(calls, tmp_path):
     assert len(calls) == 3
 
 
-def test_locks_of_a_killed_snakemake_are_removed_and_no_others(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "ROOT", tmp_path)
-    locks = tmp_path / ".snakemake" / "locks"
-    locks.mkdir(parents=True)
-    (locks / "0.output.lock").write_text("results/a/packed.safetensors\n")
-    (locks / "1.output.lock").write_text("results/ab/packed.safetensors\n")
-    module.remove_stale_locks("results/a")
-    assert [path.name for path in locks.iterdir()] == ["1.output.lock"]
-
-
 def test_changed_settings_are_told_with_the_way_to_keep_both(calls, capsys):
     run()
     run()

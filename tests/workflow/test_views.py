@@ -10,16 +10,17 @@ from people import person
 
 from relight.core.errors import UserError
 from relight.evaluation.scoring.evaluate import Condition, select_pairs
-from relight.lab.data import pack, split
-from relight.lab.figures import bake, left_out
 from relight.lab.plan import Plan
 from relight.lab.record import compose_run
 from relight.learning.data import RelitSet
+from relight.learning.split import write_split
 from relight.learning.train import select_training_data
-from relight.maps import PackedMaps, read_info, read_maps
+from relight.maps import PackedMaps, pack_figures, read_info, read_maps
 from relight.meshes import Material, Mesh, align
+from relight.meshes.left_out import left_out
 from relight.settings import composed
 from relight.transport import random_view
+from relight.transport.figure import bake_figure
 
 FIGURES = ("ann", "bob", "eve")
 
@@ -51,12 +52,12 @@ def made(tmp_path_factory, settings):
         if name == "eve":
             mesh = replace(mesh, faces=mesh.faces[:0])
         mesh.save(folder / f"{name}.npz")
-        bake(folder / f"{name}.npz", settings.bake, folder / "maps")
+        bake_figure(folder / f"{name}.npz", settings.bake, folder / "maps")
     looks = [look for name in FIGURES for look in ((name, "bob.o1") if name == "bob" else (name,))]
     names = [map_name for look in looks for map_name in (look, f"{look}.v1", f"{look}.v2")]
     maps = [folder / "maps" / f"{name}.exr" for name in names]
-    pack(maps, settings.split.least, folder / "packed", folder / "record")
-    split(settings.split, folder / "packed", folder / "record", folder / "split")
+    pack_figures(maps, settings.split.least, folder / "packed", folder / "record")
+    write_split(settings.split, folder / "packed", folder / "record", folder / "split")
     np.savez(folder / "lights.npz", coefficients=np.ones((2, 9, 3), np.float32), split=np.array(["train", "test"]))
     return folder
 
@@ -75,7 +76,7 @@ def test_each_view_is_a_file_of_its_own(made, settings):
 
 
 def test_one_view_more_changes_no_other(made, settings, tmp_path):
-    bake(made / "bob.npz", replace(settings.bake, views=1), tmp_path)
+    bake_figure(made / "bob.npz", replace(settings.bake, views=1), tmp_path)
     for name in ("bob.exr", "bob.v1.exr"):
         assert (tmp_path / name).read_bytes() == (made / "maps" / name).read_bytes()
     assert not (tmp_path / "bob.v2.exr").exists()
@@ -118,7 +119,7 @@ def test_outfits_are_maps_of_their_own_that_share_transport(made):
 
 def test_a_figure_is_left_out_in_all_its_outfits(settings, tmp_path):
     left_out({"name": "ann", "outfits": [None, None]}, "torn").save(tmp_path / "ann.npz")
-    bake(tmp_path / "ann.npz", replace(settings.bake, views=1), tmp_path)
+    bake_figure(tmp_path / "ann.npz", replace(settings.bake, views=1), tmp_path)
     names = ["ann", "ann.o1", "ann.o1.v1", "ann.v1"]
     assert sorted(path.stem for path in tmp_path.glob("*.exr")) == names
     assert {read_info(tmp_path / f"{name}.exr")["left_out"] for name in names} == {"torn"}

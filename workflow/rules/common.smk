@@ -15,7 +15,7 @@ from snakemake.exceptions import WorkflowError
 
 from relight.core.errors import UserError
 from relight.lab.checks import check
-from relight.lab.code import code_hash, save_cache
+from relight.lab.code import code_hash
 from relight.lab.plan import Plan, safe
 from relight.lab.run import hold
 from relight.lab.record import from_config
@@ -37,7 +37,6 @@ sys.executable = shlex.quote(
 onstart:
     PLAN.write_record(Path())
     hold(OUT)
-    save_cache()
 
 
 onsuccess:

@@ -15,8 +15,6 @@ if PLAN.scans:
             f"{OUT}/benchmark/scan/{{batch}}.tsv"
         group:
             "figures"
-        resources:
-            mem_mb=4000,
         params:
             mesh=lambda wildcards: str(PLAN.scans[wildcards.batch].path),
             subject=lambda wildcards: PLAN.scans[wildcards.batch].subject,
@@ -36,8 +34,6 @@ else:
             f"{OUT}/benchmark/figure/{{batch}}.tsv"
         group:
             "figures"
-        resources:
-            mem_mb=3000,
         params:
             names=lambda wildcards: PLAN.batches[wildcards.batch],
             figures={
@@ -62,8 +58,6 @@ rule clean:
         f"{OUT}/benchmark/clean/{{batch}}.tsv"
     group:
         "figures"
-    resources:
-        mem_mb=3000,
     params:
         clean=SETTINGS["clean"],
         code=code_hash("clean"),
@@ -75,7 +69,7 @@ rule align:
     "Turns meshes upright and towards the camera, and fits them into the image."
     input:
         f"{OUT}/clean/{{batch}}",
-        table=PLAN.user_files["table"],
+        table=SETTINGS["align"]["table"] or [],
     output:
         directory(f"{OUT}/aligned/{{batch}}"),
     log:
@@ -84,8 +78,6 @@ rule align:
         f"{OUT}/benchmark/align/{{batch}}.tsv"
     group:
         "figures"
-    resources:
-        mem_mb=2000,
     params:
         align=SETTINGS["align"],
         code=code_hash("align"),
@@ -105,8 +97,6 @@ rule bake:
         f"{OUT}/benchmark/bake/{{batch}}.tsv"
     group:
         "figures"
-    resources:
-        mem_mb=2000,
     params:
         bake=SETTINGS["bake"],
         code=code_hash("bake"),
@@ -125,8 +115,6 @@ rule pack:
         f"{OUT}/log/pack.log",
     benchmark:
         f"{OUT}/benchmark/pack/all.tsv"
-    resources:
-        mem_mb=4000,
     params:
         maps=PLAN.map_files,
         least=SETTINGS["split"]["least"],

@@ -1,8 +1,8 @@
 rule lights:
     "Projects panoramas to spherical harmonics, and selects lights by filters and k-means."
     input:
-        PLAN.user_files["panoramas"],
-        PLAN.user_files["veto"],
+        PLAN.panoramas,
+        SETTINGS["lights"]["veto"] or [],
     output:
         lights=LIGHTS,
         table=f"{OUT}/lights/lights.csv",
@@ -11,8 +11,6 @@ rule lights:
         f"{OUT}/log/lights.log",
     benchmark:
         f"{OUT}/benchmark/lights/all.tsv"
-    resources:
-        mem_mb=4000,
     params:
         panoramas=SETTINGS["panoramas"],
         lights=SETTINGS["lights"],

@@ -10,7 +10,6 @@ rule tables:
             report(
                 f"{OUT}/report/{table}.{kind}",
                 category="Tables",
-                caption="../report/tables.rst",
                 labels={"experiment": table, "format": kind},
             )
             for table in PLAN.tables
@@ -44,25 +43,10 @@ rule plates:
         lights=LIGHTS,
         split=lambda wildcards: f"{OUT}/split/{PLAN.split_kind(wildcards.experiment)}.json",
     output:
-        plates=report(
-            f"{OUT}/report/{{experiment}}_plates.png",
-            category="Pictures",
-            caption="../report/plates.rst",
-            labels={"experiment": "{experiment}", "shows": "a plate"},
-        ),
-        relit=report(
-            f"{OUT}/report/{{experiment}}_relit.png",
-            category="Pictures",
-            caption="../report/relit.rst",
-            labels={"experiment": "{experiment}", "shows": "several lights"},
-        ),
+        plates=f"{OUT}/report/{{experiment}}_plates.png",
+        relit=f"{OUT}/report/{{experiment}}_relit.png",
         overview=f"{OUT}/report/{{experiment}}_overview.png",
-        extremes=report(
-            f"{OUT}/report/{{experiment}}_extremes.png",
-            category="Pictures",
-            caption="../report/extremes.rst",
-            labels={"experiment": "{experiment}", "shows": "best and worst"},
-        ),
+        extremes=f"{OUT}/report/{{experiment}}_extremes.png",
     log:
         f"{OUT}/log/plates/{{experiment}}.log",
     benchmark:
@@ -82,18 +66,8 @@ rule sheets:
         expand(f"{OUT}/maps/{{batch}}", batch=PLAN.batches),
         lights=LIGHTS,
     output:
-        figures=report(
-            f"{OUT}/report/figures.png",
-            category="Data",
-            caption="../report/figures.rst",
-            labels={"shows": "figures"},
-        ),
-        lights=report(
-            f"{OUT}/report/lights.png",
-            category="Data",
-            caption="../report/lights.rst",
-            labels={"shows": "lights"},
-        ),
+        figures=f"{OUT}/report/figures.png",
+        lights=f"{OUT}/report/lights.png",
         occlusion=f"{OUT}/report/occlusion.csv",
         histogram=f"{OUT}/report/occlusion.png",
     log:
@@ -125,13 +99,8 @@ rule report:
         page=report(
             f"{OUT}/report/report.html",
             category="Report",
-            caption="../report/page.rst",
-            labels={"shows": "the whole report"},
         ),
-        charts=expand(
-            f"{OUT}/report/{{chart}}.png",
-            chart=["curves"] if PLAN.tables else [],
-        ),
+        charts=[f"{OUT}/report/curves.png"] if PLAN.tables else [],
     log:
         f"{OUT}/log/report.log",
     benchmark:

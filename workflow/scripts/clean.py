@@ -1,9 +1,9 @@
 from pathlib import Path
 
 from relight.core.progress import progress
-from relight.lab.figures import transform
 from relight.lab.job import job
 from relight.meshes import clean
+from relight.meshes.left_out import transform
 from relight.settings import Clean
 
 with job(snakemake):

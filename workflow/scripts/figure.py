@@ -1,7 +1,7 @@
 from pathlib import Path
 
 from relight.core.progress import progress
-from relight.lab.figures import draw
+from relight.figures.draw import draw
 from relight.lab.job import job
 from relight.settings import Figures
 

@@ -1,8 +1,8 @@
 from pathlib import Path
 
-from relight.lab.data import pack
 from relight.lab.job import job
+from relight.maps import pack_figures
 
 with job(snakemake):
     maps = [Path(path) for path in snakemake.params.maps]
-    pack(maps, snakemake.params.least, Path(snakemake.output.packed), Path(snakemake.output.record))
+    pack_figures(maps, snakemake.params.least, Path(snakemake.output.packed), Path(snakemake.output.record))

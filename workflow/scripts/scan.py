@@ -1,7 +1,7 @@
 from pathlib import Path
 
-from relight.lab.figures import read_scan
 from relight.lab.job import job
+from relight.meshes.scans import read_scan
 
 with job(snakemake):
     name = snakemake.wildcards.batch

@@ -1,9 +1,9 @@
 from pathlib import Path
 
-from relight.lab.data import split
 from relight.lab.job import job
+from relight.learning.split import write_split
 from relight.settings import Split
 
 with job(snakemake):
     settings = Split(**{**snakemake.params.split, "kind": snakemake.wildcards.kind})
-    split(settings, Path(snakemake.input.packed), Path(snakemake.input.record), Path(snakemake.output[0]))
+    write_split(settings, Path(snakemake.input.packed), Path(snakemake.input.record), Path(snakemake.output[0]))
