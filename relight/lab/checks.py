@@ -8,17 +8,24 @@ from pathlib import Path
 from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.lab.plan import Plan
+from relight.lab.record import read_record
+from relight.settings import flat
 
+DATA_GROUPS = ("figures", "clean", "align", "bake", "panoramas", "lights")  # that decide a data set
 MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead
 
 
-def check(plan: Plan) -> None:
+def check(plan: Plan, folder: Path) -> None:
     """Checks the settings of all rows, and the user's folders and files.
+
+    Args:
+        plan: of the run.
+        folder: the working directory.
 
     Raises:
         UserError: if a row, a folder, a file or a missing package would make the workflow fail later.
     """
-    for sentence in (*_files(plan), *_packages(plan), *_rows(plan)):
+    for sentence in (*_files(plan), *_data(plan, folder), *_packages(plan), *_rows(plan)):
         raise UserError(sentence)
 
 
@@ -40,6 +47,18 @@ def _files(plan: Plan) -> Iterator[str]:
     for path in files:
         if path.exists() and path.stat().st_mtime > limit:  # Snakemake ends a job whose outputs are older
             yield f"{path} is dated in the future: correct this machine's clock, or `touch` the file"
+
+
+def _data(plan: Plan, folder: Path) -> Iterator[str]:
+    """Yields messages about the run whose data are taken."""
+    name, made = plan.shared["data"], flat(read_record(folder / plan.data)["settings"])
+    if plan.data == plan.out:
+        return
+    if not (folder / plan.data / "packed.safetensors").exists():
+        yield f"data={name}: {plan.data} has no data set yet: relight run name={name} makes it"
+    for key, value in flat({group: plan.shared[group] for group in DATA_GROUPS}).items():
+        if made.get(key, value) != value:
+            yield f"data={name} has {key}={made[key]}, and this run asks for {value}: leave out one of the two"
 
 
 def _packages(plan: Plan) -> Iterator[str]:

@@ -34,6 +34,7 @@ class Plan:
         record: the composed settings (`relight.lab.record.compose_run`).
         shared: the settings that all rows share, as plain values by group.
         out: the folder of the results, relative to the working directory.
+        data: the folder of the figures and lights, which is `out` or that of another run.
         trainings: name -> TrainingName, for all rows and seeds.
         requested: name -> experiment, with the rows that are selected.
         failed: experiments to leave out -> their missing files.
@@ -49,6 +50,7 @@ class Plan:
         self.record = record
         self.shared: dict[str, Any] = record["settings"]
         self.out = f"results/{self.shared['name']}"
+        self.data = f"results/{self.shared['data'] or self.shared['name']}"
         self.rows: dict[str, list[str]] = self.shared["sweep"]["rows"]
         names = [TrainingName(row, seed) for row in self.rows for seed in self.shared["sweep"]["seeds"]]
         self.trainings = {str(name): name for name in names}
@@ -123,7 +125,7 @@ class Plan:
     def map_files(self) -> list[str]:
         """The maps of all figures and their views, in the order of the packed set."""
         return [
-            f"{self.out}/maps/{batch}/{name}.exr"
+            f"{self.data}/maps/{batch}/{name}.exr"
             for batch, figures in self.batches.items()
             for figure in figures
             for name in self.maps(figure)
@@ -132,7 +134,7 @@ class Plan:
     @property
     def frontal_maps(self) -> list[str]:
         """The frontal maps of all figures in their first outfit."""
-        return [f"{self.out}/maps/{batch}/{figure}.exr" for batch, names in self.batches.items() for figure in names]
+        return [f"{self.data}/maps/{batch}/{figure}.exr" for batch, names in self.batches.items() for figure in names]
 
     @property
     def panoramas(self) -> list[str]:

@@ -7,8 +7,10 @@ import shlex
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
+import yaml
 from omegaconf import OmegaConf
 
 from relight.core.errors import UserError
@@ -63,6 +65,15 @@ def from_config(config: dict[str, Any]) -> Record:
     given = flat({key: value for key, value in config.items() if key != "hydra"})
     named = [f"{key}={'null' if value is None else str(value)}".replace("'", "") for key, value in given.items()]
     return compose_run([*named, *(shlex.split(words) if isinstance(words, str) else map(str, words))])
+
+
+def read_record(folder: Path) -> Record:
+    """Reads the record of a run (run.yaml) in its results; without one, all parts are empty."""
+    nothing: Record = {"overrides": [], "settings": {}, "rows": {}, "code": {}}
+    try:
+        return {**nothing, **yaml.safe_load((folder / "run.yaml").read_text(encoding="utf-8"))}
+    except (OSError, TypeError, ValueError, yaml.YAMLError):
+        return nothing
 
 
 def _row_settings(row: str, overrides: list[str], shared: dict[str, Any]) -> dict[str, Any]:

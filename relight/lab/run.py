@@ -18,7 +18,7 @@ from relight.core.processes import end_with_parent
 from relight.lab.checks import check, check_figures
 from relight.lab.code import SCRIPTS, code_hash
 from relight.lab.plan import Plan
-from relight.lab.record import compose_run, expand_sweep
+from relight.lab.record import compose_run, expand_sweep, read_record
 from relight.settings import ROOT, flat
 
 LOCK = "lock"  # a file of the results that is locked as long as a workflow makes them
@@ -54,7 +54,7 @@ def run(
         for row, words in rows.items():
             print(f"{row}: {' '.join(words)}")
     plan = Plan(compose_run(fixed, rows) if multirun else compose_run(overrides))
-    check(plan)
+    check(plan, ROOT)
     if targets == ["all"]:
         check_figures(plan)
     for line in change_lines(plan):
@@ -83,23 +83,13 @@ def run(
 
 
 def with_remembered(overrides: list[str]) -> list[str]:
-    """Returns overrides behind those with which the run that they name was made; it goes on with its own settings."""
-    names = [word.removeprefix("name=") for word in overrides if word.startswith("name=")]
-    before = read_record(names[-1])["overrides"] if names else []
-    given = {word.partition("=")[0] for word in overrides}
-    kept = [word for word in before if word.partition("=")[0] not in given]
+    """Returns overrides behind those of the run that they name, or else of the run whose data they take."""
+    given = dict(word.partition("=")[::2] for word in overrides)
+    records = (read_record(ROOT / "results" / given[key])["overrides"] for key in ("name", "data") if key in given)
+    kept = [word for word in next(filter(None, records), []) if word.partition("=")[0] not in {*given, "name"}]
     if kept:
-        print(f"name={names[-1]} goes on with {shlex.join(kept)}")
+        print(f"goes on with {shlex.join(kept)}")
     return [*kept, *overrides]
-
-
-def read_record(name: str) -> dict[str, Any]:
-    """Reads the record of a run (run.yaml); without one, it has no overrides, settings, rows and code."""
-    nothing: dict[str, Any] = {"overrides": [], "settings": {}, "rows": {}, "code": {}}
-    try:
-        return {**nothing, **yaml.safe_load((ROOT / "results" / name / "run.yaml").read_text(encoding="utf-8"))}
-    except (OSError, TypeError, ValueError, yaml.YAMLError):
-        return nothing
 
 
 def change_lines(plan: Plan) -> list[str]:
@@ -109,7 +99,7 @@ def change_lines(plan: Plan) -> list[str]:
         UserError: if the results are of other people or panoramas.
     """
     plan.record["code"] = {path.stem: code_hash(path.stem) for path in sorted(SCRIPTS.glob("*.py"))}
-    before = read_record(plan.shared["name"])
+    before = read_record(ROOT / plan.out)
     then, now = (flat({key: record[key] for key in ("settings", "rows")}) for record in (before, plan.record))
     for key in ("figures.source", "figures.folder", "panoramas.source", "panoramas.folder"):
         if (old := then.get(f"settings.{key}", now[f"settings.{key}"])) != now[f"settings.{key}"]:

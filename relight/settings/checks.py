@@ -38,8 +38,9 @@ def check(cfg: DictConfig, given: Iterable[str] = ()) -> None:
     Raises:
         UserError: about the first wrong setting.
     """
-    if (results := OmegaConf.select(cfg, "name")) is not None:
-        check_name("name", results)
+    for key in ("name", "data"):
+        if (results := OmegaConf.select(cfg, key)) is not None:
+            check_name(key, results)
     for key in ("sweep.rows", "experiments"):
         for name in OmegaConf.select(cfg, key) or ():
             check_name(key, name)
@@ -51,7 +52,7 @@ def check_name(what: str, name: str) -> None:
     """Checks that a name is safe in paths and commands.
 
     Args:
-        what: the setting, for the error: `name`, `rows`.
+        what: the setting, for the error: `name`, `data`, `rows`.
         name: name of results, a row or an experiment.
 
     Raises:

@@ -352,6 +352,7 @@ class Config:
     """All settings."""
 
     name: str = setting("name of the folder in results/")
+    data: str | None = setting("name of another run whose figures and lights are taken; null to make them", None)
     figures: Figures = field(default_factory=Figures)
     clean: Clean = field(default_factory=Clean)
     align: Align = field(default_factory=Align)

@@ -293,7 +293,7 @@ def save_lights(folder):
 def test_build_report_is_whole_and_stands_alone(tmp_path):
     folder, asked = whole_run(tmp_path, "table1", "table2")
     out = folder / "report" / "report.html"
-    build.build_report("a <run>", asked, folder, out)
+    build.build_report(Results(folder, asked), out)
     html = out.read_text()
     found = check(html)
     assert found.names == [
@@ -310,7 +310,7 @@ def test_build_report_is_whole_and_stands_alone(tmp_path):
     assert "failed" not in found.classes and "10.1145/3272127.3275104" in html
     assert {f"#{name}" for name in found.names} <= set(found.links)
     assert all(source.startswith("data:image/") for source in found.sources) and len(found.sources) >= 5
-    assert not re.search(r"@import|url\(", html) and "a &lt;run&gt;" in html and "g&lt;1&gt;" in html
+    assert not re.search(r"@import|url\(", html) and "g&lt;1&gt;" in html
     assert "relight run scale=smoke 'model=glob(*)'" in unescape(html)
     for setting in ("loss.light", "train.part", "model.order"):  # of files with a dot in their stem
         assert f">{setting}<" in html
@@ -332,7 +332,7 @@ def test_build_report_with_failed_sections(tmp_path, capsys):
     asked["light_transfer"] |= {"rows": [], "trainings": {}}
     asked["light_transfer"] |= {"failed": ["light_transfer/a.csv"]}
     out = folder / "report" / "report.html"
-    build.build_report("run", asked, folder, out)
+    build.build_report(Results(folder, asked), out)
     found = check(out.read_text())
     # The summary needs table2, and so does the chart of the first table.
     assert found.classes.count("failed") >= 3 and {"table1", "figures", "light_transfer"} <= set(found.names)

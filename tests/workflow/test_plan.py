@@ -159,7 +159,7 @@ def test_impossible_plans(hydra, message):
 @pytest.mark.slow
 def test_rows_of_a_table_are_measured_alike(shared, own, message):
     with pytest.raises(UserError, match=message):
-        check(plan_of(f"scale=smoke {shared}", a=[], b=[own]))
+        check(plan_of(f"scale=smoke {shared}", a=[], b=[own]), ROOT)
 
 
 def test_sweep_is_the_product():
@@ -216,7 +216,7 @@ def test_a_package_that_is_missing_is_told_with_the_plan(monkeypatch):
     plan = plan_of("scale=smoke experiment=path_traced")
     monkeypatch.setitem(sys.modules, "mitsuba", None)
     with pytest.raises(UserError, match=r"pip install '\.\[bench\]'"):
-        check(plan)
+        check(plan, ROOT)
 
 
 @pytest.mark.slow
@@ -260,7 +260,7 @@ def test_folders_of_scans_are_checked(tmp_path, folder):
 @pytest.mark.slow
 def test_what_a_run_would_miss_later_is_told_before(setting, message):
     with pytest.raises(UserError, match=message):
-        check(Plan(compose_run(["scale=smoke", setting])))
+        check(Plan(compose_run(["scale=smoke", setting])), ROOT)
 
 
 @pytest.mark.parametrize("kind", ["figures=scans figures", "panoramas=folder panoramas"])
@@ -270,10 +270,22 @@ def test_files_of_the_future_are_told(tmp_path, kind):
     file = tmp_path / ("a.obj" if "scans" in kind else "a.hdr")
     file.write_text("v 0 0 0\n")
     plan = Plan(compose_run([*f"scale=smoke {kind}.folder={tmp_path}".split()]))
-    check(plan)
+    check(plan, ROOT)
     os.utime(file, (time.time() + 3600,) * 2)
     with pytest.raises(UserError, match=f"{file.name} is dated in the future: correct this machine's clock"):
-        check(plan)
+        check(plan, ROOT)
+
+
+def test_data_of_another_run(tmp_path):
+    """They are inputs: what made them is not planned, and settings that would change them are refused."""
+    with pytest.raises(UserError, match="data=a: results/a has no data set yet: relight run name=a makes it"):
+        check(plan_of("scale=smoke data=a name=b"), tmp_path)
+    first, plan = plan_of("scale=smoke name=a"), plan_of("scale=smoke data=a name=b train.lr=0.1")
+    (first.write_record(tmp_path).parent / "packed.safetensors").touch()
+    check(plan, tmp_path)
+    assert plan.map_files == first.map_files and plan.network("x") == "results/b/train/x.safetensors"
+    with pytest.raises(UserError, match=r"data=a has figures\.count=\d+, and this run asks for 3: leave out one"):
+        check(plan_of("scale=smoke data=a name=b figures.count=3"), tmp_path)
 
 
 def test_a_table_of_scans_belongs_to_scans(tmp_path, monkeypatch):

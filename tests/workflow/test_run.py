@@ -80,7 +80,7 @@ def test_a_name_remembers_its_run(calls, capsys):
     capsys.readouterr()
     module.run(["name=mine", "train.lr=0.1"], False, None, False, ["all"], [])
     out = capsys.readouterr().out
-    assert out.startswith("name=mine goes on with scale=smoke experiment=one panoramas.count=25\n")
+    assert out.startswith("goes on with scale=smoke experiment=one panoramas.count=25\n")
     settings = calls[-1][1]["settings"]
     assert (settings["panoramas"]["count"], settings["train"]["lr"], settings["train"]["steps"]) == (25, 0.1, 24)
     module.run(["name=mine", "panoramas.count=26"], False, None, False, ["all"], [])
@@ -122,7 +122,7 @@ def test_remove_outdated_of_experiments_that_are_not_in_the_run(tmp_path, change
     (tmp_path / "packed.safetensors").write_text("")
     os.utime(tmp_path / "packed.safetensors", (2000 if changed else 500,) * 2)
     experiments = {"table1": {}, "light_transfer": {}}
-    remove_outdated(SimpleNamespace(folder=tmp_path, report=report, experiments=experiments))
+    remove_outdated(SimpleNamespace(data=tmp_path, report=report, experiments=experiments))
     assert {path.name for path in report.iterdir()} == kept | (set() if changed else others)
 
 

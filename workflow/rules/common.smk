@@ -22,11 +22,11 @@ from relight.lab.record import from_config
 
 try:
     PLAN = Plan(from_config(config))
-    check(PLAN)
+    check(PLAN, Path())
 except UserError as error:
     raise WorkflowError(str(error)) from None
-OUT, SETTINGS = PLAN.out, PLAN.shared
-LIGHTS, PACKED = f"{OUT}/lights/lights.npz", f"{OUT}/packed.safetensors"
+OUT, DATA, SETTINGS = PLAN.out, PLAN.data, PLAN.shared
+LIGHTS, PACKED = f"{DATA}/lights/lights.npz", f"{DATA}/packed.safetensors"
 # What jobs need to know, and what is no reason to run them again.
 config["process"], config["tracking"] = os.getpid(), PLAN.tracking()
 sys.executable = shlex.quote(

@@ -33,7 +33,7 @@ rule trace:
         packed=PACKED,
         split=TEST_SPLIT,
         lights=LIGHTS,
-        meshes=expand(f"{OUT}/aligned/{{batch}}", batch=PLAN.batches),
+        meshes=expand(f"{DATA}/aligned/{{batch}}", batch=PLAN.batches),
     output:
         f"{OUT}/path_traced/traced.npz",
     log:

@@ -8,11 +8,11 @@ if PLAN.scans:
             mesh=lambda wildcards: safe([PLAN.scans[wildcards.batch].path]),
             table=PLAN.table,
         output:
-            directory(f"{OUT}/figures/{{batch}}"),
+            directory(f"{DATA}/figures/{{batch}}"),
         log:
-            f"{OUT}/log/scan/{{batch}}.log",
+            f"{DATA}/log/scan/{{batch}}.log",
         benchmark:
-            f"{OUT}/benchmark/scan/{{batch}}.tsv"
+            f"{DATA}/benchmark/scan/{{batch}}.tsv"
         group:
             "figures"
         params:
@@ -27,11 +27,11 @@ else:
     rule figure:
         "Draws clothed people from their seeds."
         output:
-            directory(f"{OUT}/figures/{{batch}}"),
+            directory(f"{DATA}/figures/{{batch}}"),
         log:
-            f"{OUT}/log/figure/{{batch}}.log",
+            f"{DATA}/log/figure/{{batch}}.log",
         benchmark:
-            f"{OUT}/benchmark/figure/{{batch}}.tsv"
+            f"{DATA}/benchmark/figure/{{batch}}.tsv"
         group:
             "figures"
         params:
@@ -49,13 +49,13 @@ else:
 rule clean:
     "Repairs meshes."
     input:
-        f"{OUT}/figures/{{batch}}",
+        f"{DATA}/figures/{{batch}}",
     output:
-        temp(directory(f"{OUT}/clean/{{batch}}")),
+        temp(directory(f"{DATA}/clean/{{batch}}")),
     log:
-        f"{OUT}/log/clean/{{batch}}.log",
+        f"{DATA}/log/clean/{{batch}}.log",
     benchmark:
-        f"{OUT}/benchmark/clean/{{batch}}.tsv"
+        f"{DATA}/benchmark/clean/{{batch}}.tsv"
     group:
         "figures"
     params:
@@ -68,14 +68,14 @@ rule clean:
 rule align:
     "Turns meshes upright and towards the camera, and fits them into the image."
     input:
-        f"{OUT}/clean/{{batch}}",
+        f"{DATA}/clean/{{batch}}",
         table=SETTINGS["align"]["table"] or [],
     output:
-        directory(f"{OUT}/aligned/{{batch}}"),
+        directory(f"{DATA}/aligned/{{batch}}"),
     log:
-        f"{OUT}/log/align/{{batch}}.log",
+        f"{DATA}/log/align/{{batch}}.log",
     benchmark:
-        f"{OUT}/benchmark/align/{{batch}}.tsv"
+        f"{DATA}/benchmark/align/{{batch}}.tsv"
     group:
         "figures"
     params:
@@ -88,13 +88,13 @@ rule align:
 rule bake:
     "Bakes light transport, albedo and normals into layered OpenEXR maps, by ray casting."
     input:
-        f"{OUT}/aligned/{{batch}}",
+        f"{DATA}/aligned/{{batch}}",
     output:
-        directory(f"{OUT}/maps/{{batch}}"),
+        directory(f"{DATA}/maps/{{batch}}"),
     log:
-        f"{OUT}/log/bake/{{batch}}.log",
+        f"{DATA}/log/bake/{{batch}}.log",
     benchmark:
-        f"{OUT}/benchmark/bake/{{batch}}.tsv"
+        f"{DATA}/benchmark/bake/{{batch}}.tsv"
     group:
         "figures"
     params:
@@ -107,36 +107,17 @@ rule bake:
 rule pack:
     "Joins the maps of all figures into the one file that trainings read."
     input:
-        expand(f"{OUT}/maps/{{batch}}", batch=PLAN.batches),
+        expand(f"{DATA}/maps/{{batch}}", batch=PLAN.batches),
     output:
         packed=PACKED,
-        record=f"{OUT}/figures.json",
+        record=f"{DATA}/figures.json",
     log:
-        f"{OUT}/log/pack.log",
+        f"{DATA}/log/pack.log",
     benchmark:
-        f"{OUT}/benchmark/pack/all.tsv"
+        f"{DATA}/benchmark/pack/all.tsv"
     params:
         maps=PLAN.map_files,
         least=SETTINGS["split"]["least"],
         code=code_hash("pack"),
     script:
         "../scripts/pack.py"
-
-
-rule split:
-    "Divides the figures into training, validation and test."
-    input:
-        packed=PACKED,
-        record=f"{OUT}/figures.json",
-    output:
-        f"{OUT}/split/{{kind}}.json",
-    log:
-        f"{OUT}/log/split/{{kind}}.log",
-    benchmark:
-        f"{OUT}/benchmark/split/{{kind}}.tsv"
-    localrule: True
-    params:
-        split={key: value for key, value in SETTINGS["split"].items() if key != "kind"},
-        code=code_hash("split"),
-    script:
-        "../scripts/split.py"

@@ -1,3 +1,22 @@
+rule split:
+    "Divides the figures into training, validation and test."
+    input:
+        packed=PACKED,
+        record=f"{DATA}/figures.json",
+    output:
+        f"{OUT}/split/{{kind}}.json",
+    log:
+        f"{OUT}/log/split/{{kind}}.log",
+    benchmark:
+        f"{OUT}/benchmark/split/{{kind}}.tsv"
+    localrule: True
+    params:
+        split={key: value for key, value in SETTINGS["split"].items() if key != "kind"},
+        code=code_hash("split"),
+    script:
+        "../scripts/split.py"
+
+
 rule train:
     "Trains one network, or resumes its training."
     input:

@@ -5,12 +5,12 @@ rule lights:
         SETTINGS["lights"]["veto"] or [],
     output:
         lights=LIGHTS,
-        table=f"{OUT}/lights/lights.csv",
-        record=f"{OUT}/lights/chain.json",
+        table=f"{DATA}/lights/lights.csv",
+        record=f"{DATA}/lights/chain.json",
     log:
-        f"{OUT}/log/lights.log",
+        f"{DATA}/log/lights.log",
     benchmark:
-        f"{OUT}/benchmark/lights/all.tsv"
+        f"{DATA}/benchmark/lights/all.tsv"
     params:
         panoramas=SETTINGS["panoramas"],
         lights=SETTINGS["lights"],

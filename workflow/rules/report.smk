@@ -63,7 +63,7 @@ rule plates:
 rule sheets:
     "Draws figures and lights, and measures how much figures hide from the light."
     input:
-        expand(f"{OUT}/maps/{{batch}}", batch=PLAN.batches),
+        expand(f"{DATA}/maps/{{batch}}", batch=PLAN.batches),
         lights=LIGHTS,
     output:
         figures=f"{OUT}/report/figures.png",
@@ -91,8 +91,8 @@ rule report:
             experiment=PLAN.plates,
             kind=["plates", "relit", "overview", "extremes"],
         ),
-        record=f"{OUT}/figures.json",
-        chain=f"{OUT}/lights/chain.json",
+        record=f"{DATA}/figures.json",
+        chain=f"{DATA}/lights/chain.json",
         curves=expand(f"{OUT}/train/{{training}}.csv", training=PLAN.scored),
         sheets=rules.sheets.output,
     output:
@@ -115,7 +115,7 @@ rule report:
 rule viewer:
     "Writes the page with test figures under a light that turns with the mouse."
     input:
-        expand(f"{OUT}/maps/{{batch}}", batch=PLAN.batches),
+        expand(f"{DATA}/maps/{{batch}}", batch=PLAN.batches),
         networks=[PLAN.network(first) for first in FIRST_TABLE.values()],
         packed=PACKED,
         split=(

@@ -1,9 +1,9 @@
 from pathlib import Path
 
 from relight.evaluation.report.build import build_report
+from relight.evaluation.report.results import Results
 from relight.lab.job import job
 
 with job(snakemake):
-    page = Path(snakemake.output.page)
-    folder = page.parents[1]
-    build_report(folder.name, snakemake.params.experiments, folder, page)
+    page, data = Path(snakemake.output.page), Path(snakemake.input.record).parent
+    build_report(Results(page.parents[1], snakemake.params.experiments, data), page)

@@ -36,22 +36,20 @@ class Section:
     failed: bool = False
 
 
-def build_report(name: str, experiments: dict[str, dict[str, Any]], folder: Path, out: Path) -> None:
+def build_report(results: Results, out: Path) -> None:
     """Writes the page of a run, its charts, and the tables of experiments with stages of their own.
 
     Tables and pictures of earlier runs with other experiments stay if the data set is still the same, and else are
     removed. A section that cannot be made gives the reason; the others are not affected.
 
     Args:
-        name: name of the run.
-        experiments: the experiments of the run (`relight.lab.plan.Plan.described`).
-        folder: results/<name>.
+        results: of the run, whose folder has its name.
         out: the page (.html).
 
     Raises:
         UserError: if no section could be made.
     """
-    results = Results(folder, experiments)
+    folder, name = results.folder, results.folder.name
     remove_outdated(results)
     parts = []
     if _has_printed_tables(results):
@@ -81,7 +79,7 @@ def _has_printed_tables(results: Results) -> bool:
 
 def remove_outdated(results: Results) -> None:
     """Removes the tables and pictures of earlier runs with other experiments if the data set has changed since."""
-    data = [results.folder / name for name in ("packed.safetensors", "lights/lights.npz")]
+    data = [results.data / name for name in ("packed.safetensors", "lights/lights.npz")]
     changed = max((path.stat().st_mtime for path in data if path.exists()), default=0)
     for table in results.report.glob("*.tex"):
         is_planned = any(f"{table.stem}_".startswith(f"{name}_") for name in results.experiments)

@@ -26,13 +26,14 @@ class Results:
 
     Attributes:
         folder: results/<name>.
+        data: that of the figures and lights.
         experiments: name -> fields of `relight.settings.Experiment`, `trainings` and files
             (`relight.lab.plan.Plan.described`).
     """
 
-    def __init__(self, folder: Path, experiments: dict[str, dict[str, Any]]):
+    def __init__(self, folder: Path, experiments: dict[str, dict[str, Any]], data: Path | None = None):
         """Takes the experiments of a run; files are read when they are asked for."""
-        self.folder, self.experiments = folder, experiments
+        self.folder, self.experiments, self.data = folder, experiments, data or folder
         self._tables: dict[tuple[str, bool], Table] = {}
         self._scores: dict[tuple[str, ...], Rows] = {}
 
@@ -83,8 +84,8 @@ class Results:
         return self.json("lights/chain.json")
 
     def json(self, path: str) -> dict[str, Any]:
-        """Reads a .json file of the results. Raises UserError if it is missing."""
-        return json.loads(existing_file(self.folder / path, "results").read_text())
+        """Reads a .json file of the data. Raises UserError if it is missing."""
+        return json.loads(existing_file(self.data / path, "results").read_text())
 
     def usual(self, name: str) -> bool:
         """Returns whether an experiment has the usual test figures and lights."""
