@@ -50,7 +50,7 @@ def find_path(folder: Path, parts: tuple[str, ...]) -> Path | None:
             continue
         if not os.path.lexists(path / part):
             names = sorted(os.listdir(path)) if path.is_dir() else []
-            alike = next((name for name in names if _folded(name) == _folded(part)), None)
+            alike = next((name for name in names if folded(name) == folded(part)), None)
             if alike is None:
                 return None
             part = alike
@@ -74,13 +74,13 @@ def _find_below(beside: Path, folder: Path, tried: list[PurePosixPath]) -> Path 
 
     `tried` are spellings of a path that the file `beside` names. Raises UserError if there are several such files.
     """
-    names = {_folded(wanted.name) for wanted in tried}
-    found = [Path(root, file) for root, _, files in os.walk(folder) for file in files if _folded(file) in names]
+    names = {folded(wanted.name) for wanted in tried}
+    found = [Path(root, file) for root, _, files in os.walk(folder) for file in files if folded(file) in names]
     if len(found) > 1:
         raise UserError(f"{beside} names {tried[0]}, and {len(found)} files in the subfolders are called so")
     return found[0] if found else None
 
 
-def _folded(name: str) -> str:
+def folded(name: str) -> str:
     """Returns a name without the differences that file systems disregard: capitals, and how accents are composed."""
     return unicodedata.normalize("NFC", name).casefold()

@@ -11,7 +11,7 @@ from relight.core.errors import UserError
 from relight.core.srgb import LINEAR
 from relight.panoramas import Panorama, luminance
 from relight.photos.camera import blurred, camera_view
-from relight.photos.color import apply_gain, roll_off
+from relight.photos.color import apply_gain, on_white, roll_off
 from relight.photos.opening import is_picture
 from relight.photos.picture import Given, Picture
 
@@ -120,13 +120,13 @@ def read_background(given: Background | Given, blur: float = 0.0, shadow: bool =
         return given
     if not isinstance(given, str | Path):
         picture = Picture.of(given, "the background")
-        return Background("picture", picture=picture.codes, blur=blur, shadow=shadow, name=picture.name)
+        return Background("picture", picture=on_white(picture.rgba), blur=blur, shadow=shadow, name=picture.name)
     text = str(given)
     kinds = {"keep": "keep", "transparent": "none", "none": "none", "panorama": "panorama"}
     if text in kinds:
         return Background(kinds[text], blur=blur, shadow=shadow, name=text)
     if is_picture(text):
-        codes = Picture.of(text, "background").codes
+        codes = on_white(Picture.of(text, "background").rgba)
         return Background("picture", picture=codes, blur=blur, shadow=shadow, name=text)
     try:
         color = np.array(ImageColor.getrgb(text)[:3], np.uint8)

@@ -164,3 +164,18 @@ def as_codes(pixels: np.ndarray) -> np.ndarray:
     if pixels.dtype == np.uint8:
         return pixels
     return to_srgb8(pixels) if pixels.dtype.kind == "f" else np.round(pixels / np.float32(257)).astype(np.uint8)
+
+
+def with_alpha(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Returns pixels (H,W,3) with alpha (H,W) uint8 as a fourth channel, of their type."""
+    factor = {1: 1, 2: 257, 4: 1 / 255}[pixels.itemsize]  # by bytes a channel: 255 becomes 255, 65535 or 1.0
+    return np.dstack([pixels, alpha * np.array(factor, pixels.dtype)])
+
+
+def on_white(pixels: np.ndarray) -> np.ndarray:
+    """Returns pixels (H,W,3) or (H,W,4) as (H,W,3) uint8 sRGB, white where they are transparent."""
+    codes = as_codes(pixels[..., :3])
+    if pixels.shape[2] == 3:
+        return codes
+    share = pixels[..., 3:] / np.float32({1: 255, 2: 65535, 4: 1}[pixels.itemsize])
+    return np.round(255 + share * (codes - np.float32(255))).astype(np.uint8)

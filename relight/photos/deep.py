@@ -20,16 +20,15 @@ def is_exr(path: Path) -> bool:
         return file.read(4) == EXR_MAGIC
 
 
-def read_16_bits(path: Path, orientation: int, what: str) -> tuple[np.ndarray, np.ndarray | None]:
+def read_16_bits(path: Path, what: str) -> tuple[np.ndarray, np.ndarray | None]:
     """Reads a PNG or TIFF of 16 bits per channel, of which Pillow keeps the upper half.
 
     Args:
         path: of the file.
-        orientation: of its EXIF data.
         what: its name in errors.
 
     Returns:
-        (H,W,3) uint16, upright; alpha (H,W) uint16, or None.
+        (H,W,3) uint16, as stored; alpha (H,W) uint16, or None.
 
     Raises:
         UserError: if it is damaged.
@@ -43,14 +42,13 @@ def read_16_bits(path: Path, orientation: int, what: str) -> tuple[np.ndarray, n
         raise UserError(f"{what} is damaged or cut short ({image.geterror().splitlines()[0]})")
     spec = image.spec()
     alpha_channel, is_multiplied = spec.alpha_channel, not spec.get_int_attribute(UNASSOCIATED)
-    image.orientation = orientation
-    values = np.asarray(oiio.ImageBufAlgo.reorient(image).get_pixels(oiio.UINT16))
+    values = np.asarray(image.get_pixels(oiio.UINT16))
     alpha = values[..., alpha_channel] if alpha_channel >= 0 else None
     pixels = values[..., :3] if values.shape[2] > 2 else np.repeat(values[..., :1], 3, axis=2)
     if alpha is not None and is_multiplied:
         share = np.maximum(alpha, 1)[..., None] / np.float32(65535)
         pixels = np.round(np.minimum(pixels / share, 65535)).astype(np.uint16)
-    return np.ascontiguousarray(pixels), alpha
+    return pixels, alpha
 
 
 def read_linear(path: Path, what: str) -> tuple[np.ndarray, np.ndarray | None, list[str]]:
@@ -61,24 +59,33 @@ def read_linear(path: Path, what: str) -> tuple[np.ndarray, np.ndarray | None, l
         what: its name in errors.
 
     Returns:
-        Pixels (H,W,3) float32, linear Rec. 709; alpha (H,W) uint8, or None if it does not vary; notes.
+        Pixels (H,W,3) float32, linear Rec. 709; alpha (H,W) uint8, or None; notes.
 
     Raises:
         UserError: if it is damaged, or has pixels that are not finite.
     """
     picture = read_exr(path)
-    pixels, notes = np.ascontiguousarray(picture.pixels), picture.repairs
+    pixels, alpha = picture.pixels, None
+    if picture.alpha is not None:
+        share = np.nan_to_num(picture.alpha).clip(0, 1)
+        pixels = pixels / np.where(share > 0, share, 1)[..., None]  # OpenEXR's colors are multiplied by alpha
+        alpha = np.round(share * 255).astype(np.uint8)
+    pixels, notes = of_linear(pixels, what)
+    return pixels, alpha, picture.repairs + notes
+
+
+def of_linear(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
+    """Returns linear values (H,W,3) of any float type as float32 without negative ones, and what was changed.
+
+    Raises:
+        UserError: if some are not finite in float32.
+    """
+    with np.errstate(over="ignore"):
+        pixels = np.ascontiguousarray(values, np.float32)
     if not np.isfinite(pixels).all():
         raise UserError(f"{what} has pixels that are not finite numbers: repair it first")
-    alpha = None
-    if picture.alpha is not None and np.ptp(np.nan_to_num(picture.alpha)) > 0:
-        share = np.nan_to_num(picture.alpha).clip(0, 1)
-        pixels /= np.where(share > 0, share, 1)[..., None]  # OpenEXR's colors are multiplied by alpha
-        alpha = np.round(share * 255).astype(np.uint8)
-    if (pixels < 0).any():
-        notes.append(f"{int((pixels < 0).any(-1).sum())} pixels had negative values, set to zero")
-        pixels = np.maximum(pixels, 0)
-    return pixels, alpha, notes
+    negative = int((pixels < 0).any(-1).sum())
+    return np.maximum(pixels, 0), [f"{negative} pixels had negative values, set to zero"] * bool(negative)
 
 
 def write_deep(path: Path, pixels: np.ndarray) -> None:

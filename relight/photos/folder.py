@@ -82,7 +82,7 @@ def relight_file(
     light, background = scene.exposed(look)
     relit = next(scene.turned(look, light, background))
     write_picture(out / f"relit{picture.suffix}", relit)
-    write_before_after(out / BEFORE_AFTER, picture.pixels, relit)
+    write_before_after(out / BEFORE_AFTER, picture.rgba, relit)
     write_inference(out, scene)
     if maps:
         write_maps(out / "maps.exr", scene)

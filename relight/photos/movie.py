@@ -17,6 +17,7 @@ import numpy as np
 from relight.core.errors import UserError
 from relight.core.progress import progress
 from relight.maps.square import Crop, crop_around
+from relight.photos.color import on_white
 from relight.photos.look import Look
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import masked
@@ -32,6 +33,7 @@ T = TypeVar("T")
 LIGHT_RADIUS, CROP_RADIUS, TRANSPORT_RADIUS = 12, 4, 1  # frames to each side that the means include
 CHANGE = 0.06  # of linear values: pixels that differ by more from a neighbouring frame count as moved
 SECONDS = 6.0  # of the movie of a photo
+WHITE = "what is transparent is white, since a movie is opaque: --background gives something else"
 UNKNOWN_LENGTH = 250  # frames of one turn of the light, for clips that do not state their length
 
 
@@ -83,9 +85,9 @@ def write_movie(
     scene, fps = Scene.of(path, mask, network, size=size, **options), fps or FPS
     count = max(1, round((seconds or SECONDS) * fps))
     turn = 2 * np.pi * (1.0 if turns is None else turns) / count
-    frames = scene.turned(look, *scene.exposed(look), [turn * i for i in range(count)])
+    frames = map(on_white, scene.turned(look, *scene.exposed(look), [turn * i for i in range(count)]))
     write_video(out, progress(frames, "frames", total=count), fps)
-    return light_notes + scene.notes
+    return light_notes + scene.notes + white_notes(scene.picture, look)
 
 
 def relight_clip(
@@ -123,7 +125,7 @@ def relight_clip(
     def infer(picture: Picture, crop: Crop) -> Person:
         assert picture.coverage is not None  # frames are masked
         person = infer_person(network, picture.pixels, picture.coverage, crop)
-        notes.update([*picture.notes, *mask_warnings([person.coverage])])
+        notes.update([*picture.notes, *mask_warnings([person.coverage]), *white_notes(picture, look)])
         return balanced([person])[0] if white_balance == "keep" else person
 
     def relit() -> Iterator[np.ndarray]:
@@ -132,9 +134,14 @@ def relight_clip(
         for i, scene in enumerate(smooth_over_time(pictures, network.size, infer)):
             exposed = exposed or scene.exposed(look)
             turn = 2 * np.pi * turns * i / (count or UNKNOWN_LENGTH)
-            yield from scene.turned(look, *exposed, [turn])
+            yield from map(on_white, scene.turned(look, *exposed, [turn]))
 
     return relit(), count, fps
+
+
+def white_notes(picture: Picture, look: Look) -> list[str]:
+    """Returns a note if a picture is transparent in places, and a look keeps them so."""
+    return [WHITE] * (picture.alpha is not None and look.background.kind == "keep")
 
 
 def with_masks(

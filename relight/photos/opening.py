@@ -1,6 +1,5 @@
 """Finds and opens the files of pictures: what is wrong is one sentence, before pixels are decoded where possible."""
 
-import glob
 import re
 import struct
 import warnings
@@ -8,10 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from PIL import Image, TiffImagePlugin
+import numpy as np
+from PIL import ExifTags, Image, TiffImagePlugin
 
 from relight.core.errors import UserError
 from relight.core.files import PHOTO_SUFFIXES, require_readable
+from relight.meshes.find import find_path, folded
 
 MAX_PIXELS = 100_000_000  # of a photo; decoders allocate memory before they find that a file is a decompression bomb
 TOO_LARGE = f"at most {MAX_PIXELS // 10**6} million pixels are read"
@@ -21,8 +22,6 @@ HEIC = (".heic", ".heif")
 RAW = (".dng", ".nef", ".nrw", ".arw", ".cr2", ".cr3", ".raf", ".orf", ".rw2", ".pef", ".srw", ".raw")  # of cameras
 DNG_VERSION = 50706  # tag of a RAW file that may be called .tif; its first picture is a thumbnail
 NUMBER = re.compile(r"(\d+)")
-NCLX = re.compile(rb"colrnclx(.{6})", re.DOTALL)  # the box of AVIF and HEIC that codes the color space
-HEAD = 1 << 16  # bytes, in which files say what their colors mean
 ANIMATIONS = ("GIF", "WEBP", "PNG", "AVIF")  # formats whose further pictures are frames; in others they are previews
 REDUCED, TRANSPARENCY = 1, 4  # bits of a TIFF page's NewSubfileType: a preview, a mask
 
@@ -41,18 +40,15 @@ def open_picture(path: Path, what: str) -> Image.Image:
         raise UserError(f"{what} is larger than {MAX_BYTES // 10**6} MB: give a smaller file")
     if path.suffix.lower() in HEIC:
         try:
-            from pillow_heif import register_heif_opener
+            from pi_heif import register_heif_opener
         except ImportError:
-            raise UserError(
-                f"{what} is HEIC, which needs pillow-heif: pip install '.[heic]', or save it as JPEG"
-            ) from None
+            raise UserError(f"{what} is HEIC, which needs pi-heif: pip install '.[heic]', or save it as JPEG") from None
         register_heif_opener()
     raw = f"{what} is the RAW file of a camera: develop it first, and save it as JPEG, or as TIFF of 16 bits"
     if path.suffix.lower() in RAW:
         raise UserError(raw)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow only warns of large pictures; here they are an error
+        with warnings.catch_warnings(action="ignore"):  # Pillow only warns of large pictures; here they are an error
             image = Image.open(path)
     except Image.DecompressionBombError:
         raise UserError(f"{what} is too large: {TOO_LARGE}") from None
@@ -77,10 +73,11 @@ def open_picture(path: Path, what: str) -> Image.Image:
 def decoding_errors(what: str) -> Iterator[None]:
     """Turns what Pillow's decoders raise for damaged files, a dozen types, into a UserError.
 
-    A package that is missing is not the file's fault: `ImportError` passes.
+    A package that is missing is not the file's fault: `ImportError` passes. Warnings, as of EXIF data, are left out.
     """
     try:
-        yield
+        with warnings.catch_warnings(action="ignore"):
+            yield
     except (UserError, ImportError):
         raise
     except Exception as error:
@@ -105,11 +102,26 @@ def require_still(image: Image.Image, what: str) -> None:
         image.seek(pages[0] if pages else 0)
 
 
+def orientation_of(image: Image.Image) -> int:
+    """Returns the orientation in the EXIF data of an image, 1 to 8: 1 if they are damaged, as browsers take it."""
+    try:
+        return image.getexif().get(ExifTags.Base.Orientation, 1)
+    except Exception:  # Pillow raises a dozen types
+        return 1
+
+
+def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """Returns pixels (H,W) or (H,W,C) turned and mirrored as an orientation of EXIF says."""
+    if orientation in (5, 6, 7, 8):
+        pixels = pixels.swapaxes(0, 1)
+    down, right = (-1 if orientation in mirrored else 1 for mirrored in ((3, 4, 7, 8), (2, 3, 6, 7)))
+    return np.ascontiguousarray(pixels[::down, ::right])
+
+
 def bits_of(image: Image.Image, file: Path | None) -> int:
     """Returns the bits per channel of a file, of which Pillow drops the lower half silently."""
     if image.format == "PNG" and file is not None:
-        with open(file, "rb") as data:
-            return data.read(25)[24]  # of the header IHDR: width, height, bit depth
+        return _png_chunk(file, b"IHDR")[8]  # after width and height
     if isinstance(image, TiffImagePlugin.TiffImageFile):
         bits = image.tag_v2.get(258, 8)  # BitsPerSample
         return max(bits) if isinstance(bits, tuple) else int(bits)
@@ -117,34 +129,74 @@ def bits_of(image: Image.Image, file: Path | None) -> int:
 
 
 def coding_of(image: Image.Image, file: Path | None) -> tuple[int, int] | None:
-    """Returns the color space that a PNG, AVIF or HEIC names, as codes of ITU-T H.273: primaries and transfer.
+    """Returns the color space that a PNG, AVIF or HEIC codes for its picture: primaries and transfer of ITU-T H.273.
 
-    None if it names none. `file` is that of the image, None if it has none.
+    None if it codes none, or if an AVIF or HEIC has an ICC profile, which counts there; in a PNG the codes do.
+    `file` is that of the image, None if it has none.
     """
-    if file is None or image.format not in ("PNG", "AVIF", "HEIF"):
-        return None
+    if image.format == "PNG" and file is not None:
+        codes = _png_chunk(file, b"cICP")
+        return (codes[0], codes[1]) if len(codes) == 4 else None
+    if image.format == "HEIF" and (profile := image.info.get("nclx_profile")):
+        return profile["color_primaries"], profile["transfer_characteristics"]
+    if image.format == "AVIF" and file is not None and not image.info.get("icc_profile"):
+        for kind, content in _primary_properties(memoryview(file.read_bytes())):
+            if kind == b"colr" and content[:4] == b"nclx":
+                return struct.unpack_from(">HH", content, 4)
+    return None
+
+
+def _png_chunk(file: Path, name: bytes) -> bytes:
+    """Returns the content of a PNG's first chunk of this name in front of the pixels, or nothing."""
     with open(file, "rb") as data:
-        start = data.read(HEAD)
-    if image.format != "PNG":
-        box = NCLX.search(start)
-        return struct.unpack(">HH", box[1][:4]) if box else None
-    place = start.find(b"cICP", 0, start.find(b"IDAT"))
-    return (start[place + 4], start[place + 5]) if 0 <= place < len(start) - 5 else None
+        data.seek(8)
+        while len(head := data.read(8)) == 8 and head[4:] != b"IDAT":
+            size = int.from_bytes(head[:4])
+            if head[4:] == name:
+                return data.read(size)
+            data.seek(size + 4, 1)
+    return b""
+
+
+def _boxes(data: memoryview) -> Iterator[tuple[bytes, memoryview]]:
+    """Yields kind and content of each box in some data (ISO 14496-12, 4.2)."""
+    while len(data) >= 8:
+        size, start = int.from_bytes(data[:4]), 8
+        if size == 1:
+            size, start = int.from_bytes(data[8:16]), 16
+        yield bytes(data[4:8]), data[start : size or None]
+        data = data[max(size, start) if size else len(data) :]
+
+
+def _primary_properties(data: memoryview) -> list[tuple[bytes, memoryview]]:
+    """Returns kind and content of the properties of an AVIF's primary picture (ISO 14496-12, 8.11; 23008-12, 9.3)."""
+    meta = dict(_boxes(next(content for kind, content in _boxes(data) if kind == b"meta")[4:]))
+    parts = list(_boxes(meta[b"iprp"]))
+    properties = list(_boxes(dict(parts)[b"ipco"]))
+    primary = int.from_bytes(meta[b"pitm"][4:])
+    for table in (content for kind, content in parts if kind == b"ipma"):
+        wide_items, wide_indices, place = table[0] > 0, table[3] & 1, 8
+        for _ in range(int.from_bytes(table[4:8])):
+            count = place + (4 if wide_items else 2)
+            start, end = count + 1, count + 1 + table[count] * (1 + wide_indices)
+            if int.from_bytes(table[place:count]) == primary:
+                indices = np.frombuffer(table[start:end], ">u2" if wide_indices else "u1")
+                return [properties[i - 1] for i in indices & (0x7FFF if wide_indices else 0x7F) if i]  # without a flag
+            place = end
+    return []
 
 
 def mask_beside(photo: Path | str) -> Path | None:
     """Returns the mask file in the folder of a photo, me_mask.png for me.jpg; None if there is none."""
     photo = Path(photo)
-    beside = photo.with_name(f"{photo.stem}_mask.png")
-    return beside if beside.is_file() else None
+    beside = find_path(photo.parent, (f"{photo.stem}_mask.png",))
+    return beside if beside is not None and beside.is_file() else None
 
 
 def mask_in(masks: Path | str, name: str) -> Path | None:
     """Returns the mask of the photo `name` in a folder of masks, name.png or name_mask.png; None if there is none."""
-    for stem in (name, f"{name}_mask"):
-        if found := sorted(file for file in Path(masks).glob(f"{glob.escape(stem)}.*") if is_picture(file)):
-            return found[0]
-    return None
+    files = {folded(file.stem): file for file in sorted(Path(masks).iterdir(), reverse=True) if is_picture(file)}
+    return files.get(folded(name)) or files.get(folded(f"{name}_mask"))
 
 
 def is_picture(path: Path | str) -> bool:

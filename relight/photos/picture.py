@@ -5,13 +5,21 @@ from pathlib import Path
 from typing import Union
 
 import numpy as np
-from PIL import ExifTags, Image, ImageOps
+from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.files import existing_file
-from relight.photos.color import as_codes
-from relight.photos.deep import is_exr, read_16_bits, read_linear
-from relight.photos.opening import bits_of, coding_of, decoding_errors, open_picture, require_still
+from relight.photos.color import as_codes, with_alpha
+from relight.photos.deep import is_exr, of_linear, read_16_bits, read_linear
+from relight.photos.opening import (
+    bits_of,
+    coding_of,
+    decoding_errors,
+    open_picture,
+    orientation_of,
+    require_still,
+    upright,
+)
 from relight.photos.profile import to_srgb
 
 FEW_BITS = 1 << 12  # codes of cameras that write 12 bits into 16
@@ -24,7 +32,7 @@ class Picture:
     """A picture, upright and in sRGB.
 
     Attributes:
-        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709 of an OpenEXR file.
+        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709, as OpenEXR has it.
         alpha: (H,W) uint8, or None if there is no alpha channel that varies.
         name: of the file, without its suffix.
         notes: what was chosen where a file can mean two things, one sentence each.
@@ -57,13 +65,19 @@ class Picture:
         """(H,W,3) uint8 sRGB."""
         return as_codes(self.pixels)
 
+    @property
+    def rgba(self) -> np.ndarray:
+        """The pixels, with alpha as a fourth channel if there is one."""
+        return self.pixels if self.alpha is None else with_alpha(self.pixels, self.alpha)
+
     @classmethod
     def of(cls, given: Given, what: str = "", name: str = "image") -> "Picture":
         """Takes a picture, however it is given.
 
         Args:
-            given: a file; an image of Pillow; (H,W,3) uint8 or uint16 sRGB, or (H,W) if grey; or a `Picture`, as it is.
-                What has EXIF data is turned upright, and what has a color profile is converted to sRGB.
+            given: a file; an image of Pillow; (H,W,3) uint8 or uint16 sRGB, or floats that are linear Rec. 709, with 1
+                as white and no bound above; (H,W) of them if grey; or a `Picture`, as it is. What has EXIF data is
+                turned upright, and what has a color profile is converted to sRGB.
             what: its name in errors; before the path of a file.
             name: of what is no file.
 
@@ -86,8 +100,10 @@ class Picture:
             with decoding_errors(what or "the image"):
                 picture = replace(_of_image(given, what or "the image"), name=name)
         else:
-            picture = cls(_of_array(np.asarray(given), what or "the image"), name=name, what=what or "the image")
+            picture = replace(_of_array(np.asarray(given), what or "the image"), name=name)
         height, width = picture.shape
+        if picture.alpha is not None and picture.alpha.min() == picture.alpha.max():
+            picture.alpha = None
         if min(height, width) < LEAST_SIDE:
             raise UserError(f"{picture.what} is only {width}x{height} pixels: {LEAST_SIDE} a side are the least")
         if np.array_equal(picture.pixels[..., 1:], picture.pixels[..., :2]):
@@ -101,14 +117,15 @@ class Picture:
         if scale >= 1:
             return replace(self, pixels=codes)
         side = max(LEAST_SIDE, round(width * scale)), max(LEAST_SIDE, round(height * scale))
-        pixels, alpha, coverage = (
-            None
+        pixels, coverage = (
+            values
             if values is None
             else np.asarray(Image.fromarray(values).resize(side, Image.Resampling.LANCZOS, reducing_gap=3))
-            for values in (codes, self.alpha, self.coverage)
+            for values in (replace(self, pixels=codes).rgba, self.coverage)
         )
         assert pixels is not None  # as codes are not
-        return replace(self, pixels=pixels, alpha=alpha, coverage=coverage)
+        alpha = None if self.alpha is None else pixels[..., 3]
+        return replace(self, pixels=pixels[..., :3], alpha=alpha, coverage=coverage)
 
 
 def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Picture:
@@ -122,19 +139,17 @@ def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Pictur
         raise UserError(f"{what} has more than 16 bits per channel: save it in 16 bits, or as OpenEXR if it is linear")
     stored, alpha = image, None
     if bits == 16 and file is not None and not is_deep_grey:
-        pixels, alpha = read_16_bits(file, image.getexif().get(ExifTags.Base.Orientation, 1), what)
+        pixels, alpha = read_16_bits(file, what)
         alpha = None if alpha is None else np.round(alpha / np.float32(257)).astype(np.uint8)
+    elif is_deep_grey:
+        pixels = np.repeat(np.asarray(image, np.uint16)[..., None], 3, axis=2)
     else:
-        image = ImageOps.exif_transpose(image)
-        if is_deep_grey:
-            pixels = np.repeat(np.asarray(image, np.uint16)[..., None], 3, axis=2)
-        else:
-            if "A" in image.getbands() or "transparency" in image.info:
-                image = image.convert("RGBA")
-                alpha = np.asarray(image.getchannel("A"))
-            pixels = np.asarray(image.convert("RGB"))
-    if alpha is not None and alpha.min() == alpha.max():
-        alpha = None
+        if "A" in image.getbands() or "transparency" in image.info:
+            image = image.convert("RGBA")
+            alpha = np.asarray(image.getchannel("A"))
+        pixels = np.asarray(image.convert("RGB"))
+    orientation = orientation_of(stored)
+    pixels, alpha = upright(pixels, orientation), None if alpha is None else upright(alpha, orientation)
     largest = int(pixels.max())
     pixels, notes = to_srgb(pixels, stored, what, coding_of(stored, file))
     if pixels.dtype == np.uint16 and largest < FEW_BITS:
@@ -143,9 +158,14 @@ def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Pictur
     return Picture(pixels, alpha, notes=notes, suffix=suffix, what=what)
 
 
-def _of_array(pixels: np.ndarray, what: str) -> np.ndarray:
+def _of_array(pixels: np.ndarray, what: str) -> Picture:
     if pixels.ndim == 2:
         pixels = np.repeat(pixels[..., None], 3, axis=2)
-    if pixels.dtype not in (np.uint8, np.uint16) or pixels.ndim != 3 or pixels.shape[2] != 3:
-        raise UserError(f"{what} is {pixels.dtype} {pixels.shape}: give (height, width, 3) uint8 sRGB, or uint16")
-    return pixels
+    is_known = pixels.dtype in (np.uint8, np.uint16) or pixels.dtype.kind == "f"
+    if not is_known or pixels.ndim != 3 or pixels.shape[2] != 3:
+        kinds = "(height, width, 3) uint8 or uint16 sRGB, or linear floats"
+        raise UserError(f"{what} is {pixels.dtype} {pixels.shape}: give {kinds}")
+    if pixels.dtype.kind != "f":
+        return Picture(pixels, what=what)
+    pixels, notes = of_linear(pixels, what)
+    return Picture(pixels, notes=[f"{what} holds floats, which are taken as linear", *notes], suffix=".exr", what=what)

@@ -14,6 +14,7 @@ from relight.lights import Light
 from relight.lights.light import direction, parts_of
 from relight.lights.load import parse_number
 from relight.lights.place import place_light
+from relight.photos.color import on_white
 from relight.photos.opening import is_picture
 from relight.photos.picture import Picture
 
@@ -58,7 +59,7 @@ def light(text: str, order: int = 2) -> Light:
     if stated:
         azimuth, elevation = (parse_number(number or str(ELEVATION), source) for number in stated)
         toward = direction(azimuth, elevation, source)
-    codes = Picture.of(path, "place").codes
+    codes = on_white(Picture.of(path, "place").rgba)
     if stated:
         return Light(place_light(codes, toward), source).at_order(order)
     return estimated(codes, path).at_order(order)

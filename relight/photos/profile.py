@@ -23,12 +23,14 @@ Curve = Callable[[np.ndarray], np.ndarray]  # from codes in [0,1] to linear valu
 UNSPECIFIED = 2
 PRIMARIES = {
     1: REC709,
+    5: (0.64, 0.33, 0.29, 0.60, 0.15, 0.06, 0.3127, 0.3290),
+    **dict.fromkeys((6, 7), (0.630, 0.340, 0.310, 0.595, 0.155, 0.070, 0.3127, 0.3290)),
     9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290),
     12: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290),
 }
 HDR_TRANSFERS = (16, 18)  # PQ and HLG
 TRANSFERS: dict[int, Curve] = {
-    **dict.fromkeys((1, 6, 13, 14, 15), decode),
+    **dict.fromkeys((1, 6, 7, 11, 12, 13, 14, 15), decode),
     4: lambda code: code**2.2,
     5: lambda code: code**2.8,
     8: lambda code: code,
@@ -46,7 +48,7 @@ def to_srgb(
         pixels: (H,W,3) uint8 or uint16.
         image: whose metadata say what the pixels mean.
         what: its name in errors.
-        coding: of `coding_of`, which counts before the profile.
+        coding: of `coding_of`.
 
     Returns:
         Pixels of the same type, and notes, one sentence each.
@@ -94,11 +96,12 @@ def _by_coding(pixels: np.ndarray, coding: tuple[int, int], what: str) -> tuple[
 
 def _is_adobe(image: Image.Image) -> bool:
     """Returns whether EXIF data say Adobe RGB: 2, as some cameras write, or DCF 2.0's uncalibrated and mark R03."""
-    exif = image.getexif()
-    if not exif:
+    try:
+        exif = image.getexif()
+        space = exif.get_ifd(ExifTags.IFD.Exif).get(ExifTags.Base.ColorSpace)
+        mark = str(exif.get_ifd(ExifTags.IFD.Interop).get(ExifTags.Interop.InteropIndex, ""))
+    except Exception:  # damaged EXIF data, over which Pillow raises a dozen types, say nothing
         return False
-    space = exif.get_ifd(ExifTags.IFD.Exif).get(ExifTags.Base.ColorSpace)
-    mark = str(exif.get_ifd(ExifTags.IFD.Interop).get(ExifTags.Interop.InteropIndex, ""))
     return space == 2 or (space == 0xFFFF and mark.startswith("R03"))
 
 

@@ -12,7 +12,7 @@ from scipy.ndimage import maximum_filter, uniform_filter1d
 from relight.core.srgb import to_linear
 from relight.maps.square import extent
 from relight.photos.background import Background
-from relight.photos.color import CLIPPING, apply_gain, clipping_excess, roll_off, to_codes
+from relight.photos.color import CLIPPING, apply_gain, clipping_excess, roll_off, to_codes, with_alpha
 from relight.photos.ground import ground_under
 from relight.photos.guide import FittedMap, luma
 from relight.photos.person import Person
@@ -33,7 +33,7 @@ class _PersonPixels:
         where: (N,) flat indices into the crop's window of those rows.
         index: the same pixels as (rows, columns) of the part.
         linear: (N,3) the photo's values.
-        alpha: (N,1) the person's share of them, in [0,1].
+        alpha: (N,1) the person's share of what is opaque of them, in [0,1].
         foreground: (N,3) the person's own color.
         detail: (N,3), from `Person.detail`.
         excess: (N,3), as `color.clipping_excess`.
@@ -77,6 +77,7 @@ def render(
     background: Background | None = None,
     turn: float = 0.0,
     stops: float = 0.0,
+    alpha: np.ndarray | None = None,
 ) -> np.ndarray:
     """Relights the people of a photo.
 
@@ -88,11 +89,13 @@ def render(
         background: the photo's own by default.
         turn: of a panorama behind, radians.
         stops: exposure of the people and of the background, as powers of two.
+        alpha: (H,W) uint8 of a photo that is transparent in places; its colors are not multiplied by it.
 
     Returns:
-        (H,W,3) of the same type, or (H,W,4) for a transparent background. Values of a linear photo are not rolled off.
+        (H,W,3) of the same type, or (H,W,4) for a transparent background, or the photo's own with `alpha`. Values of a
+        linear photo are not rolled off.
     """
-    return next(frames(pixels, people, [(light, turn)], mode, background or Background(), stops))
+    return next(frames(pixels, people, [(light, turn)], mode, background or Background(), stops, alpha))
 
 
 def frames(
@@ -102,16 +105,18 @@ def frames(
     mode: str,
     background: Background,
     stops: float,
+    alpha: np.ndarray | None = None,
 ) -> Iterator[np.ndarray]:
     """Yields what `render` returns for each of `lights`, with its turn. What these do not change is computed once."""
     shape, coverage = pixels.shape[:2], total_coverage(people)
     transparent = background.kind == "none"
+    shown = coverage if transparent else alpha if background.kind == "keep" else None
     ground = None
     if background.replaced and background.shadow:
         ground = ground_under([person.coverage for person in people], order_of(people[0].transport.shape[-1]))
     still = background.linear(shape, stops=stops) if background.replaced and not background.turns else None
     rows = [each for each in strips(0, len(pixels)) if background.kind != "keep" or coverage[slice(*each)].any()]
-    layers: Iterable[_Layers] = (_split_layers(pixels, people, each, transparent) for each in rows)
+    layers: Iterable[_Layers] = (_split_layers(pixels, people, each, transparent, alpha) for each in rows)
     if len(lights) > 1:
         layers = list(layers)  # of a single picture, which may be large, there is one at a time
     for light, turn in lights:
@@ -120,15 +125,11 @@ def frames(
             behind = background.linear(shape, turn, stops)
         if ground and behind is not None:
             ground.cast_shadows(behind, light if isinstance(light, np.ndarray) else np.mean(light, 0))
-        out = np.empty((*shape, 4 if transparent else 3), pixels.dtype)
-        out[..., :3] = pixels
+        out = pixels.copy() if shown is None else with_alpha(pixels, shown)
         for (first, last), part in zip(rows, layers):
             if transparent:
                 out[first:last, :, :3] = to_codes(part.foreground, out.dtype)
             _compose(out[first:last, :, :3], part, maps, None if behind is None else behind[first:last], stops)
-        if transparent:
-            factor = {1: 1, 2: 257, 4: 1 / 255}[out.itemsize]  # by bytes a channel: 255 becomes 255, 65535 or 1.0
-            out[..., 3] = coverage * np.array(factor, out.dtype)
         yield out
 
 
@@ -147,21 +148,33 @@ def _fit_maps(
     return [(person.fitted_albedo, person.fit_shading(new_light)) for person, new_light in zip(people, lights)]
 
 
-def _split_layers(pixels: np.ndarray, people: Sequence[Person], rows: tuple[int, int], opaque: bool = False) -> _Layers:
-    """Separates rows into people, who may be made `opaque`, and background. The cut of the rows does not show."""
+def _split_layers(
+    pixels: np.ndarray,
+    people: Sequence[Person],
+    rows: tuple[int, int],
+    opaque: bool = False,
+    visible: np.ndarray | None = None,
+) -> _Layers:
+    """Separates rows into people, who may be made `opaque`, and background. The cut of the rows does not show.
+
+    Colors are those of what is `visible`, (H,W) uint8: a person who covers all of it has them alone.
+    """
     first, last = rows
     top, bottom = max(first - REACH, 0), min(last + REACH, len(pixels))
     linear = to_linear(pixels[top:bottom])
     alpha = total_coverage(people, slice(top, bottom)).astype(np.float32) / 255
+    share = (
+        alpha if visible is None else alpha / np.maximum(np.maximum(visible[top:bottom] / np.float32(255), alpha), 1e-9)
+    )
     window = slice(first - top, last - top)  # without the rows that only the foreground's estimate needs
-    part = _Layers(first, linear[window], alpha[window], estimate_foreground(linear, alpha)[window], [])
-    part.people = [_person_pixels(person, part) for person in people]
+    part = _Layers(first, linear[window], alpha[window], estimate_foreground(linear, share)[window], [])
+    part.people = [_person_pixels(person, part, share[window]) for person in people]
     for person in filter(None, part.people) if opaque else ():
         person.linear, person.alpha = person.foreground, np.ones_like(person.alpha)
     return part
 
 
-def _person_pixels(person: Person, part: _Layers) -> _PersonPixels | None:
+def _person_pixels(person: Person, part: _Layers, share: np.ndarray) -> _PersonPixels | None:
     rows = max(part.top, person.crop.rows[0]), min(part.top + len(part.foreground), person.crop.rows[1])
     if rows[0] >= rows[1]:
         return None
@@ -173,7 +186,7 @@ def _person_pixels(person: Person, part: _Layers) -> _PersonPixels | None:
     linear, foreground = (
         np.asfortranarray(image.reshape(-1, 3).take(flat, axis=0)) for image in (part.linear, part.foreground)
     )
-    alpha = part.alpha.take(flat)[:, None]
+    alpha = share.take(flat)[:, None]
     detail = person.detail(foreground, rows, where)
     excess = np.zeros_like(foreground)
     clipped = (foreground > CLIPPING).any(-1)

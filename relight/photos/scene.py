@@ -123,7 +123,7 @@ class Scene:
         return order_of(self.people[0].transport.shape[-1])
 
     def relit(self, look: Look) -> np.ndarray:
-        """Returns the relit picture, (H,W,3) of its type, or (H,W,4) for a transparent background."""
+        """Returns the relit picture, (H,W,3) of its type, or (H,W,4) if the background is transparent."""
         return next(self.turned(look, *self.exposed(look)))
 
     def exposed(self, look: Look) -> tuple[np.ndarray, Background]:
@@ -148,7 +148,7 @@ class Scene:
         """
         angles = [np.radians(look.turn) + turn for turn in turns]
         lights = [(rotate_y(light, angle).astype(np.float32), angle) for angle in angles]
-        return frames(self.picture.pixels, self.people, lights, look.mode, background, look.stops)
+        return frames(self.picture.pixels, self.people, lights, look.mode, background, look.stops, self.picture.alpha)
 
 
 def require_white_balance(white_balance: str) -> None:

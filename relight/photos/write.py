@@ -9,12 +9,12 @@ import OpenEXR
 from PIL import Image
 
 from relight.core.files import atomic_write
-from relight.core.srgb import to_bytes, to_linear
+from relight.core.srgb import to_linear
 from relight.core.version import __version__
 from relight.lights import Light, lit_ball, write_light
 from relight.maps import coefficient_names
 from relight.maps.exr import CONVENTION, FRAME
-from relight.photos.color import as_codes, display_shading, to_srgb8
+from relight.photos.color import display_shading, on_white, to_srgb8
 from relight.photos.deep import write_deep
 from relight.photos.guide import FittedMap, luma
 from relight.photos.person import Person
@@ -42,13 +42,10 @@ def write_before_after(path: Path, before: np.ndarray, after: np.ndarray) -> Non
 
     Args:
         path: .jpg.
-        before: (H,W,3) uint8 or uint16 sRGB, or float32 linear.
-        after: (H,W,3) or (H,W,4) of the same type; white where it is transparent.
+        before: (H,W,3) or (H,W,4), uint8 or uint16 sRGB, or float32 linear; white where it is transparent.
+        after: likewise.
     """
-    codes = [Image.fromarray(as_codes(pixels)) for pixels in (before, after[..., :3])]
-    if after.shape[2] == 4:
-        alpha = after[..., 3] / np.float32(np.iinfo(after.dtype).max if after.dtype.kind == "u" else 1)
-        codes[1].paste("white", mask=Image.fromarray(to_bytes(1 - alpha)))
+    codes = [Image.fromarray(on_white(pixels)) for pixels in (before, after)]
     codes = [image.reduce(-(-max(image.size) // STRIP_SIDE)) for image in codes]
     width, height = codes[0].size
     strip = Image.new("RGB", (2 * width + GAP, height), "white")

@@ -114,13 +114,13 @@ def test_fit_edge_fits_two_values_however_they_are_coded(coder, quality):
     assert rim_error(fit_edge(codes, mask) / 255, alpha, inward) < rim_error(mask / 255, alpha, inward) / 3
 
 
-@pytest.mark.parametrize("given", ["array", "file", "beside", "alpha"])
+@pytest.mark.parametrize("given", ["array", "file", "beside"])
 def test_masked_fits_a_mask_of_two_values_and_keeps_a_soft_one(given, tmp_path):
     codes, _, inward = composite(WHITE_CLOTH, LAWN)
     for mask, fitted in ((soft(inward + 1), soft(inward + 1)), (binary := masks(inward)["binary"], None)):
         mask_file, photo_file = tmp_path / "me_mask.png", tmp_path / "me.png"
-        Image.fromarray(mask).save(mask_file if given != "alpha" else tmp_path / "unused.png")
-        Image.fromarray(np.dstack([codes, mask]) if given == "alpha" else codes).save(photo_file)
+        Image.fromarray(mask).save(mask_file)
+        Image.fromarray(codes).save(photo_file)
         photo = masked(Picture.of(photo_file), {"array": mask, "file": mask_file}.get(given))
         expected = fit_edge(codes, binary) if fitted is None else fitted
         np.testing.assert_array_equal(photo.coverage, expected)

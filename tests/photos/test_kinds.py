@@ -1,5 +1,7 @@
 """What photos and masks may say, and the right value: profiles, gammas, previews, 16 bits, linear values, labels."""
 
+import base64
+import io
 import struct
 import sys
 import zlib
@@ -8,13 +10,13 @@ import numpy as np
 import OpenEXR
 import pytest
 import tifffile
-from PIL import ExifTags, Image, ImageCms
+from PIL import ExifTags, Image, ImageCms, PngImagePlugin
 
 from relight.core.errors import UserError
 from relight.core.srgb import decode, encode, to_linear
-from relight.photos.color import as_codes, to_codes
+from relight.photos.color import as_codes, to_codes, with_alpha
 from relight.photos.mask.edge import fit_edge
-from relight.photos.mask.find import masked, read_mask
+from relight.photos.mask.find import NoMaskNetwork, masked, read_mask
 from relight.photos.picture import Picture
 from relight.photos.profile import _curve, to_srgb
 from relight.photos.write import write_picture
@@ -22,6 +24,7 @@ from relight.photos.write import write_picture
 RNG = np.random.default_rng(0)
 RGB = RNG.integers(0, 256, (40, 30, 3)).astype(np.uint8)
 DEEP = RNG.integers(0, 65536, (40, 30, 3)).astype(np.uint16)
+SMOOTH = np.stack(np.broadcast_arrays(np.arange(30) * 8, np.arange(40)[:, None] * 6, 99), -1).astype(np.uint8)
 SRGB = np.array([[0.4361, 0.3851, 0.1431], [0.2225, 0.7169, 0.0606], [0.0139, 0.0971, 0.7141]])  # to XYZ with D50
 P3 = np.array([[0.5151, 0.2920, 0.1571], [0.2412, 0.6922, 0.0666], [-0.0011, 0.0419, 0.7841]])
 ADOBE = np.array([[0.6097, 0.2053, 0.1492], [0.3111, 0.6257, 0.0632], [0.0195, 0.0609, 0.7446]])
@@ -138,7 +141,7 @@ def test_curve_of_every_parametric_type(numbers):
 
 def png_of(path, chunks, pixels=RGB):
     """A PNG with further chunks before its data."""
-    Image.fromarray(pixels).save(path)
+    write_picture(path, pixels)
     data = path.read_bytes()
     place = data.index(b"IDAT") - 4
     extra = b"".join(
@@ -226,19 +229,156 @@ def test_read_photo_refuses_a_png_coded_for_other_displays(tmp_path, coding, say
         Picture.of(tmp_path / "a.png")
 
 
-@pytest.mark.parametrize("coding", [(1, 13), (12, 13), (9, 16)])
-def test_read_photo_converts_by_the_coding_of_an_avif(tmp_path, coding):
-    flat = np.full((16, 16, 3), (200, 100, 50), np.uint8)
-    Image.fromarray(flat).save(tmp_path / "a.avif", quality=100, subsampling="4:4:4")
-    data = (tmp_path / "a.avif").read_bytes()
-    place = data.index(b"colrnclx") + 8
-    (tmp_path / "a.avif").write_bytes(data[:place] + struct.pack(">HH", *coding) + data[place + 4 :])
-    if coding[1] == 16:
-        with pytest.raises(UserError, match="high dynamic range"):
-            Picture.of(tmp_path / "a.avif")
-        return
-    want = CODINGS[coding][0](flat[0, 0] / 255) * 255
-    assert np.abs(Picture.of(tmp_path / "a.avif").pixels - want).max() <= 3
+SMPTE_C = np.array([[0.4163, 0.3931, 0.1547], [0.2217, 0.7033, 0.0750], [0.0137, 0.0914, 0.7202]])  # Lindbloom's
+PAL = np.array([[0.4553, 0.3676, 0.1414], [0.2323, 0.7078, 0.0599], [0.0145, 0.1049, 0.7057]])
+HEIC = """
+AAAAHGZ0eXBoZWl4AAAAAG1pZjFoZWl4bWlhZgAAAX5tZXRhAAAAAAAAACFoZGxyAAAAAAAAAABwaWN0AAAAAAAAAAAAAAAAAAAAACJpbG9jAAAA
+AERAAAEAAQAAAAABogABAAAAAAAAADIAAAAjaWluZgAAAAAAAQAAABVpbmZlAgAAAAABAABodmMxAAAAAA5waXRtAAAAAAABAAAA/mlwcnAAAADe
+aXBjbwAAAHdodmNDAQQIAAAAnjgAAAAAHvAA/P/4+AAADwNgAAEAF0ABDAH//wQIAAADAJ44AAADAAAeugJAYQABACpCAQEECAAAAwCeOAAAAwAA
+HpAEECCy3VXTXNwENBgQAAADAZAAAAMAEIBiAAEACEQBwXMYMBiQAAAAE2NvbHJuY2x4AAEADQAGgAAAABRpc3BlAAAAAAAAAEAAAABAAAAAKGNs
+YXAAAAAQAAAAAQAAABAAAAAB////0AAAAAL////QAAAAAgAAABBwaXhpAAAAAAMICAgAAAAYaXBtYQAAAAAAAAABAAEFgQIDBYQAAAA6bWRhdAAA
+AC4oAa8TIWJjQPUnIv/35J/8h7n/F3ZYWdyugMFb8vrA9mSbwPOqkZ6Ah2mnMBV4"""  # FLAT, as libheif writes it
+FLAT = np.full((16, 16, 3), (200, 100, 50), np.uint8)
+
+
+def flat_file(suffix):
+    """The bytes of FLAT in a format."""
+    if suffix == "heic":
+        pytest.importorskip("pi_heif")
+        return base64.b64decode(HEIC)
+    Image.fromarray(FLAT).save(file := io.BytesIO(), suffix, quality=100, subsampling="4:4:4")
+    return file.getvalue()
+
+
+def box(kind, content):
+    return struct.pack(">I", 8 + len(content)) + kind + content
+
+
+def boxes(data):
+    while data:
+        size = int.from_bytes(data[:4])
+        yield data[4:8], data[8:size]
+        data = data[size:]
+
+
+def recolored(data, own, others=(), wide=False):
+    """An AVIF or HEIC whose picture has its `own` colr boxes; those of another picture stand in front of them.
+
+    The table of which picture has which box has numbers of one byte, or is `wide`.
+    """
+    (_, start), (_, meta), (_, pixels) = boxes(data)
+    place = meta.index(b"iprp")
+    (_, stored), _ = boxes(meta[place + 4 :])
+    colors = [(b"colr", content) for content in (*others, *own)]
+    properties = colors + [(kind, content) for kind, content in boxes(stored) if kind != b"colr"]
+    item, index, essential = (">I", ">H", 0x8000) if wide else (">H", ">B", 0x80)
+    table = struct.pack(">BBBBI", wide, 0, 0, wide, 2)
+    for picture in (1, 2):
+        found = [
+            struct.pack(index, number | essential * (kind in (b"av1C", b"hvcC", b"clap")))
+            for number, (kind, _) in enumerate(properties, 1)
+            if (number <= len(others)) == (picture == 2)
+        ]
+        table += struct.pack(item, picture) + bytes([len(found)]) + b"".join(found)
+    tail = box(b"iprp", box(b"ipco", b"".join(box(*each) for each in properties)) + box(b"ipma", table))
+    head = meta[: place - 4]
+    old, new = (struct.pack(">I", 24 + len(start) + size) for size in (len(meta), len(head + tail)))
+    return box(b"ftyp", start) + box(b"meta", head.replace(old, new) + tail) + box(b"mdat", pixels)
+
+
+def nclx(primaries, transfer):
+    return b"nclx" + struct.pack(">HHHB", primaries, transfer, 6, 0x80)
+
+
+def icc(matrix):
+    return b"prof" + profile("a profile", matrix, CURVE)
+
+
+# own colr boxes, those of another picture, whether the table is wide -> the codes in [0,1] that a picture becomes
+COLORED = {
+    "codes of sRGB": ([nclx(1, 13)], [], False, lambda c: c),
+    "codes of Display P3": ([nclx(12, 13)], [], False, lambda c: converted(c, P3, decode)),
+    "codes of BT.2020": ([nclx(9, 1)], [], False, lambda c: converted(c, REC2020, decode)),
+    "codes of BT.601, 525 lines": ([nclx(6, 6)], [], False, lambda c: converted(c, SMPTE_C, decode)),
+    "codes of BT.601, 625 lines": ([nclx(5, 6)], [], False, lambda c: converted(c, PAL, decode)),
+    "no codes, another picture's are P3": ([], [nclx(12, 13)], False, lambda c: c),
+    "codes of sRGB behind another picture's of PQ": ([nclx(1, 13)], [nclx(9, 16)], False, lambda c: c),
+    "codes of P3 behind another picture's of sRGB": (
+        [nclx(12, 13)], [nclx(1, 13)], False, lambda c: converted(c, P3, decode)),
+    "the same in a wide table": ([nclx(12, 13)], [nclx(1, 13)], True, lambda c: converted(c, P3, decode)),
+    "a profile of P3 and codes of sRGB": ([icc(P3), nclx(1, 13)], [], False, lambda c: converted(c, P3, decode)),
+    "codes of P3 and a profile of sRGB": ([nclx(12, 13), icc(SRGB)], [], False, lambda c: c),
+    "another picture's profile of P3": ([nclx(1, 13)], [icc(P3)], False, lambda c: c),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", COLORED)
+@pytest.mark.parametrize("suffix", ["avif", "heic"])
+def test_read_photo_takes_the_colors_of_the_primary_picture(tmp_path, suffix, name):
+    *given, right = COLORED[name]
+    (tmp_path / f"a.{suffix}").write_bytes(recolored(flat_file(suffix), *given))
+    want = right(FLAT[0, 0] / 255) * 255
+    assert np.abs(Picture.of(tmp_path / f"a.{suffix}").pixels - want).max() <= 3
+
+
+@pytest.mark.parametrize("suffix", ["avif", "heic"])
+def test_read_photo_refuses_a_picture_coded_for_other_displays(tmp_path, suffix):
+    (tmp_path / f"a.{suffix}").write_bytes(recolored(flat_file(suffix), [nclx(9, 16)]))
+    with pytest.raises(UserError, match="high dynamic range"):
+        Picture.of(tmp_path / f"a.{suffix}")
+
+
+@pytest.mark.parametrize("word", [b"colrnclx\0\x09\0\x10\0\x09\x80", b"cICP\x09\x10\0\1", b"iCCP", b"metaiprpipco"])
+@pytest.mark.parametrize("suffix", ["avif", "png"])
+def test_read_photo_takes_no_color_from_a_comment(tmp_path, suffix, word):
+    options = {"xmp": word} if suffix == "avif" else {"pnginfo": PngImagePlugin.PngInfo()}
+    if suffix == "png":
+        options["pnginfo"].add_text("Comment", word)
+    Image.fromarray(FLAT).save(tmp_path / f"a.{suffix}", **options)
+    photo = Picture.of(tmp_path / f"a.{suffix}")
+    assert np.abs(photo.pixels.astype(int) - FLAT).max() <= 2 and not photo.notes
+
+
+def test_read_photo_takes_the_codes_of_a_png_before_its_profile(tmp_path):
+    """By the third edition of PNG; in AVIF and HEIC it is the other way round."""
+    Image.fromarray(FLAT).save(tmp_path / "b.png", icc_profile=profile("Display P3", P3, CURVE))
+    data = (tmp_path / "b.png").read_bytes()
+    place, chunk = data.index(b"IDAT") - 4, b"cICP\1\x0d\0\1"
+    chunk = struct.pack(">I", 4) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    (tmp_path / "a.png").write_bytes(data[:place] + chunk + data[place:])
+    np.testing.assert_array_equal(Picture.of(tmp_path / "a.png").pixels, FLAT)
+
+
+# blocks of EXIF that are none, or that break off
+DAMAGED = {
+    "no TIFF": b"\0\0\x11\0\0\1\4\0\0\0\0\0",
+    "empty": b"Exif\0\0",
+    "a header alone": b"Exif\0\0MM\0*",
+    "a directory beyond the end": b"Exif\0\0II*\0\xff\xff\xff\x7f",
+    "a directory cut short": b"Exif\0\0II*\0\x08\0\0\0\xff\xff\x12\1\3\0",
+    "an orientation that is text": b"Exif\0\0II*\0\x08\0\0\0\1\0\x12\1\2\0\4\0\0\0abc\0\0\0\0\0",
+    "an orientation of 9": b"Exif\0\0II*\0\x08\0\0\0\1\0\x12\1\3\0\1\0\0\0\x09\0\0\0\0\0\0\0",
+    "an EXIF directory that is no number": b"Exif\0\0II*\0\x08\0\0\0\1\0\x69\x87\2\0\4\0\0\0abc\0\0\0\0\0",
+}
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+@pytest.mark.parametrize("suffix", ["png", "webp", "jpg", "16 bits"])
+def test_read_photo_shows_a_picture_with_damaged_exif(tmp_path, suffix, name):
+    options = {"png": {}, "webp": {"lossless": True}, "jpg": {"quality": 100, "subsampling": 0}}.get(suffix, {})
+    pixels, path = SMOOTH, tmp_path / f"a.{suffix}"
+    if suffix == "16 bits":
+        pixels, path = DEEP, png_of(tmp_path / "a.png", [(b"eXIf", DAMAGED[name].removeprefix(b"Exif\0\0"))], DEEP)
+    else:
+        Image.fromarray(SMOOTH).save(path, exif=DAMAGED[name], **options)
+    assert np.abs(Picture.of(path).pixels.astype(int) - pixels).max() <= (4 if suffix == "jpg" else 0)
+
+
+def test_read_photo_shows_a_png_whose_text_of_exif_is_cut(tmp_path):
+    info = PngImagePlugin.PngInfo()
+    info.add_text("Raw profile type exif", "\nexif\n      20\n4578696600004d4d002\n")
+    Image.fromarray(SMOOTH).save(tmp_path / "a.png", pnginfo=info)
+    np.testing.assert_array_equal(Picture.of(tmp_path / "a.png").pixels, SMOOTH)
 
 
 def adobe(codes):
@@ -285,7 +425,6 @@ def pages(path, *kinds):
     return path
 
 
-SMOOTH = np.stack(np.broadcast_arrays(np.arange(30) * 8, np.arange(40)[:, None] * 6, 99), -1).astype(np.uint8)
 STILL = {
     "jpg of a camera": lambda p: saved(p.with_suffix(".jpg"), [SMOOTH, RGB[::2, ::2]], format="MPO", quality=95),
     "tif with a preview": lambda p: pages(p.with_suffix(".tif"), 0, 1),
@@ -652,6 +791,75 @@ def test_read_mask_with_nan_says_so_without_a_warning_of_numpy(tmp_path, recwarn
     photo = masked(Picture.of(tmp_path / "a.png"), tmp_path / "m.tif")
     np.testing.assert_array_equal(photo.coverage, SOFT)
     assert "1 values that are not numbers" in photo.notes[0] and not recwarn.list
+
+
+CORNER = np.hypot(*np.meshgrid(np.arange(30) - 14.5, np.arange(40) - 19.5))
+# alpha of a photo -> coverage in AREA, or None if it is no mask
+ALPHAS = {
+    "a person": (SOFT, 255),
+    "a person of 200": (np.where(PERSON, 200, 0), 255),
+    "a person before 40": (np.where(PERSON, 255, 40), 255),
+    "a veil of 128": (np.where(AREA, 128, SOFT), 128),
+    "one pixel of 254": (np.where(np.arange(1200).reshape(40, 30) == 500, 254, 255), None),
+    "one transparent pixel": (np.where(np.arange(1200).reshape(40, 30) == 500, 0, 255), None),
+    "rounded corners": (np.where(CORNER > 22, 0, 255), None),
+    "a vignette": (np.clip(330 - 8 * CORNER, 0, 255).astype(int), None),
+    "specks": (np.where(RNG.random((40, 30)) < 0.02, 0, 255), None),
+    "a watermark": (np.where(AREA, 200, 255), None),
+    "a strip below": (np.where(np.arange(40)[:, None] > 36, 0, 255) * np.ones(30, int), None),
+    "labels": (STEPS * 85, None),
+}
+
+
+@pytest.mark.parametrize("name", ALPHAS)
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".exr"])
+def test_alpha_is_a_mask_if_it_passes_as_one(tmp_path, suffix, name):
+    alpha, inside = ALPHAS[name]
+    pixels = {".png": RGB, ".tif": DEEP, ".exr": SCENE}[suffix]
+    write_picture(tmp_path / f"a{suffix}", with_alpha(pixels, alpha.astype(np.uint8)))
+    photo = Picture.of(tmp_path / f"a{suffix}")
+    np.testing.assert_array_equal(photo.alpha, alpha)
+    if inside is None:
+        with pytest.raises(NoMaskNetwork):
+            masked(photo)
+    else:
+        found = masked(photo).coverage
+        assert found[22, 12] == inside and not found[~PERSON & (SOFT == 0)].any()
+
+
+def test_a_mask_on_a_picture_with_transparent_parts_covers_only_what_is_seen():
+    alpha = np.where(np.arange(40)[:, None] < 15, 0, 255) * np.ones((1, 30), int)
+    image = Image.fromarray(with_alpha(RGB, alpha.astype(np.uint8)))
+    np.testing.assert_array_equal(masked(Picture.of(image), SOFT).coverage, np.minimum(fit_edge(RGB, SOFT), alpha))
+
+
+ARRAYS = {"above white": SCENE, "of codes": SCENE / 4, "far above white": SCENE * 1000}
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+@pytest.mark.parametrize("type", [np.float16, np.float32, np.float64])
+def test_arrays_of_floats_are_linear(name, type):
+    values = ARRAYS[name].astype(type)
+    photo = Picture.of(values)
+    assert photo.pixels.dtype == np.float32 and photo.alpha is None
+    np.testing.assert_allclose(photo.pixels, values, rtol=1e-7)
+    np.testing.assert_allclose(photo.codes, np.round(encode(values.astype(float)) * 255), atol=1)
+    np.testing.assert_array_equal(Picture.of(values[..., 1]).pixels[..., 2], photo.pixels[..., 1])
+    assert ["taken as linear" in note for note in photo.notes] == [True]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e39])
+def test_arrays_that_are_not_finite_are_refused(value):
+    values = SCENE.astype(float)
+    values[3, 3] = value
+    with pytest.raises(UserError, match="not finite"):
+        Picture.of(values)
+
+
+def test_negative_values_of_an_array_are_zero():
+    photo = Picture.of(SCENE - np.float16(1))
+    np.testing.assert_array_equal(photo.pixels, np.maximum(SCENE - 1, 0))
+    assert "negative values" in " ".join(photo.notes)
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import struct
 import sys
+import unicodedata
 import zlib
 
 import numpy as np
@@ -12,7 +13,7 @@ from PIL import Image, ImageCms
 from relight.core.errors import UserError
 from relight.photos.mask.find import masked, read_mask
 from relight.photos.mask.people import count_heads, mask_warnings, split_people
-from relight.photos.opening import RAW, list_photos
+from relight.photos.opening import RAW, list_photos, mask_beside, mask_in
 from relight.photos.picture import Picture
 
 RGB = np.random.default_rng(0).integers(0, 256, (40, 30, 3)).astype(np.uint8)
@@ -208,13 +209,22 @@ def test_raw_files_are_refused_before_their_thumbnail_is_taken(name, tmp_path):
 
 def test_heic_needs_its_reader(tmp_path, monkeypatch):
     (tmp_path / "a.heic").write_bytes(b"....ftypheic")
-    monkeypatch.setitem(sys.modules, "pillow_heif", None)  # as if it were not installed
-    with pytest.raises(UserError, match=r"HEIC, which needs pillow-heif.*or save it as JPEG"):
+    monkeypatch.setitem(sys.modules, "pi_heif", None)  # as if it were not installed
+    with pytest.raises(UserError, match=r"HEIC, which needs pi-heif.*or save it as JPEG"):
         Picture.of(tmp_path / "a.heic")
 
 
-def test_heic_is_read_where_its_reader_is_installed(tmp_path):
-    heif = pytest.importorskip("pillow_heif")
-    smooth = np.kron(RGB[:5, :5], np.ones((16, 16, 1), np.uint8))
-    heif.from_pillow(Image.fromarray(smooth)).save(tmp_path / "a.heic", quality=95)
-    assert np.abs(Picture.of(tmp_path / "a.heic").pixels.astype(int) - smooth).mean() < 12
+@pytest.mark.parametrize("form", ["NFC", "NFD"])
+@pytest.mark.parametrize("name", ["Zoë", "Ângela Müller", "が", "Å.old", "me"])
+def test_masks_are_found_however_accents_are_composed(tmp_path, name, form):
+    photo, mask = (unicodedata.normalize(each, name) for each in (form, "NFD" if form == "NFC" else "NFC"))
+    photo, beside, other = (tmp_path / name for name in (f"{photo}.JPG", f"{mask}_mask.png", f"x{mask}_mask.png"))
+    assert mask_beside(photo) is None
+    for path in (photo, beside, other):
+        path.touch()
+    assert mask_beside(photo) == beside
+    (folder := tmp_path / "masks").mkdir()
+    for path in (folder / other.name, folder / beside.name, folder / f"{mask}.webp"):
+        assert mask_in(folder, photo.stem) == (folder / beside.name if path.suffix == ".webp" else None)
+        path.touch()
+    assert mask_in(folder, photo.stem) == path

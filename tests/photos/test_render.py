@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from relight.core.errors import UserError
-from relight.core.srgb import LINEAR, LUMINANCE, encode
+from relight.core.srgb import LINEAR, LUMINANCE, encode, to_linear
 from relight.maps.square import Crop, crop_around
 from relight.photos import render as rendering
 from relight.photos.background import Background, read_background
-from relight.photos.color import apply_gain, to_srgb8
+from relight.photos.color import apply_gain, to_codes, to_srgb8
 from relight.photos.look import Look
 from relight.photos.person import Person, balanced
 from relight.photos.render import estimate_foreground, over, render, strips
@@ -239,6 +240,40 @@ def test_steady_shading_is_never_negative_and_continuous():
     found = steady(levels, light)
     assert found.min() >= 0 and np.abs(np.diff(found, axis=0)).max() < 0.01
     np.testing.assert_array_equal(found[-1000:], levels[-1000:])
+
+
+def cut_out(pixels, mask, hidden):
+    """An image of Pillow that is transparent around a person, with a color under it."""
+    return Image.fromarray(np.dstack([np.where(mask[..., None] > 0, pixels, np.array(hidden, np.uint8)), mask]))
+
+
+@pytest.mark.parametrize("edge", ["soft", "hard"])
+@pytest.mark.parametrize("background", ["keep", "transparent", "#334455"])
+def test_a_cut_out_stays_one_and_hidden_colors_do_not_matter(relighter, draw, background, edge):
+    pixels, mask = draw()
+    mask = mask if edge == "soft" else np.where(mask > 127, np.uint8(255), np.uint8(0))
+    one, other = (
+        relighter.relight(cut_out(pixels, mask, hidden), None, LIGHT, background=background)
+        for hidden in ((255, 0, 255), (0, 90, 0))
+    )
+    np.testing.assert_array_equal(one[mask > 0], other[mask > 0])
+    if background != "#334455":
+        np.testing.assert_array_equal(one[..., 3], mask)
+    if edge == "soft":
+        whole = relighter.relight(pixels, mask, LIGHT, background=background)
+        np.testing.assert_array_equal(one[mask == 255][:, :3], whole[mask == 255][:, :3])
+
+
+def test_a_cut_out_is_relit_as_the_picture_that_it_is_put_into(relighter, draw):
+    """Straight colors times a gain, then composited, are the composite with the person relit."""
+    pixels, mask = draw()
+    alpha = mask[..., None] / 255
+    behind = np.full(3, 60, np.uint8)
+    picture = to_codes(alpha * to_linear(pixels) + (1 - alpha) * to_linear(behind), np.uint8)
+    whole = to_linear(relighter.relight(picture, mask, LIGHT))
+    cut = relighter.relight(cut_out(pixels, mask, (0, 0, 0)), None, LIGHT)
+    both = alpha * to_linear(cut[..., :3]) + (1 - alpha) * to_linear(behind)
+    assert np.abs(whole - both)[mask < 255].mean() < 0.003
 
 
 def test_strips_do_not_show(relighter, monkeypatch, draw):

@@ -1,10 +1,11 @@
 """Masks: where the people of a picture are."""
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageOps
+from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.files import existing_file
@@ -12,14 +13,16 @@ from relight.maps.square import MASK_THRESHOLD
 from relight.photos.mask import selfie, u2net
 from relight.photos.mask.coverage import WANTED, coverage_of
 from relight.photos.mask.edge import fit_edge
-from relight.photos.opening import decoding_errors, mask_beside, open_picture, require_still
+from relight.photos.mask.people import is_inverted
+from relight.photos.opening import decoding_errors, mask_beside, open_picture, orientation_of, require_still, upright
 from relight.photos.picture import Given, Picture
 
 AUTOMATIC = (
     "the mask is automatic: at times it misses hands and hats, takes in what is behind, or takes a thing for a person; "
     "`relight mask draw` writes it for correction"
 )
-BY_HAND = "draw a mask, white on the person (me_mask.png beside me.jpg), or give a PNG with an alpha channel"
+BY_HAND = "draw a mask, white on the person (me_mask.png beside me.jpg), or give a PNG that is transparent elsewhere"
+NO_OUTLINE = "its alpha channel is no outline of people, and was not taken for their mask"
 
 
 class NoMaskNetwork(UserError):
@@ -36,31 +39,44 @@ def masked(picture: Picture, mask: Given | None = None, model: Path | str | None
         model: ONNX network for automatic masks, instead of `automatic_model`'s choice.
 
     Returns:
-        The picture with its `coverage`, whose edge is fitted to it (relight.photos.mask.edge), and notes on the mask.
+        The picture with its `coverage`, and notes on the mask. Its edge is fitted to the picture
+        (relight.photos.mask.edge), unless it is the picture's alpha: colors where that is 0 mean nothing. What is
+        transparent is not covered.
 
     Raises:
         UserError: if there is no mask, or it is empty, full, of another size, or the picture itself.
     """
+    alpha = picture.alpha
     if mask is None and picture.file is not None:
         mask = mask_beside(picture.file)
-    notes: list[str] = []
+    notes = picture.notes
     if mask is not None:
         what = f"mask {mask}" if isinstance(mask, str | Path) else "the mask"
-        coverage, notes = read_mask(mask, picture.shape)
-        solid = coverage >= MASK_THRESHOLD
+        coverage, said = read_mask(mask, picture.shape)
+        notes, solid = [*notes, *said], coverage >= MASK_THRESHOLD
         if solid.all():
             raise UserError(f"{what} covers the whole photo: {WANTED}")
         if not solid.any():
             raise UserError(f"{what} is empty: no pixel of it is at least half white")
         if _is_the_photo(coverage, picture.codes):
             raise UserError(f"{what} is the photo itself: {WANTED}")
-    elif picture.alpha is not None:
-        coverage = picture.alpha
-        if not (coverage >= MASK_THRESHOLD).any():
-            raise UserError(f"{picture.what} has an alpha channel without any opaque pixel: nobody to relight")
+        coverage = fit_edge(picture.pixels, coverage)
     else:
-        return replace(picture, coverage=automatic_mask(picture, model), notes=[*picture.notes, AUTOMATIC])
-    return replace(picture, coverage=fit_edge(picture.pixels, coverage), notes=[*picture.notes, *notes])
+        if alpha is not None and not (alpha >= MASK_THRESHOLD).any():
+            raise UserError(f"{picture.what} has an alpha channel without any opaque pixel: nobody to relight")
+        if alpha is not None and has_outline(alpha):
+            with suppress(UserError):  # of labels
+                coverage, said = coverage_of(alpha, "its alpha channel")
+                return replace(picture, coverage=coverage, notes=[*notes, *said])
+        notes = [*notes, *[NO_OUTLINE] * (alpha is not None), AUTOMATIC]
+        coverage = automatic_mask(picture, model)
+    return replace(picture, coverage=coverage if alpha is None else np.minimum(coverage, alpha), notes=notes)
+
+
+def has_outline(alpha: np.ndarray) -> bool:
+    """Returns whether an alpha channel (H,W) uint8 may be a mask: neither nearly empty or full, nor rounded corners."""
+    solid = alpha >= MASK_THRESHOLD
+    return bool(solid.any()) and not solid.all() and not is_inverted(solid)
 
 
 def read_mask(mask: Given, size: tuple[int, int]) -> tuple[np.ndarray, list[str]]:
@@ -100,12 +116,11 @@ def read_mask(mask: Given, size: tuple[int, int]) -> tuple[np.ndarray, list[str]
 
 def _values(image: Image.Image, what: str) -> np.ndarray:
     require_still(image, what)
-    image = ImageOps.exif_transpose(image)
+    orientation = orientation_of(image)
     if image.mode.startswith(("I", "F")):
-        return np.asarray(image)
-    rgba = np.asarray(image.convert("RGBA"))
-    varies = rgba[..., 3].min() != rgba[..., 3].max()
-    return rgba[..., 3] if varies else rgba[..., :3]
+        return upright(np.asarray(image), orientation)
+    rgba = upright(np.asarray(image.convert("RGBA")), orientation)
+    return rgba[..., 3] if has_outline(rgba[..., 3]) else rgba[..., :3]
 
 
 def automatic_mask(picture: Picture, model: Path | str | None = None) -> np.ndarray:

@@ -53,8 +53,7 @@ def mask_warnings(coverages: Sequence[np.ndarray]) -> list[str]:
         coverages: (H,W) uint8 of each person.
     """
     whole = np.maximum.reduce(coverages) >= MASK_THRESHOLD
-    edges = np.concatenate([whole[side] for side in SIDES.values()])
-    if edges.mean() > 0.6 and whole[0].mean() > 0.5:
+    if is_inverted(whole):
         return ["the mask may be inverted, for it is white along the photo's edges: it must be white on the person"]
     warnings = []
     for number, coverage in enumerate(coverages, 1):
@@ -73,6 +72,12 @@ def mask_warnings(coverages: Sequence[np.ndarray]) -> list[str]:
                 "whole figures are inferred best"
             )
     return warnings
+
+
+def is_inverted(solid: np.ndarray) -> bool:
+    """Returns whether a mask (H,W) bool is true along most of the picture's edges, where people rarely are."""
+    edges = np.concatenate([solid[side] for side in SIDES.values()])
+    return bool(edges.mean() > 0.6 and solid[0].mean() > 0.5)
 
 
 def _listed(words: list[str]) -> str:
