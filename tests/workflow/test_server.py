@@ -2,11 +2,13 @@
 
 import os
 import socket
+from dataclasses import replace
 
 import pytest
 
 from relight.core.errors import UserError
 from relight.lab.tracking import server
+from relight.lab.tracking.store import connect
 from relight.settings import Track
 
 
@@ -17,7 +19,7 @@ def started(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(os, "environ", dict(os.environ))
     monkeypatch.setattr(os, "execv", lambda path, words: commands.append(words))
-    monkeypatch.setattr(server, "connect", lambda track: (None, "1"))
+    monkeypatch.setattr(server, "_existing", lambda track: "1")
     return commands
 
 
@@ -49,3 +51,16 @@ def test_a_server_of_others_needs_no_port_here(started, capsys):
     with socket.create_server(("127.0.0.1", 0)) as other:
         server.serve(Track("http://example.org:5000/", "test"), other.getsockname()[1])
     assert not started and "http://example.org:5000/#/experiments/1" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_an_experiment_that_is_not_there_is_not_made(tmp_path):
+    """Neither is the store."""
+    track = Track(f"sqlite:///{tmp_path}/a.db", "typo")
+    with pytest.raises(UserError, match="a.db has no experiment typo: none has been recorded yet"):
+        server._existing(track)
+    assert not [*tmp_path.iterdir()]
+    connect(replace(track, experiment="mine"))
+    with pytest.raises(UserError, match="a.db has no experiment typo: there are mine"):
+        server._existing(track)
+    assert server._existing(replace(track, experiment="mine"))

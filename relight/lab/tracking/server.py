@@ -3,9 +3,10 @@
 import os
 import socket
 import sys
+from pathlib import Path
 
 from relight.core.errors import UserError
-from relight.lab.tracking.store import connect
+from relight.lab.tracking.store import SQLITE, select_store
 from relight.settings import ROOT, Track
 
 # The list of runs beside their curves; without a type MLflow's pages are for language models.
@@ -22,7 +23,7 @@ def serve(track: Track, port: int) -> None:
         port: port of the server, on this machine only.
 
     Raises:
-        UserError: if nothing is tracked, or the port is taken.
+        UserError: if nothing is tracked, there is no such experiment, or the port is taken.
     """
     if not track.uri:
         raise UserError("track.uri is null: nothing is recorded in MLflow")
@@ -31,13 +32,29 @@ def serve(track: Track, port: int) -> None:
     server = track.uri.rstrip("/") if is_server else f"http://127.0.0.1:{port}"
     if not is_server:
         _require_free(port)
-    _, experiment = connect(track)
+    experiment = _existing(track)
     print(f"MLflow: {server}/#/experiments/{experiment}/runs{VIEW}", flush=True)
     if is_server:
         return
     os.environ |= {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false", "MLFLOW_LOGGING_LEVEL": "WARNING"}
     command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", track.uri, "--workers", "1"]
     os.execv(sys.executable, [*command, "--host", "127.0.0.1", "--port", str(port)])
+
+
+def _existing(track: Track) -> str:
+    """Returns the id of an experiment. Raises UserError if the store has none of this name."""
+    database = Path(track.uri.removeprefix(SQLITE)) if track.uri and track.uri.startswith(SQLITE) else None
+    names = []
+    if database is None or database.exists():
+        select_store(str(track.uri))
+        from mlflow import MlflowClient
+
+        client = MlflowClient()
+        if experiment := client.get_experiment_by_name(track.experiment):
+            return experiment.experiment_id
+        names = [found.name for found in client.search_experiments() if found.name != "Default"]
+    known = f"there are {', '.join(sorted(names))}" if names else "none has been recorded yet"
+    raise UserError(f"{track.uri} has no experiment {track.experiment}: {known}")
 
 
 def _require_free(port: int) -> None:
