@@ -57,10 +57,10 @@ def test_a_server_of_others_needs_no_port_here(started, capsys):
 def test_an_experiment_that_is_not_there_is_not_made(tmp_path):
     """Neither is the store."""
     track = Track(f"sqlite:///{tmp_path}/a.db", "typo")
-    with pytest.raises(UserError, match="a.db has no experiment typo: none has been recorded yet"):
+    with pytest.raises(UserError, match=r"a\.db has no experiment typo: none has been recorded yet"):
         server._existing(track)
     assert not [*tmp_path.iterdir()]
     connect(replace(track, experiment="mine"))
-    with pytest.raises(UserError, match="a.db has no experiment typo: there are mine"):
+    with pytest.raises(UserError, match=r"a\.db has no experiment typo: there are mine"):
         server._existing(track)
     assert server._existing(replace(track, experiment="mine"))
