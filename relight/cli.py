@@ -72,7 +72,16 @@ def version(show: Annotated[bool, typer.Option("--version", help="Print the vers
 
 
 class RunCommand(TyperCommand):
-    """`relight run`, whose help also lists the settings."""
+    """`relight run`, whose help also lists the settings, and which tells options from them."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parses the words of the command line. Raises UserError for a setting with dashes."""
+        from relight.settings import presets
+
+        for word in args:
+            if word.lstrip("-") != word and (key := word.lstrip("-").partition("=")[0]).partition(".")[0] in presets():
+                raise UserError(f"{word}: a setting has no dashes and an equals sign, {key}=...")
+        return super().parse_args(ctx, args)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # click's, which Typer bundles privately
         """Writes the help of `relight run`, followed by all settings with their default values."""
@@ -103,7 +112,7 @@ def run(
     dry: Annotated[bool, typer.Option("--dry-run", "-n", help="Only print what would run.")] = False,
     cfg: Annotated[Literal["job"] | None, typer.Option(help="Print the composed settings and exit.")] = None,
     target: Annotated[
-        list[str], typer.Option(help="Rule (lights, pack, tables, sheets, viewer, report) or file to make.")
+        list[str], typer.Option(help="Rule (lights, bake, train, tables, viewer ...) or file to make.")
     ] = ["all"],  # noqa: B006
     snakemake: Annotated[str, typer.Option(help="Further arguments for Snakemake, in one string.")] = "",
 ) -> None:

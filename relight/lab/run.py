@@ -57,10 +57,17 @@ def run(
     check(plan, ROOT)
     if targets == ["all"]:
         check_figures(plan)
+    if plan.gpus and not extra:  # those of a cluster are elsewhere
+        from relight.learning.data import choose_device
+
+        choose_device("cuda")
     for line in change_lines(plan):
         print(line)
     words = ["--quiet", "rules", "reason", "host", "--nolock", "--cores", str(cores or "all"), *extra]
-    command = [sys.executable, "-m", "snakemake", *targets, *words]
+    rules = [target for target in targets if "/" not in target and target != "all"]
+    files = [target for target in targets if target not in rules] or ["all"]
+    words += ["--until", *rules] if rules else []  # of each figure or training, too
+    command = [sys.executable, "-m", "snakemake", *files, *words]
     if dry:
         with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
             yaml.safe_dump(plan.record, file)

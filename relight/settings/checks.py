@@ -76,13 +76,12 @@ def no_such(key: str, known: Iterable[str]) -> str:
     if not known:
         return f"{key}: nothing has this name yet; to add it, write +{key}=<value>"
     name = key.rpartition(".")[2]
-    elsewhere = {full_name.rpartition(".")[2]: full_name for full_name in FIELDS}
-    if close := difflib.get_close_matches(name, known, n=1):
-        hint = f"did you mean {close[0]}? "
-    elif close := difflib.get_close_matches(name, elsewhere, n=1):
-        hint = f"did you mean {elsewhere[close[0]]}? "
-    else:
-        hint = ""
+    elsewhere: dict[str, list[str]] = {}
+    for full_name in FIELDS:
+        elsewhere.setdefault(full_name.rpartition(".")[2], []).append(full_name)
+    close = [] if name in elsewhere else difflib.get_close_matches(name, known, n=1)
+    close = close or elsewhere.get("".join(difflib.get_close_matches(name, elsewhere, n=1)), [])
+    hint = f"did you mean {' or '.join(close)}? " if close else ""
     return f"{key}: no such setting; {hint}there are {', '.join(known)}"
 
 

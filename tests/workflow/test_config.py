@@ -111,6 +111,7 @@ def test_a_preset_is_read_without_hydra():
         ("loss=ful", ["loss=ful", "full", "min"]),
         ("los=full", ["los: no such setting", "did you mean loss", "track"]),
         ("scal=smoke", ["scal: no such setting", "did you mean scale?"]),
+        ("seed=42", ["seed: no such setting", "did you mean split.seed or lights.seed or train.seed?"]),
         ("train.widht=1", ["train.widht: no such setting", "did you mean model.width?"]),
         ("experiment=tabel1", ["experiment=tabel1: no such choice", "did you mean table1?"]),
         ("train.lr=(1", ["cannot read the override", "in two pairs of quotes"]),

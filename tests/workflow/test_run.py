@@ -62,6 +62,28 @@ def test_results_are_made_by_one_workflow(calls, tmp_path):
     assert len(calls) == 3
 
 
+def test_settings_with_dashes_are_told():
+    from relight import cli
+
+    words = ["run", "-n", "--experiment", "table1"]
+    with pytest.raises(UserError, match="--experiment: a setting has no dashes and an equals sign, experiment="):
+        cli.app(words)
+
+
+def test_a_target_is_a_rule_or_a_file(calls):
+    module.run(WORDS, False, None, False, ["bake", "results/smoke/lights/lights.npz"], [])
+    assert " ".join(calls[0][0]).split("snakemake ")[1].startswith("results/smoke/lights/lights.npz --quiet")
+    assert "--until bake --configfile" in " ".join(calls[0][0])
+
+
+def test_a_gpu_that_is_not_there_is_told_before_the_figures(calls, monkeypatch):
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    with pytest.raises(UserError, match=r"train\.device=cuda, but torch finds no GPU"):
+        run("train.device=cuda")
+    module.run([*WORDS, "train.device=cuda"], False, None, False, ["all"], ["--profile", "profiles/slurm"])
+    assert len(calls) == 1
+
+
 def test_changed_settings_are_told_with_the_way_to_keep_both(calls, capsys):
     run()
     run()
