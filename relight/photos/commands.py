@@ -55,7 +55,7 @@ OPTIONS: dict[str, tuple[str, str | None, str | None, str]] = {
     "light": ("--light -l", LIGHT, "LIGHT", "The new light; see above. Several lights add up."),
     "mask": ("--mask -m", None, "FILE", "White on the people, as large as the photo; of a clip, a folder or a video."),
     "light_mask": ("--light-mask", LIGHT, "FILE", "Mask of the photo that --light names."),
-    "mask_model": ("--mask-model", None, "FILE", "ONNX network for automatic masks, like rembg's."),
+    "mask_model": ("--mask-model", None, "FILE", "ONNX network for automatic masks; or FILE:bgr, :rgb, :signed."),
     "mode": (
         "--mode",
         None,
