@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import TypeVar, Unpack
 
 import numpy as np
+from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.progress import progress
-from relight.maps.square import Crop, crop_around
+from relight.maps.square import MASK_THRESHOLD, Crop, crop_around
 from relight.photos.color import on_white
 from relight.photos.look import Look
-from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import masked
 from relight.photos.mask.people import mask_warnings
 from relight.photos.network import PhotoNetwork
@@ -31,6 +31,7 @@ from relight.photos.video import FPS, is_video, read_frames, write_video
 
 T = TypeVar("T")
 LIGHT_RADIUS, CROP_RADIUS, TRANSPORT_RADIUS = 12, 4, 1  # frames to each side that the means include
+CODER = 16  # codes from black, and from what is bright in a mask, within which the coder of a clip leaves them
 CHANGE = 0.06  # of linear values: pixels that differ by more from a neighbouring frame count as moved
 SECONDS = 6.0  # of the movie of a photo
 WHITE = "what is transparent is white, since a movie is opaque: --background gives something else"
@@ -176,9 +177,14 @@ def with_masks(
         drawn = next(stream, None)
         if drawn is None:
             raise UserError(f"mask video {masks} has {number - 1} frames, but the clip has more")
-        if drawn.shape != frame.shape:
-            raise UserError(f"mask video {masks} is of another size than the clip: they must be equal")
-        yield replace(frame, coverage=fit_edge(frame.pixels, drawn.codes.max(-1)))  # coders leave no value as it was
+        codes = drawn.codes.max(-1) if drawn.alpha is None else drawn.alpha
+        bright = codes[codes >= MASK_THRESHOLD]
+        peak = np.quantile(bright, 0.9) if bright.size else 255
+        codes = np.where(codes < CODER, 0, np.where(codes > peak - CODER, 255, codes)).astype(np.uint8)
+        try:
+            yield masked(frame, Image.fromarray(codes))
+        except UserError as error:
+            raise UserError(f"frame {number} of the mask video {masks}: {error}") from None
     if next(stream, None) is not None:
         raise UserError(f"mask video {masks} has more frames than the clip: each frame has its own")
 

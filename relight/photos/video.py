@@ -191,7 +191,11 @@ def _decoded(path: Path) -> Iterator[Picture]:
     try:
         with av.open(str(path)) as container:
             stream, graph, size = container.streams.video[0], None, (0, 0)
-            for number, frame in enumerate(container.decode(stream), 1):
+            decoder = stream.codec_context
+            if stream.metadata.get("alpha_mode") == "1":  # which FFmpeg's own decoders of VP8 and VP9 leave out
+                decoder = av.VideoCodecContext.create("libvpx-vp9" if decoder.name == "vp9" else "libvpx", "r")
+            decoded = (frame for packet in container.demux(stream) for frame in decoder.decode(packet))
+            for number, frame in enumerate(decoded, 1):
                 if graph is None:
                     graph, size, notes = _conversion(stream, frame), (frame.width, frame.height), hdr_notes(path, frame)
                 elif size != (frame.width, frame.height):
@@ -200,8 +204,9 @@ def _decoded(path: Path) -> Iterator[Picture]:
                         f"{size[0]} x {size[1]}: a clip has one size"
                     )
                 graph.vpush(frame)
-                pixels = _upright(graph.vpull().to_ndarray(format="rgb24"), frame)
-                picture = Picture.of(np.ascontiguousarray(pixels), f"a frame of {path}", path.stem)
+                pixels = np.ascontiguousarray(_upright(graph.vpull().to_ndarray(), frame))
+                given = pixels if pixels.shape[2] == 3 else Image.fromarray(pixels)
+                picture = Picture.of(given, f"a frame of {path}", path.stem)
                 yield replace(picture, notes=[*picture.notes, *notes])
     except av.FFmpegError as error:
         raise UserError(f"{path} is damaged or cut short ({error})") from None
@@ -218,16 +223,18 @@ def _conversion(stream: "VideoStream", frame: "VideoFrame") -> "Graph":
     graph = av.filter.Graph()
     aspect = stream.sample_aspect_ratio or 1
     matrix = "auto" if frame.colorspace in KNOWN_MATRICES else "bt709" if frame.height >= 720 else "bt601"
+    has_alpha = any(component.is_alpha for component in frame.format.components)
+    deep, shown = ("gbrap16le", "rgba") if has_alpha else ("gbrp16le", "rgb24")
     wide = f"{max(1, round(frame.width * aspect))}:{frame.height}"
     chain = [
         ("scale", f"{wide}:in_color_matrix={matrix}:flags=bicubic+accurate_rnd+full_chroma_int"),
-        ("format", "gbrp16le"),
+        ("format", deep),
     ]
     if frame.color_trc in HDR or frame.color_primaries in WIDE:
         curve = "auto" if frame.color_trc in HDR else SRGB
-        chain += [("scale", f"in_transfer={curve}:out_primaries=bt709:out_transfer={SRGB}"), ("format", "gbrp16le")]
+        chain += [("scale", f"in_transfer={curve}:out_primaries=bt709:out_transfer={SRGB}"), ("format", deep)]
     nodes = [graph.add_buffer(template=stream), *(graph.add(*words) for words in chain)]
-    graph.link_nodes(*nodes, graph.add("format", "rgb24"), graph.add("buffersink")).configure()
+    graph.link_nodes(*nodes, graph.add("format", shown), graph.add("buffersink")).configure()
     return graph
 
 

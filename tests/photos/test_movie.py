@@ -187,11 +187,55 @@ def test_masks_of_a_clip_are_fitted_where_they_have_two_values(masks, tmp_path):
 def test_a_mask_video_has_as_many_frames_as_the_clip(tmp_path, count, told):
     frame = np.full((96, 96, 3), 200, np.uint8)
     frame[30:60, 30:60] = 0
-    write_video(tmp_path / "masks.mp4", [frame] * count, 25)
+    write_video(tmp_path / "masks.mp4", [200 - frame] * count, 25)
     write_video(tmp_path / "clip.mp4", [frame] * 2, 25)
     frames = read_frames(tmp_path / "clip.mp4")[0]
     with pytest.raises(UserError, match=told):
         list(with_masks(tmp_path / "clip.mp4", frames, tmp_path / "masks.mp4"))
+
+
+INSIDE = np.hypot(*np.meshgrid(np.arange(96) - 48, np.arange(96) - 48)) < 30
+NOTHING = np.zeros((96, 96, 3), np.uint8)
+# a frame of a clip of masks, and what is said of it; nothing if it is read
+DRAWN = {
+    "white": (NOTHING + 255 * INSIDE[..., None], ""),
+    "grey": (NOTHING + 200 * INSIDE[..., None], ""),
+    "green": (NOTHING + INSIDE[..., None] * [30, 220, 30], ""),
+    "empty": (NOTHING, "the mask is empty"),
+    "labels of 1": (NOTHING + INSIDE[..., None], "the mask is empty"),
+    "full": (NOTHING + 255, "covers the whole photo"),
+    "the clip itself": (NOTHING + np.arange(96)[:, None, None] * 2 + 30, "is the photo itself"),
+    "several people": (NOTHING + 90 * INSIDE[..., None] + 100 * np.roll(INSIDE, 40, 1)[..., None], "as labels have"),
+}
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_clip_of_masks_is_checked_as_a_mask_is(tmp_path, name):
+    drawn, says = DRAWN[name]
+    write_video(tmp_path / "masks.mp4", [drawn.astype(np.uint8)], 25)
+    photo = Picture.of((NOTHING + np.arange(96)[:, None, None] * 2 + 30).astype(np.uint8))
+    if says:
+        with pytest.raises(UserError, match=rf"frame 1 of the mask video .*masks\.mp4: .*{says}"):
+            list(with_masks("clip.mp4", iter([photo]), tmp_path / "masks.mp4"))
+    else:
+        (frame,) = with_masks("clip.mp4", iter([photo]), tmp_path / "masks.mp4")
+        assert ((frame.coverage > 127) != INSIDE).mean() < 0.01
+
+
+@pytest.mark.parametrize("codec", ["png", "qtrle", "prores_ks", "libvpx-vp9"])
+def test_a_clip_that_is_transparent_is_its_own_mask(tmp_path, codec):
+    form = {"png": "rgba", "qtrle": "argb", "prores_ks": "yuva444p10le", "libvpx-vp9": "yuva420p"}[codec]
+    path = tmp_path / ("a.webm" if codec == "libvpx-vp9" else "a.mov")
+    pixels = np.dstack([np.where(INSIDE[..., None], [200, 100, 50], [255, 0, 255]), 255 * INSIDE]).astype(np.uint8)
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = 96, 96, form
+        file.mux(stream.encode(av.VideoFrame.from_ndarray(pixels, format="rgba").reformat(format=form)))
+        file.mux(stream.encode())
+    frames, *_ = read_frames(path)
+    (photo,) = with_masks(path, frames, None)
+    assert np.abs(photo.coverage.astype(int) - 255 * INSIDE).max() <= 6
+    assert np.abs(photo.pixels[32:64, 32:64].astype(int) - [200, 100, 50]).max() <= 3
 
 
 def test_a_mask_is_found_whatever_the_photo_is_called(tmp_path):
