@@ -36,36 +36,3 @@ def test_a_step_of_the_timed_training_runs(scripts, tmp_path):
     before = [weight.detach().clone() for weight in case.network.parameters()]
     case.step()
     assert any((one != other).any() for one, other in zip(before, case.network.parameters()))
-
-
-def test_every_optimizer_is_timed(scripts):
-    training = importlib.import_module("training")
-    times = training.optimizer_times(training.Clock("cpu", 1, 0), 0.0625, "cpu")
-    assert len(times) == 3 and all(seconds > 0 for seconds in times.values())
-
-
-@pytest.mark.parametrize(
-    ("words", "size", "operations"),
-    [
-        (["scale=paper"], 1024, 328e9),  # the paper's network
-        *((["scale=smoke", *more], 64, None) for more in (["model=ours_plus"], ["model=unet"])),
-    ],
-)
-@pytest.mark.slow
-def test_multiply_adds_of_every_network(scripts, words, size, operations):
-    """Heads that leave autocast, too: fake tensors have a device, meta tensors have one that autocast refuses."""
-    from omegaconf import OmegaConf
-
-    from relight.settings import composed
-
-    counted = 2 * importlib.import_module("training").multiply_adds(OmegaConf.to_object(composed(words)).model, size)
-    assert counted == pytest.approx(operations, rel=0.01) if operations else counted > 2e6
-
-
-def test_transport_without_its_extra_says_what_to_install(scripts, monkeypatch, capsys):
-    transport = importlib.import_module("transport")
-    monkeypatch.setattr(sys, "argv", ["transport.py"])
-    monkeypatch.setitem(sys.modules, "trimesh.ray.ray_pyembree", None)  # as if embreex were not installed
-    with pytest.raises(SystemExit):
-        transport.main()
-    assert "embreex, which the extra `bench` installs" in capsys.readouterr().err

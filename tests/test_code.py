@@ -123,12 +123,3 @@ def test_every_script_imports_what_it_runs():
         done = subprocess.run([sys.executable, "-c", words], cwd=ROOT, capture_output=True, text=True, check=True)
         loaded = {path for path in map(code.path_of, done.stdout.split()) if path and path.name != "__init__.py"}
         assert loaded <= code.closure([code.SCRIPTS / f"{rule}.py"])
-
-
-def test_scripts_are_short():
-    """They call the library, where their work can be tested."""
-    scripts = sorted(code.SCRIPTS.glob("*.py"))
-    assert len(scripts) > 15
-    for path in scripts:
-        lines = [line for line in path.read_text().splitlines() if line and not line.startswith(("from ", "import "))]
-        assert len(lines) <= 15, path.name

@@ -13,7 +13,6 @@ from relight.viewer.site import readme
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 
 
 def front_matter(path: Path) -> tuple[dict, str]:
@@ -106,27 +105,3 @@ def test_weights_and_generated_data_have_one_licence():
     for page in ("README.md", "docs/index.md", "docs/figures.md"):
         sentences = re.findall(r"[^.]*\bCC0(?:-1\.0)?\b[^.]*", (ROOT / page).read_text())
         assert any("all that relight generates" in " ".join(sentence.split()) for sentence in sentences), page
-
-
-@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
-def test_workflows_of_the_hosting_site_only_call_make(path):
-    workflow = yaml.safe_load(path.read_text())
-    assert workflow["permissions"] == {"contents": "read"}
-    targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.M)
-    (job,) = workflow["jobs"].values()
-    for step in job["steps"]:
-        if "run" in step:
-            program, target = step["run"].split()
-            assert program == "make" and target in targets
-        else:
-            assert re.fullmatch(r"actions/[\w-]+@v\d+", step["uses"])
-
-
-def test_commits_are_checked_by_the_tools_of_make_lint():
-    (local,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"]
-    assert local["repo"] == "local"
-    entry = re.compile(r"\.venv/bin/(\w+)(?: (\w+))?(?: --force-exclude)?")
-    tools = [entry.fullmatch(hook["entry"]).groups() for hook in local["hooks"]]
-    lint = re.search(r"^lint:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.M)[1]
-    assert tools == [("ruff", "check"), ("ruff", "format"), ("mypy", None)]
-    assert all(" ".join(word for word in tool if word) in lint.replace("$(BIN)/", "") for tool in tools)

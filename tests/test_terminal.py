@@ -9,10 +9,8 @@ import pytest
 C = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 # environment -> the bytes of a degree sign, and of the name of a file that is not UTF-8
 TERMINALS = {
-    "ASCII": ({"PYTHONIOENCODING": "ascii"}, b"?", b"K?.hdr"),
     "the C locale without UTF-8": (C, b"?", b"K?.hdr"),
     "Latin-1": ({"PYTHONIOENCODING": "latin-1"}, b"\xb0", b"K?.hdr"),
-    "a console of DOS": ({"PYTHONIOENCODING": "cp437"}, b"\xf8", b"K?.hdr"),
     "the C locale": ({"LC_ALL": "C"}, b"\xc2\xb0", b"K\xf6.hdr"),
     "UTF-8": ({"PYTHONIOENCODING": "utf-8"}, b"\xc2\xb0", b"K\xf6.hdr"),
 }

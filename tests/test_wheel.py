@@ -57,8 +57,4 @@ def test_the_tools_work_from_a_wheel(installed, tmp_path):
     assert done.returncode == 0, done.stderr
     assert {"ball.exr", "ball.html", "light.json"} <= {path.name for path in tmp_path.iterdir()}
     assert "needs the repository" in done.stdout
-
-
-def test_the_wheel_is_typed(installed):
-    """Type checkers read the hints of a package that has this file."""
-    assert (installed / "relight" / "py.typed").is_file()
+    assert (installed / "relight" / "py.typed").is_file()  # for type checkers

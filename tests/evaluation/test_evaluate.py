@@ -11,7 +11,7 @@ from relight.core.srgb import decode
 from relight.evaluation.pictures.panels import plates
 from relight.evaluation.scoring.baselines import evaluate_baselines, make_predictors
 from relight.evaluation.scoring.evaluate import evaluate, infer, inferred_maps, load, unlearned
-from relight.evaluation.scoring.scores import Scores, read_scores, write_scores
+from relight.evaluation.scoring.scores import read_scores
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet
 from relight.learning.predict import predict
@@ -163,14 +163,6 @@ def test_mean_figure_at_pixels_that_few_figures_cover(world):
         np.testing.assert_allclose(found.albedo[0], expected, atol=5e-3)  # packed as 8-bit sRGB
         np.testing.assert_allclose(np.linalg.norm(found.normal, axis=-1), 1, rtol=1e-5)
     assert (count[inside] == 0).any() and (count[inside] == 2).any()
-
-
-def test_write_scores_and_read_scores_round_trip(tmp_path):
-    columns = {"shading_rmse": np.arange(6.0).reshape(2, 3) / 7, "ao_ssim": np.full((2, 3), 0.5)}
-    write_scores(tmp_path / "a.csv", {"one": Scores(["x", "y"], [1, 5, 9], columns)})
-    found = read_scores(tmp_path / "a.csv")["one"]
-    assert found.figures == ["x", "y"] and found.lights == [1, 5, 9] and set(found.columns) == set(columns)
-    np.testing.assert_allclose(found.columns["shading_rmse"], columns["shading_rmse"], rtol=1e-5)
 
 
 def test_evaluate_refuses_broken_inputs(checkpoints, world, tmp_path):

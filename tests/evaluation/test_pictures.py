@@ -17,9 +17,9 @@ from relight.evaluation.experiments.occlusion import (
     plot_occlusion,
     read_occlusion,
 )
-from relight.evaluation.pictures.canvas import ball, bounding_box, composite, fit_text, font, heat, transport_bands
+from relight.evaluation.pictures.canvas import ball, heat, transport_bands
 from relight.evaluation.pictures.charts import plot_curves, plot_errors
-from relight.evaluation.pictures.contact import clearest_light, contact_sheet, views
+from relight.evaluation.pictures.contact import clearest_light, contact_sheet
 from relight.evaluation.pictures.panels import COLUMNS, extreme_places, plates, relit, shadings
 from relight.evaluation.scoring.evaluate import infer, load
 from relight.evaluation.scoring.metrics import shade
@@ -84,14 +84,6 @@ def test_transport_bands_of_an_open_surface_that_faces_the_camera():
     np.testing.assert_allclose(second[0], [0.5, 0.5, 1], atol=1e-6)
 
 
-def test_composite_and_heat():
-    colors, alpha = np.zeros((8, 8, 3)), np.zeros((8, 8))
-    colors[2:6, 2:6], alpha[2:6, 2:6] = (1, 0, 0), 1
-    cell = np.asarray(composite(colors, alpha, (80, 80)))
-    assert tuple(cell[40, 40]) == (255, 0, 0) and tuple(cell[1, 1]) == (243, 243, 240)
-    assert np.all(np.diff(heat(np.linspace(0, 1, 9), 1).sum(-1)) < 0)  # darker with the error
-
-
 def test_ball_in_both_color_models():
     """Light from everywhere with irradiance (.4, .2, 1.25), white at .5: sRGB-encoded where it is linear."""
     light = np.zeros((9, 3))
@@ -101,19 +93,6 @@ def test_ball_in_both_color_models():
         picture = np.asarray(ball(light, 33, 0.5, linear))
         assert picture[16, 16, :3] == pytest.approx(255 * codes, abs=1)
         assert picture[0, 0, 3] == 0 and picture[16, 16, 3] == 255
-
-
-def test_fit_text_breaks_and_shrinks():
-    width = font(14).getlength("extraordinarily")
-    words, size = fit_text("an extraordinarily long word", 20, int(width), False)
-    assert words == "an\nextraordinarily\nlong word" and size <= 14
-    assert fit_text("short", 20, 200, False) == ("short", 20)
-
-
-def test_bounding_box_of_several_masks():
-    masks = np.zeros((2, 50, 50), bool)
-    masks[0, 10:20, 5:9], masks[1, 30:45, 20:30] = True, True
-    assert bounding_box(list(masks)) == (slice(8, 47), slice(3, 32))
 
 
 def test_contact_sheet_shows_every_figure(world, tmp_path):
@@ -141,14 +120,6 @@ def test_clearest_light_is_frontal_and_white():
     lights[3, [2, 3]] = 0.6 * white  # from the front and the right
     assert (clearest_light(lights) == lights[3]).all()
     assert (clearest_light(lights[:1]) == lights[0]).all()
-
-
-def test_views_are_exposed_for_each_figure(world):
-    maps = read_maps(world.maps[0])
-    light = np.zeros((9, 3), np.float32)
-    light[0] = 0.9
-    for dim, bright in zip(views(maps, 0.1 * light), views(maps, light), strict=True):
-        np.testing.assert_allclose(dim, bright, atol=1e-5)
 
 
 @pytest.mark.slow

@@ -14,8 +14,8 @@ import yaml
 from PIL import Image
 
 from relight.evaluation.experiments.occlusion import HISTOGRAM
-from relight.evaluation.report import build, page, provenance, sections
-from relight.evaluation.report.data import costs_and_settings, redraws
+from relight.evaluation.report import build, provenance, sections
+from relight.evaluation.report.data import costs_and_settings
 from relight.evaluation.report.formats import number
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import Verdict
@@ -174,17 +174,6 @@ def test_experiment_without_pairs_names_the_best_row(tmp_path):
     assert f"<strong>w/o reconstruction has the best shading RMSE: {mean}</strong> ({low} to {high})" in html
     made = results(tmp_path / "one", "one", {})
     assert sections.experiment(made, "one")["best"] is None and "best" not in build.experiment(made, "one").html[:200]
-
-
-def test_signs_of_a_collapse_are_columns_like_others(tmp_path):
-    made = numbers(tmp_path, "self_supervised", {"self_all": {"shading_contrast": 0.3, "albedo_share": 0.9}})
-    found = verdicts(made)
-    pair = "Everything fine-tuned against Ours (full): fine-tuning of everything"
-    assert found[pair, "shading contrast"] is found[pair, "albedo share of the picture"] is Verdict.WORSE
-    still = "Encoder fine-tuned against Ours (full): fine-tuning of the encoder"
-    assert found[still, "shading contrast"] not in (Verdict.BETTER, Verdict.WORSE)
-    heads = list(made["others"].frame)
-    assert ("contrast ↑", "Shading") in heads and ("share of the picture ↓", "Albedo") in heads
 
 
 def test_pairs_of_rows_that_are_not_trained_are_left_out(tmp_path):
@@ -409,29 +398,3 @@ def test_command_repeats_a_run(tmp_path):
     (folder / "run.yaml").write_text(yaml.safe_dump(swept))
     assert provenance.command(folder) == "snakemake all --configfile results/mine/run.yaml"
     assert provenance.command(folder, "sitting") == "relight run name=mine experiment=sitting"
-
-
-def test_picture_is_embedded(tmp_path):
-    noise = np.random.default_rng(0).integers(0, 255, (600, 700, 3), np.uint8)
-    Image.fromarray(noise).save(tmp_path / "big.png")
-    assert 'src="data:image/jpeg' in page.picture(tmp_path / "big.png", 'a "red" <box>')
-    assert "&lt;box&gt;" in page.picture(tmp_path / "big.png", 'a "red" <box>')
-    (tmp_path / "a.gif").write_bytes(b"GIF")
-    with pytest.raises(build.UserError, match="kinds"):
-        page.picture(tmp_path / "a.gif", "no")
-
-
-def test_redraws_by_reason():
-    stretched = ["t-shirt: stretched to 1.41 of its pattern", "coat: stretched to 1.52 of its pattern"]
-    infos = {
-        "g0": {"redrawn": 0, "redrawn_because": []},
-        "g1": {"redrawn": 2, "redrawn_because": stretched},
-        "g2": {"redrawn": 1, "redrawn_because": ["77 pixels of a lower layer show through the cloth"]},
-        "g3": {"left_out": "no figure of seed 3 passed"},
-    }
-    made = redraws(infos)
-    assert (made["drawn"], made["redrawn"]) == (3, 2)
-    frame = made["reasons"].frame
-    assert frame.loc["stretched to … of its pattern"].tolist() == [2, "t-shirt 1, coat 1"]
-    assert frame.loc["… pixels of a lower layer show through the cloth"].tolist() == [1, ""]
-    assert redraws({"scan": {"name": "scan"}})["drawn"] == 0

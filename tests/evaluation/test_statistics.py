@@ -31,9 +31,7 @@ def test_estimate_interval_agrees_with_students():
     assert (found.low, found.high) == pytest.approx((low, high), abs=0.006)
 
 
-@pytest.mark.parametrize(
-    ("figures", "lights", "trainings"), [(16, 1, 1), (8, 1, 1), (16, 1, 3), (12, 6, 1), (10, 8, 3)]
-)
+@pytest.mark.parametrize(("figures", "lights", "trainings"), [(8, 1, 1), (12, 6, 1), (10, 8, 3)])
 def test_estimate_interval_coverage(figures, lights, trainings):
     """Figures, lights and trainings differ: 95 % intervals cover the true mean in 95 % of 400 experiments."""
     covered = 0
@@ -100,7 +98,7 @@ def test_variance_components_are_not_negative():
     assert (found.p, found.freedom) == (pytest.approx(expected.pvalue), 5)
 
 
-@pytest.mark.parametrize(("lights", "trainings"), [(1, 1), (1, 3), (6, 1), (6, 3)])
+@pytest.mark.parametrize(("lights", "trainings"), [(1, 1), (6, 3)])
 def test_compare_p_values_of_equal_rows_are_uniform(lights, trainings):
     """5 % of 600 comparisons of rows that are alike fall under .05, although their lights differ in common."""
     found = []
@@ -115,7 +113,7 @@ def test_compare_p_values_of_equal_rows_are_uniform(lights, trainings):
     assert np.mean(np.array(found) < 0.01) <= 0.025
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(4))
 def test_compare_rows_that_share_one_factor(seed):
     """Other figures under the same lights: what the lights do to both rows alike falls out; and the other way round."""
     rng = np.random.default_rng(seed)
@@ -150,7 +148,7 @@ def test_estimate_interval_with_the_spread_of_trainings():
     assert pooled_spread([calm[:1]]).freedom == 0
 
 
-@pytest.mark.parametrize("noisy", [1, 3, 6])
+@pytest.mark.parametrize("noisy", [1, 6])
 def test_estimate_prefers_the_larger_spread(noisy):
     """With the degrees of freedom of the pooled spread, 12 % of p-values would be under .05."""
     found = []

@@ -74,17 +74,6 @@ def test_experiment_table_baselines_do_not_compete():
     assert score_grid(table, table.columns).frame.index[-5] == LABELS["mean_figure"]  # four printed rows follow
 
 
-def test_experiment_table_columns_and_order_of_rows():
-    names = ("ours_full", "no_tv", "no_shading")
-    given = {name: [scores(name, 0, {})] for name in names}
-    table = experiment_table("table2", given, {}, TABLE2_COLUMNS)
-    assert list(table.rows) == list(names) and "normal_rmse" not in table.columns
-    mine = experiment_table("of my own", given, {})
-    assert mine.columns == TABLE1_COLUMNS and table.printed and not mine.printed
-    with pytest.raises(UserError, match="no training"):
-        experiment_table("table2", {}, {})
-
-
 def test_write_tables_of_scores(tmp_path):
     table = experiment_table("table1", rows(seeds=2), {"mean_figure": [scores("ours_min", 5, {})]})
     write_score_table(table, "Table 1", tmp_path / "table1")

@@ -8,6 +8,7 @@ from relight.figures.cloth import colliders, crossings, drape
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.solver import Cloth, ClothSolver, SolverSettings
 from relight.figures.rings import winding
+from relight.figures.surfaces import grid_faces
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -18,9 +19,7 @@ def warp():
 def square(n=21, side=0.4, height=1.0):
     a = np.linspace(-side / 2, side / 2, n)
     x, z = np.meshgrid(a, a)
-    i = np.arange(n * n).reshape(n, n)
-    p, q, r, s = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
-    faces = np.concatenate([np.stack([p, r, q], 1), np.stack([q, r, s], 1)])
+    faces = grid_faces(n, n)
     return np.stack([x.ravel(), np.full(n * n, height), z.ravel()], axis=1), faces
 
 

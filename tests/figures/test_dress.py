@@ -2,7 +2,6 @@
 
 import csv
 import hashlib
-import io
 import json
 import os
 import re
@@ -19,7 +18,6 @@ import psutil
 import pytest
 import trimesh
 from omegaconf import OmegaConf
-from PIL import Image
 from typer.testing import CliRunner
 
 from relight.core.errors import UserError
@@ -33,9 +31,9 @@ from relight.figures.dress import make_figure
 from relight.figures.export import export
 from relight.figures.gloss import CLOTH as CLOTH_GLOSS
 from relight.figures.gloss import GLOSS, LEATHER, with_gloss
-from relight.figures.outfits import fitted_to_pose, sample_outfit
 from relight.figures.pose import stances
 from relight.figures.rings import lost_rings
+from relight.figures.surfaces import grid_faces
 from relight.figures.tailor import patterns
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.garments import wardrobe
@@ -74,23 +72,8 @@ def test_make_figure_record_is_complete(figure):
     assert mesh.faces.max() == len(mesh.vertices) - 1 and len(np.unique(mesh.faces)) == len(mesh.vertices)
     assert mesh.material.max() == len(mesh.materials) - 1
     assert mesh.uv.shape == (*mesh.faces.shape, 2) and mesh.uv.min() >= 0 and mesh.uv.max() <= 1
-    for key in (
-        "name",
-        "subject",
-        "source",
-        "seed",
-        "generator",
-        "garments",
-        "pose",
-        "hair",
-        "skin",
-        "age",
-        "build",
-        "redrawn",
-        "crossing",
-        "covered",
-    ):
-        assert key in mesh.info
+    keys = "name subject source seed generator garments pose hair skin age build redrawn crossing covered"
+    assert {*keys.split()} <= mesh.info.keys()
     assert mesh.info["name"] == f"g{SEED:04d}"
     assert len(mesh.info["garments"]) >= 1
 
@@ -172,17 +155,20 @@ def test_make_figure_outfits_are_other_fabrics_on_the_same_figure(figure):
         make_figure(SEED, "draft", 128, outfits=0)
 
 
-def test_sample_person_of_another_seed_differs():
-    one, two = (sample_person(np.random.default_rng([seed, 0])) for seed in (1, 2))
-    assert one != two
-
-
 @pytest.mark.parametrize(
-    ("seed", "detail", "texture", "message"), [(1, "huge", 128, "huge"), (-1, "draft", 128, "-1"), (1, "draft", 8, "8")]
+    ("arguments", "message"),
+    [
+        ((1, "huge", 128), "huge"),
+        ((-1, "draft", 128), "-1"),
+        ((1, "draft", 8), "8"),
+        ((0, "draft", 128, 0), "per_subject"),
+        ((0, "draft", 128, 1, 1.5), "1.5"),
+        ((0, "draft", 128, 1, -0.1), "-0.1"),
+    ],
 )
-def test_make_figure_bad_arguments_are_one_sentence(seed, detail, texture, message):
+def test_make_figure_bad_arguments_are_one_sentence(arguments, message):
     with pytest.raises(UserError, match=message):
-        make_figure(seed, detail, texture)
+        make_figure(*arguments)
 
 
 def failing(monkeypatch, times: int, mesh: Mesh) -> list[dress.Draw]:
@@ -330,9 +316,7 @@ def two_walls(hole: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     n = len(a)
     back = np.stack([x, y, np.where((np.abs(x) < hole) & (np.abs(y) < hole), 0.02, -0.01)], -1).reshape(-1, 3)
     front = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
-    i = np.arange(n * n).reshape(n, n)
-    p, q, r, s = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
-    faces = np.concatenate([np.stack([p, q, r], 1), np.stack([q, s, r], 1)])
+    faces = grid_faces(n, n)[:, ::-1]
     layer = np.repeat([0, 1], len(faces))
     return np.concatenate([back, front]), np.concatenate([faces, faces + n * n]), layer
 
@@ -430,23 +414,12 @@ def test_export_npz_round_trip_and_unknown_suffix(figure, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["f.npz"]
 
 
-@pytest.mark.slow
-def test_make_figure_textures_are_pictures(figure):
-    for material in figure.materials:
-        if material.texture is not None:
-            assert material.texture.dtype == np.uint8 and material.texture.ndim == 3
-            Image.fromarray(material.texture).save(io.BytesIO(), "png")
-
-
-@pytest.mark.parametrize(("text", "want"), [("7", [7]), ("0-3", [0, 1, 2, 3]), ("1,4,2-5", [1, 4, 2, 3, 5])])
-def test_seeds_of_lists_and_ranges(text, want):
-    assert seeds_of(text) == want
-
-
-@pytest.mark.parametrize("text", ["", "a", "5-2", "-1", "1..3", "1,,2"])
-def test_seeds_of_refuses_bad_text(text):
-    with pytest.raises(UserError, match="--seeds"):
-        seeds_of(text)
+def test_seeds_of_lists_and_ranges():
+    for text, want in {"7": [7], "0-3": [0, 1, 2, 3], "1,4,2-5": [1, 4, 2, 3, 5]}.items():
+        assert seeds_of(text) == want
+    for text in ("", "a", "5-2", "-1", "1..3", "1,,2"):
+        with pytest.raises(UserError, match="--seeds"):
+            seeds_of(text)
 
 
 def test_write_table_lists_all_figures_of_the_folder(tmp_path):
@@ -483,14 +456,6 @@ def test_sample_satisfies_the_constraints(fixed):
         assert draw.pose.sitting or constraints.sitting < 1
         again = dress.sample(seed, 1, 1, constraints.sitting, constraints)
         assert again.person == draw.person and again.outfit != draw.outfit
-
-
-def test_sample_without_constraints_is_the_first_draw():
-    draw = dress.sample(5, 0, 1, 0.08)
-    rng = np.random.default_rng([5, 1, 0])
-    assert draw.person == sample_person(np.random.default_rng([5, 0]))
-    outfit = sample_outfit(rng, draw.person)
-    assert draw.pose == stances.sample_pose(rng, 0.08) and draw.outfit == fitted_to_pose(outfit, draw.pose)
 
 
 def test_figures_command_names_are_options_to_copy():

@@ -9,7 +9,6 @@ from relight.figures.assembly import Assembly
 from relight.figures.body import makehuman, skin
 from relight.figures.body.person import Expression, build_body, expressions, sample_expression, sample_person, units
 from relight.figures.builder import Builder
-from relight.figures.catalogue.schema import entries
 from relight.figures.cloth import colliders, layers
 from relight.figures.hair import combing, facial, locks, strands, styles
 from relight.figures.hair.heads import HairPart, build_hair
@@ -17,7 +16,6 @@ from relight.figures.outfits import in_other_fabrics, sample_outfit
 from relight.figures.pose import stances
 from relight.figures.pose.motion import build_motion
 from relight.figures.surfaces import normals
-from relight.figures.texture import Color
 from relight.figures.wear import DETAILS
 
 
@@ -69,11 +67,6 @@ def test_sample_expression_varies_and_follows_its_seed():
     assert all(0 <= weight <= 1 for one in drawn for weight in one.units.values())
     for unit in {unit for one in drawn for unit in one.units}:
         assert len(makehuman.target(unit)[0])  # the package has it
-
-
-def test_units_swap_exchanges_the_sides():
-    one, other = units("smirk"), units("smirk", swap=True)
-    assert one["faceunits/mouthSmileLeft"] == other["faceunits/mouthSmileRight"] > other["faceunits/mouthSmileLeft"]
 
 
 @pytest.mark.parametrize("style", [style.name for style in styles.styles().values() if style.comb])
@@ -214,14 +207,6 @@ def test_beard_grows_on_jaw_and_lip_only(head, heads):
     surface = colliders.Collider(below[0], *below)
     _, distance, _ = layers.signed_distance(named(heads["bald"], "beard").vertices, surface, 0.1)
     assert np.mean(distance < -0.004) < 0.02 and distance.max() < 0.05
-
-
-@pytest.mark.parametrize("color", entries("colors", "hair", Color))
-def test_brow_color_is_of_the_hair_and_never_white(color):
-    hair_color = np.array(entries("colors", "hair", Color)[color])
-    brow = skin.brow_color(hair_color)
-    np.testing.assert_allclose(brow / brow.sum(), hair_color / hair_color.sum())
-    assert (brow < hair_color).all() and brow.max() < 0.27
 
 
 def test_lashes_stand_on_the_lids_of_both_eyes(head):

@@ -1,10 +1,8 @@
 """Shading baked into the albedo."""
 
 import numpy as np
-import pytest
 
-from relight.core.errors import UserError
-from relight.figures import dress, shading
+from relight.figures import shading
 from relight.meshes import Material, Mesh
 from relight.sh import basis
 
@@ -70,11 +68,3 @@ def test_shaded_strength_blends_from_nothing():
     color = np.full((*mesh.faces.shape, 3), 0.5)
     tinted = Mesh(mesh.vertices, mesh.faces, mesh.uv, mesh.material, mesh.materials, color, mesh.info)
     np.testing.assert_allclose(shading.shaded(tinted, 1.0).color, 0.5 * full.color, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("per_subject", "strength", "message"), [(0, 0.0, "per_subject"), (1, 1.5, "1.5"), (1, -0.1, "-0.1")]
-)
-def test_make_figure_bad_options_are_one_sentence(per_subject, strength, message):
-    with pytest.raises(UserError, match=message):
-        dress.make_figure(0, "draft", 128, per_subject, strength)

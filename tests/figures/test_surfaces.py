@@ -11,9 +11,7 @@ from relight.figures import surfaces
 def plate(n=9):
     x, y = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n))
     vertices = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
-    i = np.arange(n * n).reshape(n, n)
-    a, b, c, d = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
-    return vertices, np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)])
+    return vertices, surfaces.grid_faces(n, n)[:, ::-1]
 
 
 def area(vertices, faces):

@@ -10,7 +10,7 @@ from PIL import Image
 
 from relight.learning.augment import RED_PER_BLUE, augment_batch, specular_reflection
 from relight.learning.camera import compress_jpeg
-from relight.learning.color import encode, photograph
+from relight.learning.color import photograph
 from relight.learning.data import RelitSet, compact_index
 from relight.learning.losses import variation
 from relight.sh import basis
@@ -153,7 +153,7 @@ def test_exposure_is_on_the_picture_alone(data, augment):
     torch.testing.assert_close(new.image * lit, batch.image * lit * 0.5, atol=0.01, rtol=0)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_recolored_albedo_stays_an_albedo_and_keeps_texture(data, seed, augment):
     batch = batch_of(data)
     new = augment_batch(batch, augment(recolor=1.0), generators(4, seed), data.size)
@@ -275,11 +275,3 @@ def test_jpeg_is_that_of_a_library(quality):
     assert (found - expected).abs().mean() < 0.008
     lost, theirs = float((found - coded).abs().mean()), float((expected - coded).abs().mean())
     assert lost == pytest.approx(theirs, rel=0.1)
-
-
-def test_only_photographs_are_augmented_to_codes(data, augment):
-    batch = augment_batch(batch_of(data), augment(**ALL), generators(4), data.size)
-    codes = encode(batch.image) * 255
-    torch.testing.assert_close(codes, codes.round(), atol=2e-3, rtol=0)
-    for name in ("image", "albedo", "transport", "normal", "shading", "relit", "light"):
-        assert getattr(batch, name).isfinite().all(), name

@@ -64,12 +64,6 @@ def test_a_training_can_start_from_the_file(exported):
             torch.testing.assert_close(first, second, rtol=1e-3, atol=1e-5)
 
 
-def test_the_file_is_half_as_large_as_its_weights(exported):
-    network, _, path = exported
-    bytes_ = sum(values.numel() * 4 for values in network.state_dict().values())
-    assert path.stat().st_size < 0.5 * bytes_ + 300_000  # the graph itself
-
-
 def test_check_compares(exported):
     network, checkpoint, path = exported
     changed, _ = load_network(checkpoint)
@@ -125,25 +119,3 @@ def test_clamp_rim_is_that_of_plain_filters(seed):
     tensors = torch.from_numpy(maps).permute(2, 0, 1)[None], torch.from_numpy(mask)[None, None].float()
     result = clamp_rim(*tensors)[0].permute(1, 2, 0).numpy()
     np.testing.assert_allclose(result, clamped(maps, mask), atol=1e-5)
-
-
-def test_clamp_rim_cuts_noise_and_continues_gradients():
-    """A thin part keeps what it has."""
-    y, x = np.mgrid[:48, :48]
-    mask = np.hypot(x - 20, y - 24) < 16
-    mask[23:25, 34:46] = True  # a finger, two pixels wide
-    true = ((0.5 + 0.01 * x)[..., None] + np.zeros(3)).astype(np.float32)
-    core = binary_erosion(mask)
-
-    def run(maps: np.ndarray) -> np.ndarray:
-        tensors = torch.from_numpy(maps).permute(2, 0, 1)[None], torch.from_numpy(mask)[None, None].float()
-        return clamp_rim(*tensors)[0].permute(1, 2, 0).numpy()
-
-    assert np.abs(run(true) - true)[mask].max() < 0.021
-    noise = np.random.default_rng(3).normal(0, 0.5, true.shape)
-    noisy = np.where(core[..., None], true, true + noise).astype(np.float32)
-    result = run(noisy)
-    rim = mask & ~core & (x < 34)
-    assert np.abs(result - true)[rim].mean() < 0.15 * np.abs(noisy - true)[rim].mean()
-    assert np.array_equal(result[23:25, 42:46], noisy[23:25, 42:46])
-    assert np.array_equal(result[core | ~mask], noisy[core | ~mask])

@@ -207,15 +207,6 @@ def test_each_loss_teaches_what_its_name_says_and_nothing_else(tiny_world, loss,
         assert (leaves[key].grad * (1 - batch.mask)).abs().max() == 0
 
 
-@pytest.mark.parametrize("name", ["sfsnet", "sfsnet_ao"])
-def test_shading_teaches_normals_and_ao(tiny_world, loss, name):
-    batch = batch_of(tiny_world)
-    leaves = {key: value.float().requires_grad_() for key, value in inferred(batch, name).items()}
-    losses(leaves, batch, loss())[1]["shading_transport"].backward()
-    taught = {key for key, leaf in leaves.items() if leaf.grad is not None and leaf.grad.abs().max() > 0}
-    assert taught == set(leaves) - {"albedo", "light"}
-
-
 @pytest.mark.slow
 def test_presets_hold_the_losses_of_the_tables(tiny_world):
     batch = batch_of(tiny_world)

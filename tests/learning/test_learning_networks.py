@@ -48,19 +48,6 @@ def test_layers_of_the_paper_at_full_size(model, name, decoders, millions, giga)
     assert flops.get_total_flops() / 2e9 == pytest.approx(giga, abs=0.1)
 
 
-def test_norms_biases_and_dropout_stand_where_the_paper_has_them(model):
-    with torch.device("meta"):
-        network = build(model(width=1.0, norm="instance"), 1024)
-    assert isinstance(network.encoder[0], nn.Conv2d) and network.encoder[0].bias is not None
-    blocks = [*network.encoder[1:], *network.light.layers]
-    for decoder in network.decoders.values():
-        blocks += [decoder.residual.first, decoder.residual.second, *decoder.up]
-        assert decoder.last.bias is not None and isinstance(decoder.last, nn.ConvTranspose2d)
-    assert all(block[0].bias is None and len(block) == 2 for block in blocks)
-    kernels = {m.kernel_size for m in network.modules() if isinstance(m, nn.Conv2d | nn.ConvTranspose2d)}
-    assert kernels == {(4, 4), (3, 3)}
-
-
 def test_dropout_acts_in_training_on_the_first_three_deconvolutions_only(model):
     torch.manual_seed(0)
     network = build(model(dropout=0.999999), 64).train()
@@ -72,7 +59,7 @@ def test_dropout_acts_in_training_on_the_first_three_deconvolutions_only(model):
     assert [bool(own[level].abs().max() > 0) for level in (1, 2, 3, 4, 5)] == [False, False, False, True, True]
 
 
-@pytest.mark.parametrize("size", [64, 128, 192, 320])
+@pytest.mark.parametrize("size", [64, 192])
 @pytest.mark.parametrize("norm", ["instance", "batch"])
 @pytest.mark.parametrize("name", ["ours", "unet"])
 def test_every_multiple_of_64_learns_from_every_part(model, name, size, norm):
@@ -125,13 +112,6 @@ def test_the_background_is_not_seen_and_black_is_not_background(model, name):
     assert (black["light"] - nothing["light"]).abs().max() > 1e-6
 
 
-def test_normals_are_unit(model):
-    torch.manual_seed(4)
-    outputs = build(model(name="sfsnet_ao"), 64).eval()(torch.rand(2, 3, 64, 64), torch.ones(2, 1, 64, 64))
-    torch.testing.assert_close(outputs["normal"].norm(dim=1), torch.ones(2, 64, 64))
-    assert outputs["ao"].shape == (2, 1, 64, 64)
-
-
 @pytest.mark.parametrize("how, gradient", [("clip", [0, 1, 0]), ("straight_through", [1, 1, 1])])
 def test_albedo_stays_in_range_and_its_gradient_is_as_said(how, gradient):
     x = torch.tensor([-0.5, 0.25, 1.5], requires_grad=True)
@@ -139,27 +119,6 @@ def test_albedo_stays_in_range_and_its_gradient_is_as_said(how, gradient):
     assert y.tolist() == [0, 0.25, 1]
     y.sum().backward()
     assert x.grad.tolist() == gradient
-
-
-def test_sigmoid_albedo():
-    torch.testing.assert_close(constrain_albedo(torch.tensor([0.0, 1.0]), "sigmoid"), torch.tensor([0.5, 0.7310586]))
-
-
-@pytest.mark.parametrize("size, light", [(1024, 0.02), (128, None)])
-def test_initial_weights(model, size, light):
-    torch.manual_seed(5)
-    network = build(model(width=0.5), size)
-    std = {name: p.std().item() for name, p in network.named_parameters() if p.ndim == 4}
-    for name, found in std.items():
-        if "residual" in name:
-            assert found == pytest.approx((2 / (256 * 9)) ** 0.5, rel=0.02), name
-        elif not name.startswith("light"):
-            assert found == pytest.approx(0.02, rel=0.06), name
-    heads = [found for name, found in std.items() if name.startswith("light.layers")]
-    if light:
-        assert heads == pytest.approx([light] * 3, rel=0.05)
-    else:
-        assert heads == pytest.approx([(2 / 1.04 / fan) ** 0.5 for fan in (768 * 16, 256, 128)], rel=0.05)
 
 
 def test_pooled_head_looks_at_the_figure_only():
@@ -255,14 +214,7 @@ def test_the_unet_leaves_no_grid_of_its_own(model):
     assert ripples["unet"] < 0.02 * ripples["ours"]
 
 
-def test_the_unet_takes_every_size_above_64_px_with_the_same_weights(model):
-    torch.manual_seed(11)
-    small, large = (build(model(name="unet", light_head="pooled", refine=True), size).eval() for size in (128, 192))
-    large.load_state_dict(small.state_dict())
-    assert large(torch.rand(1, 3, 192, 192), torch.ones(1, 1, 192, 192))["albedo"].shape == (1, 3, 192, 192)
-
-
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_unet_starts_alive(model, seed):
     """Every unit of the last hidden layer sees something, and little of the albedo is clipped; a dark image."""
     torch.manual_seed(seed)

@@ -1,6 +1,5 @@
 """The order of the training pairs."""
 
-import numpy as np
 import pytest
 
 from relight.learning.data import draw_pairs
@@ -23,12 +22,6 @@ def test_each_pass_shows_every_pair_once(order, batch):
 def test_the_order_does_not_depend_on_the_batch_and_depends_on_the_seed():
     assert taken("shuffled", 1, 40) == taken("shuffled", 4, 10)
     assert taken("shuffled", 4, 10) != taken("shuffled", 4, 10, seed=4)
-
-
-def test_any_step_can_be_asked_for_alone():
-    late = draw_pairs(3, 1000, 4, 5, 7)
-    taken("shuffled", 4, 3)
-    assert np.array_equal(draw_pairs(3, 1000, 4, 5, 7), late)
 
 
 def test_rows_give_a_figure_its_lights_in_a_row():

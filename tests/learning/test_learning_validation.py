@@ -64,11 +64,6 @@ def test_without_figures_for_it_there_is_none(world, loss, tmp_path):
     assert Validation(data, split, loss(), data.size)(nn.Identity(), drawn=True) == ({}, None)
 
 
-def test_pictures_are_those_of_the_size_that_is_trained(tmp_path, world, loss):
-    data = RelitSet(world["packed"], world["lights"], 2, "photo")
-    assert Validation(data, world["split"], loss(), 48).batch.image.shape[-2:] == (48, 48)
-
-
 def test_pairs_are_of_validation_figures_and_lights(tmp_path, world, loss):
     """A light and a figure of the training or the test are never among them."""
     data = RelitSet(world["packed"], world["lights"], 2, "paper")
@@ -79,7 +74,7 @@ def test_pairs_are_of_validation_figures_and_lights(tmp_path, world, loss):
     torch.testing.assert_close(found.batch.light, wanted.light)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 5])
+@pytest.mark.parametrize("count", [1, 5])
 def test_any_number_of_pairs_makes_a_picture(tmp_path, world, loss, count):
     (tmp_path / "split.json").write_text(
         json.dumps({"train": [], "validation": [f"figure{i}" for i in range(count)], "test": []})

@@ -16,7 +16,7 @@ from relight.lights import (
 from relight.lights.chain import generated_light, project_panoramas
 from relight.lights.cluster import choose_validation_lights, farthest_first, irradiance_features, medoids
 from relight.lights.select import RULES as ALL_RULES
-from relight.lights.select import broken_rules, counted
+from relight.lights.select import broken_rules
 from relight.lights.table import SPLITS
 from relight.panoramas.color import blackbody, daylight
 from relight.settings import Panoramas, read_preset
@@ -111,16 +111,6 @@ def test_two_panoramas_make_a_light_set(rooms):
     assert set(lights.of("train").source) != set(lights.of("test").source)
 
 
-def test_smoke_size():
-    lights, record = build_light_set(
-        replace(GENERATED, count=12), replace(SETTINGS, clusters=6, test=2), 2, progress=False
-    )
-    assert record["lights"] == {"train": 3, "validation": 1, "test": 2, "unusual": 0, "rich": 0} | {
-        part: len(lights.of(part)) for part in ("unusual", "rich")
-    }
-    assert record["steps"][0] == {"step": "read", "in": 12, "out": 12, "why": {}}
-
-
 def test_a_single_lamp_from_behind_makes_a_light_set_with_a_warning(caplog):
     """Nothing passes the rules: the least unusual copies are used, with a warning."""
     lamp = basis(np.array([0.0, -0.8, -0.6]))[:, None] * np.ones((1, 3)) * 5
@@ -171,11 +161,6 @@ def test_veto_of_names_with_hashes_in_any_code_page(rooms, tmp_path, page):
     lights, record = select_lights(coefficients, named, replace(SETTINGS, veto=str(veto)))
     assert "salle #1 \xe0 vivre.hdr" not in lights.source
     assert not any("names none of the lights" in line for line in record["warnings"])
-
-
-@pytest.mark.parametrize(("count", "said"), [(1, "1 panorama"), (2, "2 panoramas"), (0, "0 panoramas")])
-def test_counted(count, said):
-    assert counted(count, "panorama") == said
 
 
 def test_lights_without_sources_and_missing_veto_files_are_refused(rooms):

@@ -14,7 +14,7 @@ from relight.lights.load import PROBES, printed_probe, probe
 from relight.lights.statistics import moment_eigenvalue
 from relight.panoramas import Panorama, generate_room, orient, project
 from relight.settings import Panoramas
-from relight.sh import irradiance, rotate_y, to_relight
+from relight.sh import irradiance, rotate_y
 
 
 def store_pfm(path, pixels):
@@ -164,12 +164,6 @@ def test_a_name_that_contradicts_the_convention_is_refused(tmp_path):
     assert write_light(load_light("room:3"), tmp_path / "x.dpr.npy", "dpr").name == "x.dpr.npy"
 
 
-def test_a_light_is_an_array_of_its_coefficients():
-    light = load_light("room:3")
-    np.testing.assert_array_equal(rotate_y(light, 1.0), rotate_y(light.coefficients, 1.0))
-    np.testing.assert_array_equal(to_relight(light, "dpr"), to_relight(light.coefficients, "dpr"))
-
-
 def test_impossible_lights_get_a_note(tmp_path):
     sharp = load_light("key:ffffff@0,30,0").coefficients * np.repeat([1, 1.5, 2.5], [1, 3, 5])[:, None]
     np.save(tmp_path / "a.npy", sharp)
@@ -208,11 +202,6 @@ def test_broken_files_are_named(tmp_path, name):
 def test_invalid_names_of_lights_are_refused(text):
     with pytest.raises(UserError):
         load_light(text)
-
-
-def test_an_unknown_kind_of_light_names_those_there_are():
-    with pytest.raises(UserError, match=r"nosuch:3: .* kind of light 'nosuch'; kinds are room, sky, lamps, key, "):
-        load_light("nosuch:3")
 
 
 def test_a_pickle_is_never_opened(tmp_path):

@@ -1,7 +1,5 @@
 """The light of a place: what must follow from the picture, whatever was fitted."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,6 @@ from relight.core.srgb import encode, to_bytes
 from relight.lights.light import direction
 from relight.lights.place import (
     IRRADIANCE,
-    STATISTICS,
     features,
     lamp_parts,
     place_light,
@@ -109,7 +106,3 @@ def test_lamp_parts_add_up_to_a_lamp():
     even, first, second = lamp_parts(toward).T
     np.testing.assert_allclose(basis(toward, 0)[0] * even + first + second, basis(toward, 2), atol=1e-12)
     assert lamp_parts(np.stack([toward, -toward])).shape == (2, 9, 3)
-
-
-def test_statistics_say_where_they_come_from():
-    assert "Poly Haven (CC0)" in json.loads(STATISTICS.read_text())["provenance"]

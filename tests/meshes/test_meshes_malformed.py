@@ -196,6 +196,7 @@ BROKEN = {
     "obj whose .mtl lies outside": ({"in/a.obj": obj("mtllib ../a.mtl"), "a.mtl": b"newmtl skin\n"}, "outside"),
     "obj using an undefined material": ({"a.obj": obj(*USE), "a.mtl": b"newmtl hair\n"}, "'skin'"),
     "mtl naming a missing texture": (SKIN, "t.png"),
+    "mtl whose only texture is missing": ({"a.obj": obj(*USE), "a.mtl": b"newmtl skin\nmap_Ka gone.png\n"}, "gone.png"),
     "mtl naming no texture": ({"a.obj": obj(*USE), "a.mtl": b"newmtl skin\nmap_Kd\n"}, "names no file"),
     "mtl naming itself": ({"a.obj": obj(*USE), "a.mtl": MTL.format("a.mtl").encode()}, "not a picture"),
     "mtl naming a texture outside": (
@@ -265,6 +266,9 @@ BROKEN = {
     "gltf of lines": ({"a.gltf": gltf(setting("meshes", 0, "primitives", 0, "mode", 1))}, "no triangles"),
     "gltf of 11 indices": ({"a.gltf": gltf(setting("accessors", 1, "count", 11))}, "whole triangles"),
     "gltf without its texture": ({"a.gltf": gltf(textured("skin.png"))}, "skin.png"),
+    "gltf textured without coordinates": (
+        {"a.gltf": gltf(lambda s: textured("data:;base64,")(s) or s["meshes"][0]["primitives"][0]["attributes"].pop(
+            "TEXCOORD_0"))}, "have no TEXCOORD_0"),
     "gltf with a texture outside": ({"in/a.gltf": gltf(textured("../t.png")), "t.png": picture()}, "outside"),
     "gltf with a texture of text": ({"a.gltf": gltf(textured("data:;base64,aGVsbG8="))}, "not a picture"),
     # other

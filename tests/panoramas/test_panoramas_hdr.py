@@ -164,3 +164,16 @@ def test_what_is_not_whole_is_refused(tmp_path, what):
     path.write_bytes(WRONG[what])
     with pytest.raises(UserError, match=r"not a whole|8192|has pixels"):
         read_hdr(path)
+
+
+def test_the_page_reads_what_is_read_here_and_refuses_the_rest(on_the_page, tmp_path):
+    """The viewer's reader in JavaScript, to the last bit: every coding, widths at its edges, orientations."""
+    whole = [(scene(6, 600)[:, :width], coding, None) for width in (8, 129, 600) for coding in CODINGS]
+    whole += [(scene(2, 600)[:, :7], coding, None) for coding in ("flat", "old")]
+    for sy, sx in itertools.product("+-", repeat=2):
+        whole += [(scene(6, 20), "flat", resolution) for resolution in (f"{sy}Y 6 {sx}X 20", f"{sx}X 6 {sy}Y 20")]
+    files = [picture(tmp_path / "a.hdr", *each).read_bytes() for each in whole]
+    answers = on_the_page([*files, *WRONG.values()])
+    assert all(pixels is None for pixels, *_ in answers[len(files) :])
+    for number, (pixels, shape, _) in enumerate(answers[: len(files)]):
+        np.testing.assert_array_equal(np.float32(pixels).reshape(shape), read_hdr(tmp_path / f"{number}.hdr")[0])

@@ -34,14 +34,6 @@ def test_exr_pixels(tmp_path, dtype):
     assert (panorama.layout, panorama.corners, panorama.front, panorama.repairs) == ("latlong", False, "-z", [])
 
 
-def test_exr_with_alpha_and_grey(tmp_path):
-    pixels = noise()
-    rgba = np.concatenate([pixels, np.ones((16, 32, 1), np.float32)], -1)
-    np.testing.assert_array_equal(read_panorama(exr(tmp_path / "a.exr", {"RGBA": rgba})).pixels, pixels)
-    grey = read_panorama(exr(tmp_path / "b.exr", {"Y": np.ascontiguousarray(pixels[..., 0])}))
-    np.testing.assert_array_equal(grey.pixels, np.repeat(pixels[..., :1], 3, 2))
-
-
 def test_the_envmap_attribute_turns_and_sets_corners(tmp_path):
     """OpenEXR: the centre of a lat-long looks along +z, its right half toward -x; cube faces go +x, -x, +y, ..."""
     latlong = np.full((33, 64, 3), 0.01, np.float32)
@@ -58,29 +50,6 @@ def test_the_envmap_attribute_turns_and_sets_corners(tmp_path):
         assert panorama.corners and irradiance(project(panorama), SIX)[:, 0].argmax() == face
 
 
-def test_xyz_chromaticities_are_converted(tmp_path):
-    white = np.full((4, 8, 3), (0.9505, 1.0, 1.0891), np.float32)
-    xyz = (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3)
-    panorama = read_panorama(exr(tmp_path / "a.exr", {"RGB": white}, chromaticities=xyz))
-    np.testing.assert_allclose(panorama.pixels, 1, atol=2e-3)
-    acescg = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
-    panorama = read_panorama(exr(tmp_path / "b.exr", {"RGB": np.ones((4, 8, 3), np.float32)}, chromaticities=acescg))
-    np.testing.assert_allclose(panorama.pixels, 1, atol=2e-3)  # white stays white
-    assert "chromaticities" in panorama.repairs[0]
-
-
-def test_a_cropped_exr_is_padded_with_black(tmp_path):
-    windows = {
-        "dataWindow": (np.array([8, 4], np.int32), np.array([15, 7], np.int32)),
-        "displayWindow": (np.array([0, 0], np.int32), np.array([31, 15], np.int32)),
-    }
-    pixels = noise(4, 8)
-    panorama = read_panorama(exr(tmp_path / "a.exr", {"RGB": pixels}, **windows))
-    assert panorama.pixels.shape == (16, 32, 3) and "black" in panorama.repairs[0]
-    np.testing.assert_array_equal(panorama.pixels[4:8, 8:16], pixels)
-    assert panorama.pixels.sum() == pytest.approx(pixels.sum(), rel=1e-5)
-
-
 def test_multi_part_reads_the_part_with_color(tmp_path):
     depth = OpenEXR.Part({"name": "depth"}, {"Z": np.ones((16, 32), np.float32)})
     color = OpenEXR.Part({"name": "color"}, {"RGB": noise()})
@@ -88,18 +57,6 @@ def test_multi_part_reads_the_part_with_color(tmp_path):
     panorama = read_panorama(tmp_path / "a.exr")
     np.testing.assert_array_equal(panorama.pixels, noise())
     assert panorama.repairs == ["part 1 of 2 was read"]
-
-
-@pytest.mark.parametrize("order", "<>")
-def test_pfm(tmp_path, order):
-    np.testing.assert_array_equal(read_panorama(pfm(tmp_path / "a.pfm", noise(), order=order)).pixels, noise())
-    grey = read_panorama(pfm(tmp_path / "b.pfm", noise()[..., 0], b"Pf", order))
-    np.testing.assert_array_equal(grey.pixels[..., 1], noise()[..., 0])
-
-
-def test_a_file_of_rows_from_the_bottom_up(tmp_path):
-    path = pfm(tmp_path / "a.pfm", noise()[::-1])
-    np.testing.assert_array_equal(read_panorama(path, upside_down=True).pixels, noise())
 
 
 def test_negatives_are_clipped_and_counted_and_exposure_multiplies(tmp_path):

@@ -7,7 +7,6 @@ from PIL import Image
 import relight
 from relight.core.errors import UserError
 from relight.lights import Light, load_light
-from relight.photos.background import Background
 from relight.photos.look import Look
 
 LIGHT = "key:#ffeedd@60,20"
@@ -43,6 +42,10 @@ def test_what_is_wrong_is_said(relighter, photo_files):
         (pixels, mask[1:], "the mask is 140x179 pixels, but the photo is 140x180: they must be equal"),
         (pixels, np.zeros_like(mask), "the mask is empty"),
         (pixels.astype(int), mask, "the image is int64"),
+        (pixels[0, 0], mask, "uint8 sRGB"),
+        (pixels[:7], mask[:7], "8 a side are the least"),
+        (pixels, np.full_like(mask, 255), "covers the whole photo"),
+        (pixels, pixels, "shape"),
         (me.with_name("none.png"), mask, "there is no file"),
         (me, me, "is the photo itself|empty"),
         (pixels, None, "relight mask setup"),
@@ -149,10 +152,3 @@ def test_white_balance(relighter, photo_files):
     assert (relighter.relight(me, None, LIGHT) != relighter.relight(me, None, LIGHT, white_balance="scene")).any()
     with pytest.raises(UserError, match="'auto' is neither keep nor scene"):
         relighter.infer(me, white_balance="auto")
-
-
-def test_repr_of_public_objects_is_one_short_line(relighter, draw):
-    pixels, mask = draw()
-    scene = relighter.scene(pixels, mask)
-    for shown in (relighter, scene, scene.picture, scene.people[0], Look(), Background("picture", picture=pixels)):
-        assert len(repr(shown)) < 200 and "\n" not in repr(shown)

@@ -189,16 +189,6 @@ def test_bad_input_is_one_line_and_overwrites_nothing(run, photo_files, weights,
     assert [p.name for p in out.iterdir()] == ["relit.png"] and (out / "relit.png").read_bytes() == b"precious"
 
 
-def test_a_mask_that_looks_wrong_is_said(run, photo_files, weights, tmp_path):
-    me, mask, _, drawn = photo_files
-    out = tmp_path / "out"
-    assert "the mask" not in run("photo", me, "--out", out, "--weights", weights)
-    assert "the mask" not in str(json.loads((out / "photo.json").read_text())["notes"])
-    Image.fromarray(255 - drawn).save(mask)
-    assert "note: the mask may be inverted" in run("photo", me, "--out", out, "--weights", weights)
-    assert "inverted" in json.loads((out / "photo.json").read_text())["notes"][0]
-
-
 def test_results_that_are_given_are_not_overwritten(run, photo_files, weights, tmp_path):
     me, mask, _, _ = photo_files
     out = tmp_path / "out"
@@ -271,16 +261,6 @@ def test_changed_options_or_files_are_relit_again(photo_files, weights, tmp_path
     assert _fingerprint((me,), room) == _fingerprint((me,), Look("room:3", background="panorama"))
     Image.new("L", (140, 180), 9).save(mask)
     assert fingerprint != _fingerprint((me, mask), Look(), network)
-
-
-@pytest.mark.parametrize("command", ["photo", "movie"])
-def test_help_is_complete_at_80_columns_and_names_every_kind_of_light(command, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setenv("TERMINAL_WIDTH", "80")
-    text = CliRunner().invoke(app, [command, "--help"]).output
-    assert "…" not in text and max(map(len, text.splitlines())) <= 80
-    for name in ("auto", "key:#ffd9a0@70,20,0.15", "room:7", "kitchen.hdr", "light.json", "other.jpg", "Examples:"):
-        assert name in text
 
 
 @pytest.mark.slow

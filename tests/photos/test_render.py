@@ -315,28 +315,6 @@ def test_backgrounds(relighter, tmp_path, draw):
 
 
 @pytest.mark.slow
-def test_python_interface_says_what_is_wrong(relighter, draw):
-    pixels, mask = draw()
-    for image, cover, says in [
-        (pixels / 255.0, mask, "uint8 sRGB"),
-        (pixels[0, 0], mask, "uint8 sRGB"),
-        (pixels[:7], mask[:7], "8 a side are the least"),
-        (pixels, np.full_like(mask, 255), "covers the whole photo"),
-        (pixels, mask[:-1], "must be equal"),
-        (pixels, mask * 0, "empty"),
-        (pixels, pixels, "shape"),
-    ]:
-        with pytest.raises(UserError, match=says):
-            relighter.infer(image, cover)
-    hard = relighter.relight(pixels, mask > 127, LIGHT)
-    assert np.array_equal(hard, relighter.relight(pixels, (mask > 127).astype(np.float32), LIGHT))
-    with pytest.raises(UserError, match="neither ratio nor full"):
-        relighter.relight(pixels, mask, LIGHT, mode="best")
-    brighter = relighter.relight(pixels, mask, LIGHT, stops=1)[mask == 255]
-    assert brighter.mean() > relighter.relight(pixels, mask, LIGHT)[mask == 255].mean() + 10
-
-
-@pytest.mark.slow
 def test_paper_networks_see_coded_values(relighter, weights, draw):
     """A network trained with color=paper gets the 8-bit values as they are."""
     from relight.photos.person import infer_person

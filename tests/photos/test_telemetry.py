@@ -10,7 +10,6 @@ from PIL import Image
 
 WEB = Path(__file__).parents[2] / "relight/viewer/web"
 PROGRAMS = {
-    "a network": ["-c", "from relight.photos.network import WEIGHTS, open_session; open_session(WEIGHTS)"],
     "Python": ["-c", "import relight; relight.load().relight('me.png', light='room:7')"],
     "the command": ["-m", "relight.cli", "photo", "me.png", "--light", "room:7", "--out", "out"],
 }

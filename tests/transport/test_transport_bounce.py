@@ -6,7 +6,7 @@ import trimesh
 
 from relight.meshes import Material, Mesh
 from relight.sh import unoccluded
-from relight.transport import bake, bake_vertices
+from relight.transport import bake
 
 ALBEDO = np.float32([0.8, 0.5, 0.2])
 
@@ -79,16 +79,6 @@ def test_backs_reflect_nothing():
     mesh = corner(0)
     mesh.faces[2:] = mesh.faces[2:, ::-1]
     assert not bake(mesh, 24, 64, bounces=1).bounced.any()
-
-
-def test_per_vertex():
-    """Bounces per vertex are those per pixel."""
-    mesh, wall = integrating_sphere(subdivisions=4)
-    baked = bake_vertices(mesh, 256, bounces=2)
-    opening = 4 * wall * (1 - wall)
-    expected = opening / 4 * unoccluded(np.array([0.0, 0.0, 1.0]))[:, None] * (ALBEDO + ALBEDO**2 * wall)
-    deep = baked.vertices[:, 2] < 0.3
-    np.testing.assert_allclose(baked.bounced[deep].mean(0), expected, atol=1e-2 * expected.max())
 
 
 def test_no_bounce_without_albedo():

@@ -194,12 +194,6 @@ def test_the_frontal_view_is_left_as_it_is():
     np.testing.assert_allclose(turned.normal[both], plain.normal[both], atol=1e-3)
 
 
-def test_results_of_a_view_do_not_depend_on_threads():
-    one, two = (bake(balls(3), 32, 16, view=View(40, -8, 50), threads=threads) for threads in (1, 2))
-    for name in ("mask", "normal", "depth", "transport"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
-
-
 def test_random_views():
     """The distribution that is stated; a view depends on its name and the seed alone."""
     names = [name for figure in range(1000) for name in view_names(f"g{figure:04d}", 3)]

@@ -45,16 +45,6 @@ def test_what_cannot_be_bundled_is_refused(tmp_path):
             bundle(write(tmp_path, **modules))
 
 
-def test_modules_of_other_folders_are_found(tmp_path):
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("no node on this machine")
-    (tmp_path / "other").mkdir()
-    write(tmp_path / "other", base="export const one = 1;\n", mid='import { one } from "./base.js";\nexport { one };\n')
-    main = write(tmp_path, main='import { one } from "./other/mid.js";\nconsole.log(one);\n')
-    assert subprocess.run([node, "-e", bundle(main)], capture_output=True, text=True, check=True).stdout == "1\n"
-
-
 def test_pages_use_all_of_their_modules():
     page, site, worker = (bundle(path) for path in (PAGE / "main.js", STUDIO / "studio.js", STUDIO / "worker.js"))
     for path in PAGE.glob("*.js"):

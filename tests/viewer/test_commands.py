@@ -14,9 +14,7 @@ from relight.photos.api import Relighter
 from relight.photos.network import PhotoNetwork
 from relight.photos.render import total_coverage
 from relight.sh import basis, irradiance, unoccluded
-from relight.viewer.build import build_viewer
 from relight.viewer.commands import app
-from relight.viewer.figure import Figure
 from relight.viewer.source import LIGHTS, baked_figure, named_lights
 
 
@@ -43,15 +41,6 @@ def test_view_writes_a_page_for_baked_maps(tmp_path, maps):
     page, _ = embedded(tmp_path / "c.html")
     assert [light["name"] for light in page["lights"]] == ["key:#ffffff@0,0", "room:2"]
     assert page["background"] == "light"
-
-
-def test_pages_take_lights_for_coefficients(tmp_path, maps):
-    light = load_light("room:7")
-    pages = []
-    for given in (light, light.coefficients):
-        build_viewer(tmp_path / "a.html", [Figure("a", maps)], {"Room": given})
-        pages.append((tmp_path / "a.html").read_text())
-    assert pages[0] == pages[1]
 
 
 def test_lights_are_brought_to_one_brightness(tmp_path):

@@ -174,10 +174,6 @@ def test_a_place_is_read_only_when_nothing_can_be_sent_any_more(page, server):
     assert sent == "refused" and name == "street"
 
 
-def test_the_site_is_a_static_space(site):
-    assert (site / "README.md").read_text().startswith('---\ntitle: "Turn the light in a photo"\n')
-
-
 def test_the_site_works_without_its_server(page, server):
     page.open(address(server))
     page.run("relight.engine()")

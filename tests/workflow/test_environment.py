@@ -1,6 +1,5 @@
 """uv's lock, conda's environment, the Makefile and pyproject.toml say the same."""
 
-import importlib.util
 import os
 import re
 import runpy
@@ -65,14 +64,6 @@ def test_make_installs_uv_in_the_locked_version():
     assert found == [f"uv=={VERSIONS['uv'][0]}"]
 
 
-def test_conda_has_a_python_that_relight_supports():
-    environment = yaml.safe_load((ROOT / "environment.yml").read_text())
-    pip = next(item["pip"] for item in environment["dependencies"] if isinstance(item, dict))
-    assert "--editable .[dev]" in pip
-    python = next(item for item in environment["dependencies"] if str(item).startswith("python="))
-    assert Requirement(f"python{PROJECT['requires-python']}").specifier.contains(python.removeprefix("python=") + ".0")
-
-
 def test_conda_brings_the_system_libraries():
     """By the names of conda-forge, whose recipes name the libraries in each package."""
     names = {
@@ -126,28 +117,3 @@ def test_licences_of_all_packages_are_told():
     for page in ("README.md", "NOTICE"):
         text = (ROOT / page).read_text()
         assert "pymeshlab" in text and re.search(r"GPL-3|General Public License, version 3", text)
-
-
-@pytest.mark.parametrize("profile", ["default", "slurm"])
-@pytest.mark.slow
-def test_profiles_ask_for_what_snakemake_knows(profile):
-    """Each key is an option of Snakemake's, or of the executor that the profile names, which may not be installed."""
-    from snakemake.cli import get_argument_parser
-
-    settings = yaml.safe_load((ROOT / "profiles" / profile / "config.yaml").read_text())
-    known = {option.lstrip("-") for action in get_argument_parser()._actions for option in action.option_strings}
-    executor = settings.get("executor", "none")
-    if not importlib.util.find_spec(f"snakemake_executor_plugin_{executor}"):
-        known |= {key for key in settings if key.startswith(f"{executor}-")}
-    assert not settings.keys() - known
-
-
-def test_only_make_clean_removes_results():
-    """`make docs` and MkDocs empty the folders that they write to: none of them may hold a run."""
-    recipes = re.split(r"^(?=[\w$()]+:)", (ROOT / "Makefile").read_text(), flags=re.M)
-    removed = {recipe.split(":")[0]: re.findall(r"\brm -rf (.*?)(?:;|$)", recipe, re.M) for recipe in recipes}
-    assert "results" in removed.pop("clean")[0].split()
-    emptied = [word for lines in removed.values() for line in lines for word in line.split()]
-    site = (ROOT / "tools" / "mkdocs.yml").read_text()
-    emptied += re.findall(r"^site_dir: (\S+)$", site, re.M) + re.findall(r"RELIGHT_DEMO, ([^\]]+)\]", site)
-    assert len(emptied) >= 3 and not [folder for folder in emptied if folder.startswith("results")]

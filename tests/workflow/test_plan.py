@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -16,7 +15,7 @@ from relight.lab.checks import check
 from relight.lab.plan import Plan
 from relight.lab.record import compose_run, expand_sweep, from_config
 from relight.learning.train import learning_rate
-from relight.settings import CONF, ROOT, Train
+from relight.settings import CONF, Train
 
 
 def plan_of(words: str, **rows: list[str]) -> Plan:
@@ -74,13 +73,6 @@ def test_a_row_means_the_same_in_every_preset():
             assert rows.setdefault(row, words) == words, (preset, row)
 
 
-def test_the_orders_of_the_study_of_orders():
-    """A row without `model.order` has the order of the maps, which is 4 there."""
-    plan = plan_of("scale=smoke experiment=order")
-    orders = {row: plan.settings(plan.trainings_of(row)[0])["model"]["order"] for row in plan.rows}
-    assert orders == {"order_2": 2, "order_3": 3, "order_4": 4}
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", PRESETS)
 def test_every_preset_plans(preset):
@@ -126,11 +118,6 @@ def test_the_weights_for_photos_are_trained_at_half_the_size_and_then_at_the_ful
     assert last == pytest.approx(first, rel=1e-3) and learning_rate(full, full.steps - 1) < 0.03 * full.lr
 
 
-def test_rows_may_have_splits_of_their_own():
-    plan = plan_of("scale=smoke experiment=splits")
-    assert plan.split("ours_siblings.s0") == "results/splits/split/siblings.json"
-
-
 @pytest.mark.parametrize(
     ("hydra", "message"),
     [
@@ -173,11 +160,6 @@ def test_sweep_is_the_product():
     }
 
 
-def test_sweep_needs_a_list():
-    with pytest.raises(UserError, match="-m sweeps over lists"):
-        expand_sweep(["loss=min"])
-
-
 @pytest.mark.parametrize(
     ("words", "names"),
     [
@@ -196,22 +178,6 @@ def test_sweeps_are_named(words, names):
     Plan(compose_run(["scale=smoke"], runs))
 
 
-def test_a_sweep_over_an_interval_is_refused():
-    with pytest.raises(UserError, match=r"train.lr=interval\(1e-4,1e-3\) is not a list of values"):
-        expand_sweep(["train.lr=interval(1e-4,1e-3)"])
-
-
-def test_rows_with_the_same_overrides_stay():
-    words = ["+sweep.rows.again=['model=ours','loss=full']", "experiments.table2.rows=[ours_full,again]"]
-    plan = Plan(compose_run(["scale=smoke", "experiment=table2", *words]))
-    assert plan.experiments["table2"].rows == ["ours_full", "again"]
-
-
-def test_names_of_rows_are_checked():
-    with pytest.raises(UserError, match=r"rows: '\$\(touch x\)' is not a valid name"):
-        plan_of("scale=smoke", **{"$(touch x)": []})
-
-
 def test_a_package_that_is_missing_is_told_with_the_plan(monkeypatch):
     plan = plan_of("scale=smoke experiment=path_traced")
     monkeypatch.setitem(sys.modules, "mitsuba", None)
@@ -226,18 +192,6 @@ def test_the_record_plans_the_same_run(tmp_path):
         assert file == tmp_path / "results/x/run.yaml"
         again = Plan(from_config(yaml.safe_load(file.read_text())))
         assert again.record == plan.record and again.described() == plan.described()
-
-
-@pytest.mark.slow
-def test_lint_finds_what_the_snakefile_answers_and_nothing_else():
-    command = [sys.executable, "-m", "snakemake", "--lint", "--config", "hydra=scale=smoke"]
-    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stderr
-    found = {}
-    for rule, findings in re.findall(r"^Lints for rule (\w+).*\n((?:    .*\n|\n)+)", told, re.M):
-        for title in re.findall(r"^    \* (.+?):?$", findings, re.M):
-            found.setdefault(title, set()).add(rule)
-    assert len(found.pop("Specify a conda environment or container for each rule.")) > 15
-    assert not found
 
 
 @pytest.mark.parametrize("folder", ["missing", "empty"])
@@ -295,13 +249,3 @@ def test_a_table_of_scans_belongs_to_scans(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert plan_of("scale=smoke").table == []
     assert Plan(compose_run(["figures=scans", f"figures.folder={tmp_path}"])).table == [f"{tmp_path}/scans.csv"]
-
-
-def test_both_snakefiles_plan_the_same_jobs():
-    """`snakemake all` finds the one at the root; the catalogue and other repositories take the one in workflow/."""
-    plans = []
-    for snakefile in ("Snakefile", "workflow/Snakefile"):
-        command = [sys.executable, "-m", "snakemake", "-s", snakefile, "all", "-n", "--config", "hydra=scale=smoke"]
-        run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-        plans.append(sorted(re.findall(r"^\w+ +\d+$", run.stdout, re.M)))
-    assert plans[0] == plans[1] and any(line.startswith("train ") for line in plans[0])

@@ -169,11 +169,6 @@ def test_what_failed_leaves_the_report_of_the_others(calls, tmp_path, capsys):
     assert found["light_transfer"]["failed"] == failed["light_transfer"] and "scores" in found["table1"]
 
 
-def test_a_sweep_tells_its_runs_once(calls, capsys):
-    module.run(["scale=smoke", "train.lr=0.1,0.2"], True, None, True, ["all"], [])
-    assert capsys.readouterr().out == "lr_0.1: train.lr=0.1\nlr_0.2: train.lr=0.2\n"
-
-
 def test_one_figure_is_refused_before_anything_runs(calls):
     with pytest.raises(UserError, match=r"at least two figures, and there is only g0000: `relight bake"):
         run("figures.count=1")

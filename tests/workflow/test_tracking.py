@@ -3,17 +3,13 @@ kind of store; nothing at all does as well."""
 
 import multiprocessing
 import os
-import shutil
 import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 import urllib.request
-from collections.abc import Iterator
 from contextlib import chdir
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -40,9 +36,6 @@ WRITERS = 4
 TAGS = {"workflow": "demo", "experiment": "table1, table2"}
 FORKS = multiprocessing.get_context("forkserver")  # to import MLflow once for all writers
 FORKS.set_forkserver_preload(["mlflow", "mlflow.store.tracking.sqlalchemy_store", "relight.lab.tracking.run"])
-HAS_POSTGRES = pytest.mark.skipif(
-    not (shutil.which("initdb") and find_spec("psycopg2")), reason="there is no PostgreSQL, or no psycopg2"
-)
 
 pytestmark = pytest.mark.slow
 
@@ -108,28 +101,6 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def postgres() -> Iterator[str]:
-    """The address of an empty database of a PostgreSQL server that listens on this machine only."""
-    options = {"stdout": subprocess.DEVNULL, "stderr": subprocess.STDOUT}
-    if os.getuid() == 0:  # whom the server refuses
-        options |= {"user": "nobody", "group": "nogroup", "extra_groups": []}
-    with tempfile.TemporaryDirectory() as folder, socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-        if "user" in options:
-            shutil.chown(folder, options["user"])
-        data = f"{folder}/data"
-        subprocess.run(["initdb", "--username=relight", "--auth=trust", "--no-sync", "-D", data], check=True, **options)
-        free.close()
-        words = f"-h 127.0.0.1 -p {port} -k {folder} -F"
-        subprocess.run(["pg_ctl", "start", "-w", "-D", data, "-o", words], cwd=folder, check=True, **options)
-        try:
-            yield f"postgresql://relight@127.0.0.1:{port}/postgres"
-        finally:
-            subprocess.run(["pg_ctl", "stop", "-w", "-m", "immediate", "-D", data], check=True, **options)
-
-
-@pytest.fixture
 def client(folder, monkeypatch) -> MlflowClient:
     monkeypatch.chdir(folder)
     return MlflowClient(URI)
@@ -156,13 +127,6 @@ def check_writers(client) -> None:
 def test_connect_processes_share_a_new_store(client, folder):
     assert {path.name for path in folder.iterdir()} == {"mlflow.db", ".mlflow.lock"}
     check_writers(client)
-
-
-@HAS_POSTGRES
-def test_connect_processes_share_a_database_server(postgres, tmp_path):
-    write_at_once(tmp_path, postgres)
-    assert {path.name for path in tmp_path.iterdir()} == {".mlflow.lock"}
-    check_writers(MlflowClient(postgres))
 
 
 def make_run(name: str = "ours.s0", mark: str = "1" * 64, steps=(4, 8)) -> None:
@@ -244,12 +208,6 @@ def test_training_run_is_recorded_in_sqlite(tmp_path, name, elsewhere):
         assert kept.read_bytes() == (folder / f"{network}.safetensors").read_bytes()
 
 
-@HAS_POSTGRES
-def test_training_run_is_recorded_in_a_database_server(postgres, tmp_path):
-    in_folder(tmp_path, record, postgres, LOSSES)
-    check_record(postgres)
-
-
 def fail() -> None:
     with pytest.raises(ZeroDivisionError), training_run(tracking(URI), "ours.s0", "1" * 64, {}, {}):
         print(1 / 0)
@@ -280,14 +238,6 @@ def test_without_an_address_nothing_is_tracked(tmp_path, monkeypatch, capsys):
         assert run is None
     log_scores(tracking(None), network, {"fingerprint": "1" * 64}, "test", {"light_rmse": 1.0}, network)
     assert not list(tmp_path.iterdir()) and capsys.readouterr() == ("", "")
-
-
-def test_select_store_silences_mlflow(monkeypatch):
-    """It would tell its makers that it is used."""
-    for variable in store.DEFAULTS:
-        monkeypatch.delenv(variable, raising=False)
-    store.select_store(URI)
-    assert store.DEFAULTS.items() <= os.environ.items() and store.DEFAULTS["DO_NOT_TRACK"] == "true"
 
 
 def test_plan_tracking_tells_what_was_asked_for():
