@@ -32,14 +32,6 @@ def page_name(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=page_name)
-def test_files_and_functions_that_a_page_names_exist(page):
-    for path, name in CODE.findall(page.read_text()):
-        assert (ROOT / path).exists(), path
-        if name:
-            assert re.search(rf"^(?:def|class) {name}\b", (ROOT / path).read_text(), re.M), f"{path}:{name}"
-
-
 def anchors(page: Path) -> set[str]:
     """Returns the anchors of a page's headings, as MkDocs makes them."""
     text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.M | re.S)
@@ -48,16 +40,18 @@ def anchors(page: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=page_name)
-def test_headings_that_a_page_links_to_exist(page):
-    for target, heading in re.findall(r"\]\((?!https?:)([^)#\s]*)#([^)\s]+)\)", page.read_text()):
+def test_what_a_page_names_and_links_to_exists(page):
+    """Code with its functions, files, and headings."""
+    text = page.read_text()
+    for path, name in CODE.findall(text):
+        assert (ROOT / path).exists(), path
+        if name:
+            assert re.search(rf"^(?:def|class) {name}\b", (ROOT / path).read_text(), re.M), f"{path}:{name}"
+    for target in re.findall(r"\]\((?!https?:|#)([^)#\s]+)", text):
+        assert (page.parent / target).exists(), target
+    for target, heading in re.findall(r"\]\((?!https?:)([^)#\s]*)#([^)\s]+)\)", text):
         other = page.parent / target if target else page
         assert heading in anchors(other), f"{target}#{heading}"
-
-
-@pytest.mark.parametrize("page", PAGES, ids=page_name)
-def test_files_that_a_page_links_to_exist(page):
-    for target in re.findall(r"\]\((?!https?:|#)([^)#\s]+)", page.read_text()):
-        assert (page.parent / target).exists(), target
 
 
 @pytest.mark.parametrize("page", WRAPPED, ids=page_name)

@@ -10,10 +10,11 @@ import pytest
 import trimesh
 import typer
 from PIL import Image
+from samples import lights_of
 
 from relight.cli import app
 from relight.lab.record import expand_sweep
-from relight.lights import LightSet, write_light_set
+from relight.lights import write_light_set
 from relight.settings import composed
 
 ROOT = Path(__file__).parents[1]
@@ -135,9 +136,7 @@ def test_the_lines_about_lights_and_baking_run(page, inputs, capsys):
     if page == "lights":
         folder = Path("results/smoke/lights")
         folder.mkdir(parents=True)
-        text, number = np.array(["train", "test"]), np.zeros(2)
-        lights = LightSet(np.ones((2, 9, 3), np.float32), text, text, number, number.astype(int), number, number, text)
-        write_light_set(lights, folder)
+        write_light_set(lights_of(["train", "test"]), folder)
     lines = [line for line in shell_lines(DOCS / f"{page}.md") if re.match("relight (light|bake) ", line)]
     lines = [line for line in lines if not line.startswith(tuple(NOT_RUN))]
     assert len(lines) >= 4

@@ -5,6 +5,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 import trimesh
+from samples import mesh_of
 
 from relight.benchmark import picture as module
 from relight.benchmark.lights import Lamplight
@@ -12,7 +13,7 @@ from relight.benchmark.methods import true_maps
 from relight.benchmark.picture import Settings, render_picture
 from relight.benchmark.recipes import draw_recipe
 from relight.core.srgb import decode
-from relight.meshes import Material, Mesh
+from relight.meshes import Material
 from relight.panoramas import Panorama
 from relight.panoramas.radiosity import view_directions
 from relight.sh import basis
@@ -34,14 +35,8 @@ def person():
     ramp = np.linspace(90, 230, 64, dtype=np.uint8)
     texture = np.stack([np.tile(ramp, (64, 1)), np.tile(ramp[:, None], (1, 64)), np.full((64, 64), 150, np.uint8)], -1)
     uv = (whole.vertices[whole.faces][..., :2] + 1) / 2
-    return Mesh(
-        whole.vertices.astype(np.float32),
-        whole.faces.astype(np.int32),
-        uv.astype(np.float32),
-        np.zeros(len(whole.faces), np.int16),
-        [Material(texture=texture)],
-        info={"name": "somebody", "subject": "somebody"},
-    )
+    fields = {"uv": uv.astype(np.float32), "materials": [Material(texture=texture)]}
+    return mesh_of(whole.vertices, whole.faces, **fields, info={"name": "somebody", "subject": "somebody"})
 
 
 def harmonic(light: Lamplight, pitch: float, brightness: float) -> Panorama:

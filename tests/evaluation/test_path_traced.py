@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from samples import lights_of, mesh_of
 
 from relight.core.errors import UserError
 from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, Chain, evaluate_traced, traced_plate
@@ -15,10 +16,10 @@ from relight.evaluation.experiments.tracing import Scene, read_scenes, sky_of, t
 from relight.evaluation.report.own import traced_tables
 from relight.evaluation.scoring.evaluate import infer, load
 from relight.learning.data import RelitSet
-from relight.lights import LightSet, read_light_set, write_light_set
+from relight.lights import read_light_set, write_light_set
 from relight.lights.chain import generated_light
 from relight.maps import pack_maps, write_maps
-from relight.meshes import Material, Mesh
+from relight.meshes import Material
 from relight.panoramas import orient
 from relight.settings import Panoramas, Trace
 from relight.sh import basis, unoccluded
@@ -131,16 +132,8 @@ def rooms(tmp_path_factory):
     """A light set of three generated rooms, turned and scaled."""
     yaw, scale = np.array([0.0, 70, 190]), np.array([1.0, 2, 0.5])
     turned = [orient(generated_light(f"room:{i}", 2, flip=True), yaw[i], False) * scale[i] for i in range(3)]
-    table = LightSet(
-        coefficients=np.array(turned, np.float32),
-        split=np.array(["train", "test", "test"]),
-        source=np.array([f"room:{i}" for i in range(3)]),
-        yaw=yaw,
-        seed=np.arange(3),
-        scale=scale,
-        cluster=np.arange(3),
-        reason=np.array([""] * 3),
-    )
+    fields = {"coefficients": np.array(turned, np.float32), "yaw": yaw, "scale": scale}
+    table = lights_of(["train", "test", "test"], **fields)
     path = tmp_path_factory.mktemp("rooms") / "lights.npz"
     write_light_set(table, path)
     return path
@@ -160,14 +153,11 @@ def test_trace_of_a_ball(rooms, tmp_path):
     pytest.importorskip("mitsuba")
     for i, radius in enumerate((0.6, 0.8)):
         ball = trimesh.creation.icosphere(subdivisions=5)
-        mesh = Mesh(
-            vertices=(ball.vertices * radius).astype(np.float32),
-            faces=ball.faces.astype(np.int32),
-            uv=np.zeros((len(ball.faces), 3, 2), np.float32),
-            material=np.zeros(len(ball.faces), np.int16),
-            materials=[Material(np.float32([0.6, 0.4, 0.2]))],
-            info={"name": f"ball{i}", "subject": f"ball{i}"},
-        )
+        fields = {
+            "materials": [Material(np.float32([0.6, 0.4, 0.2]))],
+            "info": {"name": f"ball{i}", "subject": f"ball{i}"},
+        }
+        mesh = mesh_of(ball.vertices * radius, ball.faces, **fields)
         mesh.save(tmp_path / f"ball{i}.npz")
         write_maps(tmp_path / f"ball{i}.exr", bake(mesh, 64, 32))
     pack_maps([tmp_path / f"ball{i}.exr" for i in range(2)], tmp_path / "packed.safetensors")

@@ -14,7 +14,6 @@ from relight.evaluation.experiments.occlusion import (
     group_occlusion,
     measure_occlusion,
     occlusion,
-    plot_occlusion,
     read_occlusion,
 )
 from relight.evaluation.pictures.canvas import ball, heat, transport_bands
@@ -242,12 +241,3 @@ def test_plot_errors_and_plot_curves_are_reproducible(tmp_path):
     (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
     with pytest.raises(UserError, match="table of training curve"):
         plot_curves([tmp_path / "bad.csv"], tmp_path / "none.svg")
-
-
-def test_plot_occlusion_is_reproducible(tmp_path):
-    found = figures(("a", "sitting", "", 0.7), ("b", "walking", "", 0.9))
-    for name in ("a.svg", "b.svg"):
-        plot_occlusion(found, tmp_path / name)
-    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
-    with pytest.raises(UserError, match="no figures"):
-        plot_occlusion(found[:0], tmp_path / "none.svg")

@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 import yaml
 from PIL import Image
+from samples import lights_of
 
 from relight.evaluation.experiments.occlusion import HISTOGRAM
 from relight.evaluation.report import build, provenance, sections
@@ -214,20 +215,6 @@ def test_quarters_hold_the_right_figures(tmp_path):
     assert sections.quarters(made, "table2") == {}
 
 
-def test_quarters_compare_methods(tmp_path):
-    """Ours (full) is ahead of SfSNet-AO on the five least occluded of ten figures, and behind on the others."""
-    made = results(tmp_path, "table1", {})
-    lead = np.where(np.arange(10) < 5, -0.1, 0.1)[:, None]
-    one = scores(3, {"shading_rmse": 0.3 + lead})
-    write_scores(tmp_path / "evaluate" / "test-test" / "ours_full.s0.csv", {"ours_full.s0": one})
-    write_occlusion(made.report / "occlusion.csv", 0.1 + np.arange(10) / 10)
-    leads = sections.quarters(made, "table1")["leads"].frame
-    gains = [
-        leads.loc[name]["first better by"] for name in leads.index if name.startswith("Ours (full) against SfSNet-AO")
-    ]
-    assert [gain[0] for gain in gains] == ["+", "+", "−", "−"] and len(gains) == 4
-
-
 def write_occlusion(path, lost, figures=FIGURES):
     row = {"pose": "standing", "garments": "a", "pixels": 9, "ao": 0.9, "dark": 0, **dict.fromkeys(HISTOGRAM, 0.05)}
     pd.DataFrame([{**row, "name": f, "lost": x} for f, x in zip(figures, lost)]).to_csv(path, index=False)
@@ -266,16 +253,10 @@ def whole_run(folder, *presets: str, **options):
 
 
 def save_lights(folder):
-    from relight.lights import LightSet, write_light_set
+    from relight.lights import write_light_set
 
-    split, reason = np.array(["train", "train", "train", "test", "unusual"]), np.array(["", "", "", "", "bright back"])
-    plain = np.zeros(5)
-    lights = np.zeros((5, 9, 3), np.float32)
-    lights[:, 0] = 1
-    sources = np.array([f"room:{i}" for i in range(5)])
-    write_light_set(
-        LightSet(lights, split, sources, plain, plain.astype(int), plain + 1, plain.astype(int), reason), folder
-    )
+    reason = np.array(["", "", "", "", "bright back"])
+    write_light_set(lights_of(["train", "train", "train", "test", "unusual"], reason=reason), folder)
 
 
 @pytest.mark.slow

@@ -144,18 +144,6 @@ def test_split_border_keeps_the_surface():
     assert edges(finer)[2].max() == 2
 
 
-def test_neck_field_v_is_deeper_in_front_only(body):
-    low = []
-    for vee in (0.0, 0.1):
-        pattern = cut(body, "t-shirt", v_depth=vee, neck=(0.08, 0.06, 0.09))
-        held = pattern.levels[0].fitted
-        ring = max(border_loops(pattern.levels[0].faces), key=lambda r: held[r, 1].mean())
-        front = held[ring, 2] > body.joints["neck01"][2] + 0.035
-        low.append((held[ring][front, 1].min(), held[ring][~front, 1].min()))
-    assert low[0][0] - low[1][0] == pytest.approx(0.1, abs=0.025)
-    assert low[0][1] == pytest.approx(low[1][1], abs=0.01)
-
-
 def tube(radius: float = 0.06, columns: int = 24) -> tuple[np.ndarray, np.ndarray]:
     """A dome with a round hole, as shoulders are to a neck: vertices and faces turned outward."""
     turn = 2 * np.pi * np.arange(columns) / columns

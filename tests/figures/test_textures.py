@@ -19,15 +19,6 @@ def grid(side=200, span=0.4):
     return np.meshgrid(a, a)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_woven_of_each_kind_is_an_albedo_with_something_in_it(kind):
-    u, v = grid()
-    color = woven(Fabric(kind, (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5), "front", u, v)
-    assert color.shape == (200, 200, 3) and np.isfinite(color).all()
-    assert color.min() > 0 and color.max() < 1
-    assert color.std() > 0.003
-
-
 def test_band_has_its_period_and_share():
     _, v = grid(800, 0.55)
     share = texture.band(v, 0.055, 0.42)
@@ -94,6 +85,7 @@ def test_woven_is_uneven_for_each_kind(kind):
     a = np.arange(240) * 0.0013
     u, v = np.broadcast_arrays(a[None].astype(np.float32), a[:, None].astype(np.float32))
     color = woven(Fabric(kind, (0.3, 0.2, 0.15), (0.1, 0.4, 0.7), 1.0, 11), "back", u, v, 0.0013)
+    assert color.shape == (240, 240, 3) and np.isfinite(color).all() and color.min() > 0 and color.max() < 1
     log = np.log(color.mean(-1).reshape(120, 2, 120, 2).mean((1, 3)))
     assert np.diff(log, axis=1).std() > 0.03
 

@@ -227,15 +227,3 @@ def test_fitted_to_pose_takes_off_coats_to_sit_and_scarves_to_cross_arms(person)
     assert left("relaxed") == ["jeans", "coat", "scarf"]
     assert left("sitting") == ["jeans", "scarf"]
     assert left("arms crossed") == ["jeans", "coat"]
-
-
-def test_cords_are_closed_tubes_on_the_front():
-    colliders.init_warp()
-    sheet = np.array([[-0.3, 0, 0.1], [0.3, 0, 0.1], [0.3, 0.5, 0.1], [-0.3, 0.5, 0.1]])
-    neck = collars.Neck(np.array([0, 0.52, 0.0]), *np.eye(3))
-    found = collars.cords(sheet, np.array([[0, 1, 2], [0, 2, 3]]), neck)
-    assert len(found) == 2
-    for vertices, faces in found:
-        tube = trimesh.Trimesh(vertices, faces, process=False)
-        assert tube.is_watertight and tube.is_winding_consistent and tube.volume > 0
-        assert vertices[:, 2].min() > 0.1 and np.ptp(vertices[:, 1]) == pytest.approx(collars.CORD, abs=0.02)

@@ -82,13 +82,6 @@ def test_folds_of_taut_or_pinned_cloth_are_none():
     assert np.abs(heights(flat * [0.9, 1.0, 1.0], pinned=1.0)).max() == 0
 
 
-def test_folds_deepen_with_excess_length_within_limits():
-    flat, _ = sheet()
-    deep = [heights(flat * [1 - share, 1.0, 1.0]) for share in (0.03, 0.10, 0.6)]
-    assert deep[0].std() < deep[1].std() < deep[2].std()
-    assert np.abs(deep[2]).max() < wrinkles.MAX_HEIGHT * CRIMP.width * (1 + np.sqrt(wrinkles.SCALES[1]))
-
-
 def test_finished_keeps_folds_outside_the_layer_below():
     colliders.init_warp()
     flat, faces = sheet()

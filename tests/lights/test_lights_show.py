@@ -1,9 +1,10 @@
 import numpy as np
+from samples import lights_of
 from typer.testing import CliRunner
 
 from relight.core.errors import UserError
 from relight.core.srgb import encode
-from relight.lights import Light, LightSet, lit_ball, load_light, write_contact_sheet, write_light_set
+from relight.lights import Light, lit_ball, load_light, write_contact_sheet, write_light_set
 from relight.lights.commands import app
 from relight.lights.show import ALBEDO, diffuse_panorama, format_statistics
 from relight.sh import basis
@@ -42,17 +43,9 @@ def test_the_centre_of_the_diffuse_panorama_is_minus_z():
 
 
 def test_a_contact_sheet_of_any_size_is_drawn(tmp_path):
-    n = 7
-    lights = LightSet(
-        coefficients=np.repeat(constant(0.8)[None], n, 0).astype(np.float32),
-        split=np.array(["train"] * 4 + ["test"] + ["unusual"] * 2),
-        source=np.array(["a/very/long/path/of/a/panorama_in_a_folder.exr"] * n),
-        yaw=np.arange(n) * 10.0,
-        seed=np.arange(n),
-        scale=np.ones(n),
-        cluster=np.arange(n),
-        reason=np.array([""] * 5 + ["bright", "bright back-lit"]),
-    )
+    source = np.array(["a/very/long/path/of/a/panorama_in_a_folder.exr"] * 7)
+    reason = np.array([""] * 5 + ["bright", "bright back-lit"])
+    lights = lights_of(["train"] * 4 + ["test"] + ["unusual"] * 2, source=source, reason=reason)
     write_contact_sheet(lights, tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 10_000
     write_contact_sheet(lights.of("train"), tmp_path / "b.png")

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 import trimesh
+from samples import mesh_of
 
 from relight.core.errors import UserError
-from relight.meshes import Material, Mesh, clean
+from relight.meshes import Mesh, clean
 from relight.meshes.cleaning import count_opposed_faces, edge_uses
 from relight.meshes.geometry import connected_parts, face_areas, solidity
 from relight.settings import Clean
@@ -79,14 +80,7 @@ def test_colors_of_faces_survive_the_merging_of_their_vertices():
     box = trimesh.creation.box()
     side = np.abs(box.face_normals).argmax(1) + 3 * (box.face_normals.sum(1) > 0)
     color = np.eye(6, 3, dtype=np.float32)[side] + np.float32(side[:, None] / 8)
-    mesh = Mesh(
-        vertices=box.triangles.reshape(-1, 3).astype(np.float32),
-        faces=np.arange(36, dtype=np.int32).reshape(-1, 3),
-        uv=np.zeros((12, 3, 2), np.float32),
-        material=np.zeros(12, np.int16),
-        materials=[Material()],
-        color=color[:, None].repeat(3, 1),
-    )
+    mesh = mesh_of(box.triangles.reshape(-1, 3), np.arange(36), color=color[:, None].repeat(3, 1))
     result = clean(mesh, PLAIN)
     assert len(result.vertices) == 8
     normal = np.cross(*(np.diff(result.vertices[result.faces], axis=1).swapaxes(0, 1)))
@@ -241,8 +235,7 @@ def test_what_is_no_figure_is_refused(person, ellipsoid):
     with pytest.raises(UserError, match="no face has an area"):
         clean(flat, PLAIN)
     random = np.random.default_rng(0)
-    dust = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros((0, 3, 2), np.float32),
-                np.zeros(0, np.int16), [Material()], np.zeros((0, 3, 3), np.float32), {"name": "dust"})  # fmt: skip
+    dust = mesh_of(np.zeros((0, 3)), [], color=np.zeros((0, 3, 3), np.float32), info={"name": "dust"})
     for _ in range(3000):
         dust = add_ball(
             dust, (random.random((1, 3)) + [[0, 0, 0], [0, 0.002, 0], [0.002, 0, 0]], np.array([[0, 1, 2]]))
@@ -270,9 +263,7 @@ def test_faces_keep_their_uv_at_non_manifold_edges(monkeypatch):
     fins = np.concatenate([faces[chosen][:, :2], len(vertices) + np.arange(300)[:, None]], 1)
     faces, vertices = rng.permutation(np.concatenate([faces, fins])), np.concatenate([vertices, tips])
     uv = rng.random((len(faces), 3, 2)).astype(np.float32)
-    mesh = Mesh(
-        vertices.astype(np.float32), faces.astype(np.int32), uv, np.zeros(len(faces), np.int16), [Material()], info={}
-    )
+    mesh = mesh_of(vertices, faces, uv=uv)
     monkeypatch.setattr("relight.meshes.cleaning.MAX_FACES", 0.0)  # no part is dropped
     cleaned = clean(mesh, Clean(close_holes=0, max_faces=0))
     assert cleaned.info["repairs"]["non-manifold edges"] >= 290

@@ -9,6 +9,7 @@ import struct
 import numpy as np
 import pytest
 from PIL import Image
+from samples import glb_of
 
 from relight.core.errors import UserError
 from relight.meshes import Mesh, align, list_scans, read_mesh
@@ -389,10 +390,7 @@ def glb(change=lambda scene: None, picture=DARK_RED, uv=(0.5, 0.5), color=b"", p
         "buffers": [{"byteLength": start[-1]}],
     }
     change(scene)
-    text, data = json.dumps(scene).encode(), b"".join(parts)
-    text, data = text + pad * (4 + -len(text) % 4), data + b"\0" * (-len(data) % 4)
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
-    return b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks
+    return glb_of(scene, b"".join(parts), pad)
 
 
 def picture_of(kind: str) -> bytes:

@@ -1,14 +1,9 @@
 """Vertex normals against closed forms and a plain loop."""
 
 import numpy as np
+from samples import mesh_of
 
-from relight.meshes import Material, Mesh, vertex_normals
-
-
-def mesh_of(vertices, faces) -> Mesh:
-    count = len(faces)
-    return Mesh(np.asarray(vertices, np.float32), np.asarray(faces, np.int32), np.zeros((count, 3, 2), np.float32),
-                np.zeros(count, np.int16), [Material()])  # fmt: skip
+from relight.meshes import Mesh, vertex_normals
 
 
 def slow_normals(mesh: Mesh) -> np.ndarray:

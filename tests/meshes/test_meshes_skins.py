@@ -1,10 +1,8 @@
 """Skins of glTF files against the standard's sum over joints, vertex by vertex; the mesh's own node does not count."""
 
-import json
-import struct
-
 import numpy as np
 import pytest
+from samples import glb_of
 from scipy.spatial.transform import Rotation
 
 from relight.core.errors import UserError
@@ -50,10 +48,7 @@ class File:
         return {"joints": joints, "inverseBindMatrices": self.add(columns)}
 
     def read(self, folder):
-        text = json.dumps(self.scene | {"buffers": [{"byteLength": len(self.data)}]}).encode()
-        text, data = text + b" " * (-len(text) % 4), self.data + b"\0" * (-len(self.data) % 4)
-        chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
-        (folder / "a.glb").write_bytes(b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks)
+        (folder / "a.glb").write_bytes(glb_of(self.scene | {"buffers": [{"byteLength": len(self.data)}]}, self.data))
         return read_mesh(folder / "a.glb")
 
 

@@ -14,6 +14,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from people import person
+from samples import mesh_of
 from scipy.spatial.transform import Rotation
 
 from relight.evaluation.scoring.statistics import compare, estimate
@@ -21,7 +22,7 @@ from relight.figures.body.person import build_body, sample_person
 from relight.learning.color import shade
 from relight.learning.networks import build
 from relight.lights import load_light
-from relight.meshes import Material, Mesh, align
+from relight.meshes import Mesh, align
 from relight.settings import Align, Model
 from relight.sh import rotation_matrix
 from relight.transport import bake, bake_vertices
@@ -29,12 +30,6 @@ from relight.transport import bake, bake_vertices
 GOLDEN = Path(__file__).parent / "golden.json"
 OPEN = np.sqrt(np.pi) / 2  # T00 of a point that nothing occludes
 TOLERANCE = 1e-4  # relative; a tenth of it absolute
-
-
-def mesh_of(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    faces = np.asarray(faces, np.int32)
-    zeros = np.zeros((len(faces), 3, 2), np.float32), np.zeros(len(faces), np.int16)
-    return Mesh(np.asarray(vertices, np.float32), faces, *zeros, [Material()], info={"name": "a"})
 
 
 def body() -> list[float]:

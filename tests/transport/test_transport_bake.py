@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import samples
 import trimesh
 
 from relight.core.errors import UserError
-from relight.meshes import Material, Mesh
+from relight.meshes import Material
 from relight.sh import basis, unoccluded
 from relight.transport import Baker, bake
 from relight.transport.integrate import integrate
@@ -20,17 +21,8 @@ from relight.transport.sampling import random_azimuths, tangent_frames, vogel_di
 GREY = Material(np.full(3, 0.5, np.float32))
 
 
-def mesh_of(vertices, faces, materials=None, uv=None, color=None):
-    faces = np.asarray(faces, np.int32).reshape(-1, 3)
-    return Mesh(
-        vertices=np.asarray(vertices, np.float32),
-        faces=faces,
-        uv=np.zeros((len(faces), 3, 2), np.float32) if uv is None else np.asarray(uv, np.float32),
-        material=np.zeros(len(faces), np.int16),
-        materials=materials or [GREY],
-        color=None if color is None else color[faces],
-        info={"name": "test", "seed": 5},
-    )
+def mesh_of(vertices, faces, materials=(GREY,), **fields):
+    return samples.mesh_of(vertices, faces, materials=[*materials], info={"name": "test", "seed": 5}, **fields)
 
 
 def ball(radius=0.5, center=(0, 0, 0), subdivisions=5):
@@ -38,11 +30,13 @@ def ball(radius=0.5, center=(0, 0, 0), subdivisions=5):
     return mesh_of(sphere.vertices * radius + center, sphere.faces)
 
 
-def screen(texture=None, z=0.0, uv=((0, 0), (1, 0), (1, 1), (0, 1)), **more):
+def screen(texture=None, z=0.0, uv=((0, 0), (1, 0), (1, 1), (0, 1)), color=None):
     """The square that fills the image, its texture upright."""
     corners = [[-1, -1, z], [1, -1, z], [1, 1, z], [-1, 1, z]]
     quad = np.array([[0, 1, 2], [0, 2, 3]])
-    return mesh_of(corners, quad, [Material(np.ones(3, np.float32), texture)], np.array(uv)[quad], **more)
+    color = None if color is None else color[quad]
+    uv = np.array(uv, np.float32)[quad]
+    return mesh_of(corners, quad, [Material(np.ones(3, np.float32), texture)], uv=uv, color=color)
 
 
 def decoded(code):

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import trimesh
+from samples import mesh_of
 
-from relight.meshes import Material, Mesh
+from relight.meshes import Material
 from relight.sh import unoccluded
 from relight.transport import bake
 
@@ -15,16 +16,8 @@ def integrating_sphere(port=0.8, subdivisions=5):
     """A unit sphere wound inward, its port a cap about +z of half-angle `port`, and the port's exact z."""
     sphere = trimesh.creation.icosphere(subdivisions=subdivisions)
     faces = sphere.faces[(sphere.vertices[sphere.faces][..., 2] < np.cos(port)).all(1)][:, ::-1]
-    mesh = Mesh(
-        vertices=sphere.vertices.astype(np.float32),
-        faces=faces.astype(np.int32),
-        uv=np.zeros((len(faces), 3, 2), np.float32),
-        material=np.zeros(len(faces), np.int16),
-        materials=[Material(ALBEDO)],
-        info={"name": "sphere"},
-    )
     wall = trimesh.Trimesh(sphere.vertices, faces, process=False).area / sphere.area
-    return mesh, wall
+    return mesh_of(sphere.vertices, faces, materials=[Material(ALBEDO)]), wall
 
 
 @pytest.mark.parametrize("bounces", [1, 2, 4])
@@ -57,13 +50,8 @@ def corner(times):
     vertices, faces = np.array(floor + wall, float), np.concatenate([quad, quad + 4])
     for _ in range(times):
         vertices, faces = trimesh.remesh.subdivide(vertices, faces)
-    return Mesh(
-        vertices=vertices.astype(np.float32),
-        faces=faces.astype(np.int32),
-        uv=np.zeros((len(faces), 3, 2), np.float32),
-        material=(vertices[faces][:, :, 0] == 1).all(1).astype(np.int16),
-        materials=[Material(np.float32([1, 1, 1])), Material(np.float32([1, 0, 0]))],
-    )
+    material = (vertices[faces][:, :, 0] == 1).all(1).astype(np.int16)
+    return mesh_of(vertices, faces, material=material, materials=[Material(), Material(np.float32([1, 0, 0]))])
 
 
 def test_large_faces_reflect_in_pieces():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from samples import mesh_of
 from scipy import ndimage
 
 from relight.meshes import Material, Mesh
@@ -28,13 +29,7 @@ def knot():
     ring = trimesh.creation.torus(0.75, 0.12, major_sections=128, minor_sections=48)
     ring.apply_transform(trimesh.transformations.rotation_matrix(1.1, [1, 0.3, 0]))
     faces = np.concatenate([ball.faces, ring.faces + len(v)])
-    return Mesh(
-        vertices=np.concatenate([v, ring.vertices]).astype(np.float32),
-        faces=faces.astype(np.int32),
-        uv=np.zeros((len(faces), 3, 2), np.float32),
-        material=np.zeros(len(faces), np.int16),
-        materials=[Material(ALBEDO)],
-    )
+    return mesh_of(np.concatenate([v, ring.vertices]), faces, materials=[Material(ALBEDO)])
 
 
 def test_every_coefficient(knot):
@@ -96,7 +91,7 @@ def plate():
     faces = np.int32([[0, 1, 2], [0, 2, 3]])
     uv = ((corners[:, :2] + 1) / 2)[faces]
     texture = np.random.default_rng(4).integers(60, 250, (16, 16, 3)).astype(np.uint8)
-    return Mesh(corners, faces, uv.astype(np.float32), np.zeros(2, np.int16), [Material(texture=texture)])
+    return mesh_of(corners, faces, uv=uv.astype(np.float32), materials=[Material(texture=texture)])
 
 
 def test_textures_are_those_that_are_baked(plate):

@@ -5,11 +5,12 @@ import re
 import numpy as np
 import pytest
 import trimesh
+from samples import mesh_of
 
 from relight.core.errors import UserError
 from relight.lights import load_light, write_light
 from relight.maps import coefficient_names
-from relight.meshes import Material, Mesh, read_mesh
+from relight.meshes import Material, read_mesh
 from relight.settings import ROOT
 from relight.sh import basis, unoccluded
 from relight.transport import bake_vertices
@@ -22,10 +23,9 @@ def two_balls():
     n = len(ball.vertices)
     vertices = np.concatenate([ball.vertices, ball.vertices * 0.3 + [0, 1.6, 0], [[np.nan] * 3]]) + 3
     faces = np.concatenate([ball.faces, ball.faces + n])
-    uv = np.zeros((len(faces), 3, 2), np.float32)
     half = np.repeat([0, 1], len(ball.faces)).astype(np.int16)
     materials = [Material(np.float32([0.2, 0.4, 0.6])), Material(np.float32([0.9, 0.8, 0.7]))]
-    return Mesh(vertices.astype(np.float32), faces.astype(np.int32), uv, half, materials), n
+    return mesh_of(vertices, faces, material=half, materials=materials), n
 
 
 def test_balls():
@@ -39,13 +39,6 @@ def test_balls():
     np.testing.assert_array_equal(baked.albedo[0], np.float32([0.2, 0.4, 0.6]))
     np.testing.assert_array_equal(baked.albedo[n], np.float32([0.9, 0.8, 0.7]))
     assert not baked.transport[-1].any() and np.isnan(baked.vertices[-1]).all()
-
-
-def plain(vertices, faces):
-    uv, material = np.zeros((len(faces), 3, 2), np.float32), np.zeros(len(faces), np.int16)
-    return Mesh(
-        np.asarray(vertices, np.float32), np.asarray(faces, np.int32), uv, material, [Material(np.float32([0.5] * 3))]
-    )
 
 
 def rectangles(*corners):
@@ -75,7 +68,7 @@ def test_the_corners_of_a_room_see_what_is_left_of_the_sky(seed):
     """Closed forms of the view factor from a point at the corner of an open-top cube to its opening."""
     vertices, faces = rectangles(FLOOR, *(turned(quarters) for quarters in range(4)))
     rotation = random_rotation(seed) if seed else np.eye(3)
-    occlusion = bake_vertices(plain(vertices @ rotation.T, faces), 1024).transport[:, 0] / 0.886227
+    occlusion = bake_vertices(mesh_of(vertices @ rotation.T, faces), 1024).transport[:, 0] / 0.886227
     slant = np.arctan(np.sqrt(0.5)) * np.sqrt(0.5)
     np.testing.assert_allclose(occlusion[:4], slant / np.pi, atol=6e-3)  # parallel to the opening
     foot = vertices[4:, 2] == 0
@@ -90,7 +83,7 @@ def test_a_box_on_a_floor_has_no_black_rim(seed):
     sides = [side[::-1] for side in box]  # they face outward
     vertices, faces = rectangles(1000 * (FLOOR - [0.5, 0.5, 0]), FLOOR - [0.5, 0.5, -1], *sides)
     rotation = random_rotation(seed) if seed else np.eye(3)
-    occlusion = bake_vertices(plain(vertices @ rotation.T, faces), 1024).transport[:, 0] / 0.886227
+    occlusion = bake_vertices(mesh_of(vertices @ rotation.T, faces), 1024).transport[:, 0] / 0.886227
     np.testing.assert_allclose(occlusion[4:8], 1, atol=1e-6)  # the top
     np.testing.assert_allclose(occlusion[8:][vertices[8:, 2] == 0], 0.5, atol=0.03)  # the floor takes half
     np.testing.assert_allclose(occlusion[8:][vertices[8:, 2] == 1], 0.5, atol=0.03)
@@ -109,7 +102,7 @@ def test_bounces_in_a_bowl_of_long_edges(bounces):
     vertices = np.concatenate([ring, [[0, 0, -1]]])
     faces = trimesh.convex.convex_hull(vertices).faces  # outward; the lid goes
     faces = faces[(vertices[faces][:, :, 2] < 0).any(axis=1)][:, ::-1]
-    mesh = plain(vertices, faces)
+    mesh = mesh_of(vertices, faces)
     mesh.materials = [Material(np.float32([albedo, albedo / 2, 0]))]
     edges = vertices[faces] - np.roll(vertices[faces], 1, 1)
     assert np.linalg.norm(edges, axis=2).max() > MAX_EDGE * np.linalg.norm(np.ptp(vertices, axis=0))  # they are split
@@ -131,7 +124,7 @@ def test_shared_vertices_stay_on_their_side(sign, seed):
     base = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]]) * generator.uniform(0.3, 2, (4, 1))
     vertices = np.concatenate([np.c_[base, np.zeros(4)], [[0.1, 0.1, generator.uniform(0.1, 1)]]])
     faces = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])[:, ::sign]
-    baked = bake_vertices(plain(vertices @ random_rotation(seed).T, faces), 1024)
+    baked = bake_vertices(mesh_of(vertices @ random_rotation(seed).T, faces), 1024)
     if sign == 1:
         np.testing.assert_allclose(baked.transport[4], unoccluded(baked.normals[4:])[0], atol=1e-6)
     else:  # a ray from the tip is blocked where it leaves on the outer side of any face

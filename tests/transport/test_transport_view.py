@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import trimesh
+from samples import mesh_of
 
 from relight.core.errors import UserError
-from relight.meshes import Material, Mesh
 from relight.sh import rotation_matrix, unoccluded
 from relight.transport import FRONTAL, Baker, View, bake, random_view, view_names
 from relight.transport.baker import primary_hits
@@ -18,19 +18,6 @@ from relight.transport.view import place_mesh
 CENTRES = np.array([[0.5, 0.3, 0.1], [-0.4, 0.6, -0.3], [-0.1, -0.5, 0.35], [0.15, 0.1, -0.1]])
 RADII = np.array([0.3, 0.25, 0.3, 0.35])
 VIEWS = (View(40, -8, 50), View(-150, 12, 25), View(100, 5), View(0, 0, 85), View(-35, 0))
-
-
-def mesh_of(vertices, faces, color=None):
-    count = len(faces)
-    return Mesh(
-        np.asarray(vertices, np.float32),
-        np.asarray(faces, np.int32),
-        np.zeros((count, 3, 2), np.float32),
-        np.zeros(count, np.int16),
-        [Material(np.ones(3, np.float32))],
-        None if color is None else color[faces],
-        {"name": "test"},
-    )
 
 
 def balls(subdivisions=4):

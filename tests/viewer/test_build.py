@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from samples import lights_of
 
 from relight.core.errors import UserError
 from relight.maps import write_maps
@@ -88,17 +89,13 @@ def test_octahedral_map_is_undone_over_the_whole_sphere():
 @pytest.mark.slow
 def test_the_page_of_a_run_shows_some_test_figures(tmp_path, maps):
     from relight.lab import page
-    from relight.lights import LightSet, write_light_set
+    from relight.lights import write_light_set
 
     names = [f"g{i:04d}" for i in range(40)]
     for name in names:
         write_maps(tmp_path / f"{name}.exr", replace(maps, info={"name": name, "order": 2}))
     (tmp_path / "split.json").write_text(json.dumps({"train": [], "test": names}))
-    text, number = np.array(["test"]), np.zeros(1)
-    light = LightSet(
-        np.ones((1, 9, 3), np.float32), text, text, number, np.zeros(1, int), number, np.zeros(1, int), text
-    )
-    write_light_set(light, tmp_path)
+    write_light_set(lights_of(["test"]), tmp_path)
 
     files = [tmp_path / f"{name}.exr" for name in names]
     given = tmp_path / "split.json", files, tmp_path / "lights.npz", tmp_path / "a.html"

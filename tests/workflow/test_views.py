@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 from people import person
+from samples import mesh_of
 
 from relight.core.errors import UserError
 from relight.evaluation.scoring.evaluate import Condition, select_pairs
@@ -16,7 +17,7 @@ from relight.learning.data import RelitSet
 from relight.learning.split import write_split
 from relight.learning.train import select_training_data
 from relight.maps import PackedMaps, pack_figures, read_info, read_maps
-from relight.meshes import Material, Mesh, align
+from relight.meshes import Material, align
 from relight.meshes.left_out import left_out
 from relight.settings import composed
 from relight.transport import random_view
@@ -38,14 +39,8 @@ def made(tmp_path_factory, settings):
     (folder / "maps").mkdir()
     for seed, name in enumerate(FIGURES):
         body = person(seed)
-        mesh = Mesh(
-            body.vertices.astype(np.float32),
-            body.faces.astype(np.int32),
-            np.zeros((len(body.faces), 3, 2), np.float32),
-            np.zeros(len(body.faces), np.int16),
-            [Material()],
-            info={"name": name, "axes": {"up": "+y", "front": "+z"}, **({"subject": "annie"} if name == "ann" else {})},
-        )
+        info = {"name": name, "axes": {"up": "+y", "front": "+z"}, **({"subject": "annie"} if name == "ann" else {})}
+        mesh = mesh_of(body.vertices, body.faces, info=info)
         if name == "bob":  # has another outfit
             mesh.outfits, mesh.info["outfits"] = [{0: Material(np.array([0.5, 0.2, 0.1], np.float32))}], [[], ["plain"]]
         mesh = align(mesh, settings.align)
