@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from relight.lights import LightSet
+from relight.maps import Maps
 from relight.meshes import Material, Mesh
 
 
@@ -35,3 +36,26 @@ def lights_of(split: Sequence[str], **fields) -> LightSet:
     usual = {"source": np.array([f"room:{i}" for i in count]), "reason": np.full(len(split), ""), "yaw": 0.0 * count}
     usual |= {"coefficients": coefficients, "seed": count, "cluster": count, "scale": 1.0 + 0 * count}
     return LightSet(split=np.array(split), **{**usual, **fields})
+
+
+def random_maps(name: str = "figure ü", size: int = 9, order: int = 2, bounced: bool = False, seed: int = 0) -> Maps:
+    """Maps of noise inside a mask of noise; AO is that of the transport."""
+    rng = np.random.default_rng(seed)
+    mask, k = rng.random((size, size)) < 0.5, (order + 1) ** 2
+
+    def noise(*channels: int, low: float = 0.0) -> np.ndarray:
+        inside = mask.reshape(size, size, *[1] * len(channels))
+        return (inside * rng.uniform(low, 1, (size, size, *channels))).astype(np.float32)
+
+    normal, transport = noise(3, low=-1), noise(k, low=-0.5)
+    return Maps(
+        mask=mask,
+        coverage=noise(),
+        albedo=noise(3),
+        normal=normal / np.linalg.norm(normal, axis=2, keepdims=True).clip(1e-9),
+        depth=mask + noise(),
+        ao=(transport[..., 0] / 0.886227).clip(0, 1),
+        transport=transport,
+        bounced=noise(k, 3) if bounced else None,
+        info={"name": name, "subject": name[0], "size": size, "order": order, "repairs": {"holes": 3}},
+    )

@@ -12,8 +12,6 @@ from relight.evaluation.report.formats import (
     TextTable,
     number,
     other_columns,
-    p_value,
-    percent,
     score_grid,
     to_latex,
     to_markdown,
@@ -22,7 +20,7 @@ from relight.evaluation.report.formats import (
 from relight.evaluation.report.page import table as to_html
 from relight.evaluation.report.sections import matrix, write_score_table
 from relight.evaluation.scoring.comparisons import MARGIN, Verdict, compare_estimates, compare_rows, correct, orderings
-from relight.evaluation.scoring.labels import LABELS, title
+from relight.evaluation.scoring.labels import LABELS
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores, gather, read_scores, write_scores
 from relight.evaluation.scoring.statistics import Estimate
@@ -258,18 +256,6 @@ def test_printed_values():
     assert printed("ours_full")["shading_rmse"] == 0.219 and printed("sfsnet_ao")["ao_ssim"] == 0.946
     assert "normal_rmse" not in printed("ours_min") and printed("mean_figure") == {}
     assert len(printed("no_reconstruction")) == 8
-
-
-def test_number_and_column_label():
-    values = {0.1234: ".123", -0.5: "−.500", 10.1234: "10.123", 1.0: "1.000", 0.0: ".000", -1e-9: ".000"}
-    assert {value: number(value) for value in values} == values and number(np.inf) == "∞"
-    shown = {-0.0312: "−3.1 %", 0.005: "+0.5 %", -1e-9: "0.0 %", -np.inf: "−∞"}
-    assert {value: percent(value) for value in shown} == shown
-    assert [p_value(p) for p in (1e-5, 0.0123, 1.0)] == ["< .0001", ".012", "1"]
-    assert title("shading_true_light_rmse_element") == "Shading, true light RMSE per element"
-    assert [title(f"{name}_ssim") for name in ("light", "ao", "transport_with_ao")] == [
-        "Light SSIM", "AO SSIM", "Transport × AO SSIM",
-    ]  # fmt: skip
 
 
 def test_a_new_reading_reaches_the_tables_by_its_entry(tmp_path, monkeypatch):

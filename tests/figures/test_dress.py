@@ -448,14 +448,13 @@ def test_write_table_lists_all_figures_of_the_folder(tmp_path):
 @pytest.mark.slow
 def test_sample_satisfies_the_constraints(fixed):
     constraints = Constraints(**fixed)
-    for seed in range(2):
-        draw = dress.sample(seed, 0, 1, constraints.sitting, constraints)
-        assert {worn.garment.name for worn in draw.outfit.garments} >= set(constraints.garments)
-        assert not constraints.poses or draw.pose.name in constraints.poses
-        assert not constraints.hair or draw.outfit.hair.name in constraints.hair
-        assert draw.pose.sitting or constraints.sitting < 1
-        again = dress.sample(seed, 1, 1, constraints.sitting, constraints)
-        assert again.person == draw.person and again.outfit != draw.outfit
+    draw = dress.sample(0, 0, 1, constraints.sitting, constraints)
+    assert {worn.garment.name for worn in draw.outfit.garments} >= set(constraints.garments)
+    assert not constraints.poses or draw.pose.name in constraints.poses
+    assert not constraints.hair or draw.outfit.hair.name in constraints.hair
+    assert draw.pose.sitting or constraints.sitting < 1
+    again = dress.sample(0, 1, 1, constraints.sitting, constraints)
+    assert again.person == draw.person and again.outfit != draw.outfit
 
 
 def test_figures_command_names_are_options_to_copy():

@@ -3,30 +3,12 @@
 import numpy as np
 import pytest
 from safetensors.numpy import load_file
+from samples import random_maps
 
 from relight.core.errors import UserError
 from relight.core.srgb import encode
-from relight.maps import Maps, PackedMaps, pack_maps, read_maps, write_left_out, write_maps
+from relight.maps import PackedMaps, pack_maps, read_maps, write_left_out, write_maps
 from relight.maps.packed import decode_normals, encode_normals
-
-
-def random_maps(name, size=9, order=2, bounced=False, seed=0):
-    rng = np.random.default_rng(seed)
-    mask = rng.random((size, size)) < 0.4
-    k = (order + 1) ** 2
-    normal = rng.normal(size=(size, size, 3))
-    transport = (mask[..., None] * rng.uniform(-0.5, 1, (size, size, k))).astype(np.float32)
-    return Maps(
-        mask=mask,
-        coverage=mask.astype(np.float32),
-        albedo=(mask[..., None] * rng.random((size, size, 3))).astype(np.float32),
-        normal=(mask[..., None] * normal / np.linalg.norm(normal, axis=2, keepdims=True)).astype(np.float32),
-        depth=mask.astype(np.float32),
-        ao=(transport[..., 0] / 0.886227).clip(0, 1),
-        transport=transport,
-        bounced=(mask[..., None, None] * rng.random((size, size, k, 3))).astype(np.float32) if bounced else None,
-        info={"name": name, "subject": name[0], "size": size, "order": order},
-    )
 
 
 @pytest.fixture

@@ -2,50 +2,20 @@ import numpy as np
 import pytest
 
 from relight.panoramas import Panorama, orient, project
-from relight.sh import basis, coefficient_count, irradiance, rotate_y, sphere_quadrature
+from relight.sh import basis, coefficient_count, rotate_y, sphere_quadrature
 
-SIX = dict(right=(1, 0, 0), left=(-1, 0, 0), up=(0, 1, 0), down=(0, -1, 0), camera=(0, 0, 1), away=(0, 0, -1))
-
-# Where a bright spot in each of the six directions of SIX stands in the image, as (row, column) from 0 to 1, and the
-# image's aspect; written from the formats' own descriptions and not from the code.
-NEAR, FAR = 0.5 - 0.5 * np.sqrt(0.5), 0.5 + 0.5 * np.sqrt(0.5)  # what a ball shows of its sides
-SPOTS = {
-    "latlong": ((1, 2), [(0.5, 0.75), (0.5, 0.25), (0, 0.5), (1, 0.5), (0.5, 1), (0.5, 0.5)]),
-    "angular": ((1, 1), [(0.5, 0.75), (0.5, 0.25), (0.25, 0.5), (0.75, 0.5), (0.5, 0.99), (0.5, 0.5)]),
-    "ball": ((1, 1), [(0.5, FAR), (0.5, NEAR), (NEAR, 0.5), (FAR, 0.5), (0.5, 0.5), (0.5, 0.99)]),
-    "cross": ((4, 3), [(3 / 8, 5 / 6), (3 / 8, 1 / 6), (1 / 8, 1 / 2), (5 / 8, 1 / 2), (7 / 8, 1 / 2), (3 / 8, 1 / 2)]),
-    "cross-lying": ((3, 4), [(0.5, 5 / 8), (0.5, 1 / 8), (1 / 6, 3 / 8), (5 / 6, 3 / 8), (0.5, 7 / 8), (0.5, 3 / 8)]),
-    "strip": ((6, 1), [((2 * i + 1) / 12, 0.5) for i in range(6)]),
-    "strip-gl": ((1, 6), [(0.5, (2 * i + 1) / 12) for i in (0, 1, 2, 3, 5, 4)]),
-}
+ASPECTS = {  # rows and columns of faces
+    "latlong": (1, 2), "angular": (1, 1), "ball": (1, 1), "cross": (4, 3), "cross-lying": (3, 4), "strip": (6, 1),
+    "strip-gl": (1, 6),
+}  # fmt: skip
 
 
-def image(layout, n=48):
-    (rows, columns), _ = SPOTS[layout]
-    return np.zeros((rows * n, columns * n, 3), np.float32)
-
-
-@pytest.mark.parametrize("layout", SPOTS)
-@pytest.mark.parametrize("direction", SIX)
-def test_one_bright_spot_lights_the_side_it_is_on(layout, direction):
-    pixels = image(layout)
-    row, column = SPOTS[layout][1][list(SIX).index(direction)]
-    h, w = pixels.shape[:2]
-    i, j = min(int(row * h), h - 1), min(int(column * w), w - 1)
-    pixels[i, j] = 1000.0
-    light = project(Panorama(pixels, layout.removesuffix("-lying")), 3)
-    toward = light[[3, 1, 2], 0]
-    toward /= np.linalg.norm(toward)
-    # A pixel at the rim of a ball photo covers a wide piece of what is behind it.
-    assert toward @ SIX[direction] > (0.9 if (layout, direction) == ("ball", "away") else 0.98)
-    front = irradiance(light, np.array(list(SIX.values())))[:, 0]
-    assert list(SIX)[int(front.argmax())] == direction
-
-
-@pytest.mark.parametrize("layout", SPOTS)
-@pytest.mark.parametrize("n", [5, 48, 130])
+@pytest.mark.parametrize("layout", ASPECTS)
+@pytest.mark.parametrize("n", [5, 48])
 def test_a_constant_map_has_l00_alone(layout, n):
-    light = project(Panorama(image(layout, n) + np.float32([1, 2, 3]), layout.removesuffix("-lying")), 4)
+    rows, columns = ASPECTS[layout]
+    pixels = np.full((rows * n, columns * n, 3), [1, 2, 3], np.float32)
+    light = project(Panorama(pixels, layout.removesuffix("-lying")), 4)
     expected = np.zeros((25, 3))
     expected[0] = np.sqrt(4 * np.pi) * np.array([1, 2, 3])
     np.testing.assert_allclose(light, expected, atol=1e-12 if layout == "latlong" else 3e-6)

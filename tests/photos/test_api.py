@@ -42,7 +42,7 @@ def test_what_is_wrong_is_said(relighter, photo_files):
         (pixels, mask[1:], "the mask is 140x179 pixels, but the photo is 140x180: they must be equal"),
         (pixels, np.zeros_like(mask), "the mask is empty"),
         (pixels.astype(int), mask, "the image is int64"),
-        (pixels[0, 0], mask, "uint8 sRGB"),
+        (pixels[0, 0], mask, r"the image is uint8 \(3,\)"),
         (pixels[:7], mask[:7], "8 a side are the least"),
         (pixels, np.full_like(mask, 255), "covers the whole photo"),
         (pixels, pixels, "shape"),

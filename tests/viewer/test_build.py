@@ -8,7 +8,6 @@ from samples import lights_of
 
 from relight.core.errors import UserError
 from relight.maps import write_maps
-from relight.maps.octahedral import octahedral
 from relight.viewer.build import build_viewer
 from relight.viewer.figure import Figure, pack
 
@@ -67,23 +66,6 @@ def test_a_gallery_has_room_for_each_of_its_figures(tmp_path, maps, lights, monk
     assert 150_000 < (tmp_path / "all.html").stat().st_size < 450_000
     with pytest.raises(UserError, match="MB"):
         build_viewer(tmp_path / "small.html", [Figure(str(i), maps) for i in range(6)], lights, limit=150_000)
-
-
-def test_ao_takes_bytes_only_when_transport_does_not_tell_it(maps):
-    names = [plane["name"] for plane in pack(Figure("a", maps), 1024, 1)[0]["planes"]]
-    assert names == ["transport", "albedo", "normal"]
-    header, _ = pack(Figure("a", replace(maps, ao=maps.ao * 0.9)), 1024, 1)
-    assert [plane["name"] for plane in header["planes"]] == ["transport", "albedo", "normal", "ao"]
-
-
-def test_octahedral_map_is_undone_over_the_whole_sphere():
-    normals = np.random.default_rng(0).normal(size=(4000, 3))
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    x, y = np.moveaxis(octahedral(normals), -1, 0)
-    z = 1 - np.abs(x) - np.abs(y)
-    fold = np.maximum(-z, 0)
-    back = np.stack([x - np.copysign(fold, x), y - np.copysign(fold, y), z], -1)
-    np.testing.assert_allclose(back / np.linalg.norm(back, axis=-1, keepdims=True), normals, atol=1e-12)
 
 
 @pytest.mark.slow

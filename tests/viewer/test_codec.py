@@ -35,14 +35,6 @@ def test_planes_come_back_in_any_region(seed):
     np.testing.assert_array_equal(back, planes * region[..., None])
 
 
-def test_each_predictor_wins_where_it_should():
-    region, generator = np.ones((40, 40), bool), np.random.default_rng(0)
-    noise = generator.normal(0, 30, region.shape).astype(int)
-    edges = np.kron(generator.integers(-500, 500, (5, 5)), np.ones((8, 8), int))
-    ramp = np.add.outer(40 * np.arange(40), 25 * np.arange(40)) + generator.normal(0, 4, region.shape).astype(int)
-    assert encode(np.stack([noise, edges, ramp], -1), region)[1] == [0, 1, 2]
-
-
 def test_smooth_planes_shrink_and_too_large_steps_are_refused():
     region = np.ones((64, 64), bool)
     ramp = np.add.outer(3 * np.arange(64), np.arange(64))[..., None]

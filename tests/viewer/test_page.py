@@ -24,7 +24,6 @@ from relight.photos.render import render
 from relight.photos.shading import exposure_factor, gain, shading, steady
 from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
 from relight.viewer.build import build_viewer
-from relight.viewer.codec import encode as encode_planes
 from relight.viewer.figure import Figure
 
 START = {
@@ -170,22 +169,6 @@ def test_pixels_that_a_soft_mask_covers_beyond_the_maps_take_their_neighbours(pa
     assert np.ptp(pixels[..., :3]) <= 1  # a grey figure before grey: an edge that fades to black would show
 
 
-def test_planes_are_unpacked_as_they_were_packed(balls):
-    generator = np.random.default_rng(3)
-    region = generator.random((17, 23)) < 0.8
-    ramp = np.add.outer(-40 * np.arange(17), 25 * np.arange(23)) + generator.integers(-4, 4, region.shape)
-    blocks = np.kron(generator.integers(-500, 500, (5, 5)), np.ones((4, 6), int))[:17, :23]
-    planes = np.stack([generator.integers(-30000, 2000, region.shape), blocks, ramp], -1)
-    stream, predictors = encode_planes(planes, region)
-    assert predictors == [0, 1, 2]
-    answer = balls.call(
-        """async (stream, region, predictors) => relight.decodePlanes(await relight.inflate(new Uint8Array(stream)),
-        region, 23, predictors).map((plane) => [...plane])""",
-        list(stream), region.ravel().astype(int).tolist(), predictors,
-    )  # fmt: skip
-    np.testing.assert_array_equal(np.reshape(answer, (3, 17, 23)), np.moveaxis(planes * region[..., None], -1, 0))
-
-
 @pytest.mark.slow
 def test_ratio_keeps_the_photo_and_relights_it(page, photo_html, maps, lights, photograph):
     page.open(photo_html)
@@ -246,17 +229,6 @@ def test_the_window_shows_the_same_pixels(balls, maps, lights):
     assert farthest(shown, expected, maps.mask) <= 2
 
 
-def test_rotation_equals_python(balls, lights):
-    for yaw, tilt in np.random.default_rng(0).uniform(-np.pi, np.pi, (20, 2)):
-        for light in lights.values():
-            rows = balls.call(
-                "(light, yaw, tilt) => [...relight.rotate(light, relight.turn(yaw, tilt))]",
-                light.ravel().tolist(), yaw, tilt,
-            )  # fmt: skip
-            expected = turned(light, np.degrees(yaw), np.degrees(tilt))
-            np.testing.assert_allclose(np.reshape(rows, (9, 3)), expected, atol=1e-12)
-
-
 def rgbe(pixels):
     exponent = np.frexp(pixels.max(-1, keepdims=True))[1]
     return np.concatenate([np.floor(np.ldexp(pixels, 8 - exponent)), exponent + 128], -1).astype(np.uint8)
@@ -278,16 +250,6 @@ def panorama():
 def values(pixels):
     coded = rgbe(pixels).astype(float)
     return coded[..., :3] * 2 ** (coded[..., 3:] - 136)
-
-
-def test_projection_equals_python(balls, panorama):
-    rows = balls.call(
-        "(pixels) => [...relight.project({ width: 32, height: 16, pixels: Float32Array.from(pixels) })]",
-        panorama.ravel().tolist(),
-    )
-    np.testing.assert_allclose(
-        np.reshape(rows, (9, 3)), project(Panorama(panorama)), rtol=0, atol=1e-6 * panorama.max()
-    )
 
 
 def test_a_dropped_panorama_lights_the_figure(balls, maps, lights, panorama):

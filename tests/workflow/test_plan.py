@@ -15,7 +15,7 @@ from relight.lab.checks import check
 from relight.lab.plan import Plan
 from relight.lab.record import compose_run, expand_sweep, from_config
 from relight.learning.train import learning_rate
-from relight.settings import CONF, Train
+from relight.settings import CONF, ROOT, Train
 
 
 def plan_of(words: str, **rows: list[str]) -> Plan:

@@ -18,8 +18,6 @@ import pytest
 from mlflow import MlflowClient
 
 from relight.core.errors import UserError
-from relight.lab.plan import Plan
-from relight.lab.record import compose_run
 from relight.lab.tracking import store
 from relight.lab.tracking.run import log_scores, training_run
 from relight.learning.checkpoint import save_network
@@ -238,17 +236,6 @@ def test_without_an_address_nothing_is_tracked(tmp_path, monkeypatch, capsys):
         assert run is None
     log_scores(tracking(None), network, {"fingerprint": "1" * 64}, "test", {"light_rmse": 1.0}, network)
     assert not list(tmp_path.iterdir()) and capsys.readouterr() == ("", "")
-
-
-def test_plan_tracking_tells_what_was_asked_for():
-    words = ["scale=smoke", "experiment=[table1,table2]", "track.experiment=own"]
-    told = Plan(compose_run(words)).tracking()
-    assert told["track"] == {"uri": "sqlite:///mlflow.db", "experiment": "own"}
-    tags = told["tags"]["ours_full"]
-    assert tags["experiment"] == "table1, table2" and tags["workflow"] == "smoke"
-    assert tags["settings"] == "scale=smoke 'experiment=[table1,table2]' track.experiment=own"
-    swept = Plan(compose_run(["scale=smoke"], {"lr_1": ["train.lr=1"]})).tracking()
-    assert swept["tags"]["lr_1"]["experiment"] == "sweep"
 
 
 def test_serve_is_one_server_that_ends_with_it_and_takes_runs(tmp_path):
