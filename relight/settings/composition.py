@@ -45,6 +45,8 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
 
     if not CONF.is_dir():
         raise UserError(f"there is no folder {CONF}: the workflow and its stages run from a clone of the repository")
+    for path in CONF.rglob("*.yaml"):
+        _require_plain_text(path)
     overrides = [quoted(override) for override in overrides]
     ConfigStore.instance().store(name="schema", node=Config)
     try:
@@ -57,6 +59,16 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
     except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
         raise UserError(explain(error, presets())) from None
     return cfg
+
+
+def _require_plain_text(path: Path) -> None:
+    """Raises UserError for a preset in another encoding than Hydra reads, as some editors write it."""
+    try:
+        is_plain = not path.read_bytes().decode().startswith("\ufeff")
+    except UnicodeDecodeError:
+        is_plain = False
+    if not is_plain:
+        raise UserError(f"{path}: save it in UTF-8 without a byte order mark, in which settings are read")
 
 
 def quoted(override: str) -> str:

@@ -115,6 +115,7 @@ def photo_figure(scene: "Scene") -> Figure:
     Raises:
         UserError: for a network of `train.color=paper`, whose shading acts on coded values.
     """
+    from relight.photos.color import on_white
     from relight.photos.render import total_coverage
 
     people, pixels = scene.people, scene.picture.codes
@@ -141,4 +142,10 @@ def photo_figure(scene: "Scene") -> Figure:
         ao=np.clip(transport[..., 0] / UNOCCLUDED_T00, 0, 1),
         transport=transport,
     )
-    return Figure(scene.picture.name, maps, pixels / np.float32(255), scene.light[:9], notes=tuple(scene.notes))
+    return Figure(
+        scene.picture.name,
+        maps,
+        on_white(scene.picture.rgba) / np.float32(255),
+        scene.light[:9],
+        notes=tuple(scene.notes),
+    )

@@ -265,7 +265,7 @@ def test_the_mask_is_that_of_python_whatever_the_network_says(monkeypatch, width
 
 @pytest.mark.parametrize("longest", [300, 100])
 def test_prepared_alpha_of_two_values_keeps_two(longest):
-    """So that its edge is fitted; a soft one stays soft, and one that does not vary counts for nothing."""
+    """So that its edge is fitted; a soft one stays soft, and one that is no outline counts for nothing."""
     y, x = np.mgrid[:300, :200]
     soft = np.rint(255 * np.clip(80.5 - np.hypot(x - 100, y - 150), 0, 1)).astype(np.uint8)
     program = ASK + f"const main = (photo) => ask('prepare', {{ photo, longest: {longest} }});"
@@ -276,7 +276,9 @@ def test_prepared_alpha_of_two_values_keeps_two(longest):
 
     assert len(np.unique(prepared(soft))) > 20
     assert np.unique(prepared(np.where(soft > 127, 255, 0))).tolist() == [0, 255]
-    assert prepared(np.full_like(soft, 7)) is None
+    corners = np.where(np.hypot(x - 100, y - 150) > 160, 0, 255)
+    for alpha in (np.full_like(soft, 7), 255 - (soft == 255) * (x == 99) * (y == 9), 255 * (x + y > 0), corners):
+        assert prepared(alpha) is None
 
 
 def places():

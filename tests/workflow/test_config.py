@@ -1,5 +1,6 @@
 """Settings: every preset composes, and a wrong setting is one sentence that names it and what is accepted."""
 
+import shutil
 from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import asdict, fields, is_dataclass
 from itertools import zip_longest
@@ -10,7 +11,7 @@ from omegaconf import MISSING, OmegaConf
 from relight.core.errors import UserError
 from relight.meshes import axes
 from relight.panoramas.panorama import LAYOUTS
-from relight.settings import Config, Loss, composed, presets, read_preset
+from relight.settings import Config, Loss, composed, composition, presets, read_preset
 from relight.settings.schema import AXES, EXPERIMENT, FIELDS
 from relight.settings.setting import Setting, setting_of, type_in_words
 
@@ -133,6 +134,18 @@ def test_a_wrong_setting_is_one_sentence(override, words):
     text = str(error.value)
     assert "\n" not in text
     assert all(word in text for word in words), text
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32", "cp1252", "shift-jis"])
+def test_a_preset_in_another_encoding_is_named(tmp_path, monkeypatch, encoding):
+    shutil.copytree(composition.CONF, tmp_path / "conf")
+    monkeypatch.setattr(composition, "CONF", tmp_path / "conf")
+    text, preset = "# @package _global_\n# %s\ntrain:\n  lr: 1e-4\n", tmp_path / "conf" / "scale" / "mine.yaml"
+    preset.write_text(text % "Müller が", encoding="utf-8")
+    assert composition.composed(["scale=mine"]).train.lr == 1e-4
+    preset.write_text(text % ("が" if encoding == "shift-jis" else "Müller"), encoding=encoding)
+    with pytest.raises(UserError, match=r"mine\.yaml: save it in UTF-8 without a byte order mark"):
+        composition.composed(["scale=mine"])
 
 
 def test_a_file_that_is_no_yaml_is_named_with_the_line(tmp_path):

@@ -9,6 +9,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 import yaml
 
 from relight.core.errors import UserError
+from relight.core.text import read_text
 
 T = TypeVar("T")
 FOLDER = Path(__file__).parent
@@ -40,9 +41,8 @@ def contents(path: Path) -> dict[str, Any]:
         UserError: if the file is not valid YAML.
     """
     try:
-        with open(path, encoding="utf-8") as file:
-            return yaml.load(file, Loader)
-    except (yaml.YAMLError, UserError) as error:
+        return yaml.load(read_text(path), Loader)
+    except (yaml.YAMLError, ValueError, UserError) as error:
         raise UserError(f"{path}: {' '.join(str(error).split())}") from None
 
 

@@ -78,4 +78,13 @@ function isSoft(coverage, width) {
   return fractional > SOFT * along;
 }
 
-export { fitEdge, isSoft };
+// Whether an alpha may be a mask: solid somewhere, and neither everywhere nor along most of the photo's edges, as with
+// rounded corners (relight/photos/mask/find.py).
+function hasOutline(alpha, width) {
+  const share = (values) => values.filter((v) => v >= MASK_THRESHOLD).length / values.length;
+  const top = alpha.subarray(0, width), side = (x) => alpha.filter((_, i) => i % width === x);
+  const edges = [...top, ...alpha.subarray(-width), ...side(0), ...side(width - 1)];
+  return share(alpha) > 0 && share(alpha) < 1 && !(share(edges) > 0.6 && share(top) > 0.5);
+}
+
+export { fitEdge, hasOutline, isSoft };

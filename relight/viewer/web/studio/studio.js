@@ -81,12 +81,11 @@ async function openPhoto(file) {
   tell("Reading the photo …");
   const read = await readPhoto(file);
   const { photo, alpha } = await ask("prepare", { photo: read, longest: LONGEST }, [read.pixels.buffer]);
-  const isSolid = (coverage) => coverage?.some((v) => v >= 128);
   tell("Looking for the person …");
-  const coverage = isSolid(alpha) ? alpha : await ask("mask", { photo });
+  const coverage = alpha ?? (await ask("mask", { photo }));
   tell("");
-  const coverageOf = isSolid(alpha) ? (large) => large.alpha : (large) => ask("mask", { photo: large.photo });
-  if (isSolid(coverage)) return develop(photo, coverage, { ...source, coverageOf });
+  const coverageOf = alpha ? (large) => large.alpha : (large) => ask("mask", { photo: large.photo });
+  if (coverage?.some((v) => v >= 128)) return develop(photo, coverage, { ...source, coverageOf });
   return paintAndDevelop(photo, new Uint8Array(photo.width * photo.height), source);
 }
 

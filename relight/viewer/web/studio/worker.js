@@ -2,7 +2,7 @@
 
 import { linearPlanes } from "./colors.js";
 import { MASK_THRESHOLD } from "./crop.js";
-import { fitEdge, isSoft } from "./edge.js";
+import { fitEdge, hasOutline, isSoft } from "./edge.js";
 import { inferFigure } from "./infer.js";
 import { lanczos, resample } from "../page/resample.js";
 import { findPeople } from "./selfie.js";
@@ -18,18 +18,18 @@ const tasks = {
     if (mask) sessions.mask = await create(mask);
   },
 
-  // The photo with its longer side at most `longest` pixels, and its alpha where that varies (else null). An alpha of two
+  // The photo with its longer side at most `longest` pixels, and its alpha if that may be a mask (else null). An alpha of two
   // values keeps two, so that its edge is fitted.
   prepare({ photo: { pixels, width, height }, longest }) {
     const scale = Math.min(longest / Math.max(width, height), 1);
     const size = [width, height].map((side) => (scale < 1 ? Math.max(8, Math.round(side * scale)) : side));
     const stored = [0, 1, 2, 3].map((c) => Uint8Array.from({ length: width * height }, (_, i) => pixels[4 * i + c]));
     const planes = stored.map((plane) => (scale < 1 ? resample(plane, width, size, lanczos) : plane));
-    const isOpaque = stored[3].every((value) => value === stored[3][0]);
-    const alpha = isOpaque || isSoft(stored[3], width) ? planes[3] : planes[3].map((v) => (v >= MASK_THRESHOLD ? 255 : 0));
+    const isMask = hasOutline(stored[3], width);
+    const alpha = !isMask || isSoft(stored[3], width) ? planes[3] : planes[3].map((v) => (v >= MASK_THRESHOLD ? 255 : 0));
     const small = new Uint8ClampedArray(4 * size[0] * size[1]);
     for (let i = 0; i < planes[3].length; i++) small.set([planes[0][i], planes[1][i], planes[2][i], 255], 4 * i);
-    return { photo: { pixels: small, width: size[0], height: size[1] }, alpha: isOpaque ? null : alpha };
+    return { photo: { pixels: small, width: size[0], height: size[1] }, alpha: isMask ? alpha : null };
   },
 
   // The coverage of the people in the photo, or null where there is no network that finds them.
