@@ -1,34 +1,84 @@
 """relight in Blender: bakes light transport of meshes, and relights them and maps of people by the world."""
 
+from contextlib import suppress
+from threading import Lock
+
 import bpy
+import numpy as np
 from bpy.app.handlers import depsgraph_update_post, frame_change_post, load_post, persistent
 from bpy_extras.io_utils import ImportHelper
 
-from . import light, shader, transport
+from . import light, shader, transport, world
 
-KNOWN = {}  # by name of the object, the signature (transport.signature) of the light that it has
+SIGNATURE = "relight_signature"  # property of an object: of the world and the rotation that its light was made for
+BUSY = Lock()
+WARNINGS = []  # why the light does not follow the world, for the panel
 
 
-def update(scene, force=False):
-    """Gives every object that relight made the light of the scene's world.
+def update(scene, depsgraph=None, force=False):
+    """Gives every object that relight made the light of the scene's world, as they are in a depsgraph.
 
     Objects whose rotation and light did not change are left alone, unless `force`.
+
+    Args:
+        scene: with the objects and the world.
+        depsgraph: in which they are evaluated; by default that of the window.
+        force: whether lights are rendered again.
+
+    Raises:
+        light.Problem: if the world's light cannot be rendered.
     """
-    for item in scene.objects:
-        if transport.PROPERTY in item and item.active_material:
-            signature = transport.signature(item, scene.world)
-            if force or KNOWN.get(item.name) != signature:
-                KNOWN[item.name] = signature
-                shader.set_light(item.active_material, light.project(scene.world, transport.axes(item)))
+    items = [item for item in scene.objects if transport.PROPERTY in item and item.is_editable]
+    if not items or not BUSY.acquire(blocking=False):  # rendering the light calls the handlers, too
+        return
+    try:
+        WARNINGS.clear()
+        depsgraph = depsgraph or bpy.context.evaluated_depsgraph_get()
+        if force:
+            world.forget()
+        key = world.state(scene.world and scene.world.evaluated_get(depsgraph), scene.frame_current)
+        for item in items:
+            axes = transport.axes(item, depsgraph)
+            signature = f"{key} {np.round(axes, 6).tolist()}"
+            shown = item if depsgraph.mode == "VIEWPORT" else item.evaluated_get(depsgraph)  # renders have a copy
+            if force or shown.get(SIGNATURE) != signature:
+                shader.set_light(shown, light.rotation(axes) @ world.light(scene, key))
+                shown[SIGNATURE] = signature
+                if shown is item:
+                    item.update_tag(refresh={"OBJECT"})
+    except light.Problem as problem:
+        WARNINGS.append(str(problem))
+        raise
+    finally:
+        BUSY.release()
 
 
 @persistent
-def follow(scene, *_):
+def follow(scene, depsgraph=None):
     """Updates the light after a change of the scene, a new frame, or the loading of a file, which names no scene."""
-    update(scene if isinstance(scene, bpy.types.Scene) else bpy.context.scene)
+    with suppress(light.Problem):  # the panel shows it
+        update(scene if isinstance(scene, bpy.types.Scene) else bpy.context.scene, depsgraph)
 
 
 HANDLERS = (depsgraph_update_post, frame_change_post, load_post)
+
+
+def attempt(operator, context, task):
+    """Runs a task of an operator and updates the light; problems go to the status bar. Returns the operator's result.
+
+    Args:
+        operator: which reports.
+        context: Blender's.
+        task: a function without arguments that returns what the user should know, one sentence each.
+    """
+    try:
+        for note in task():
+            operator.report({"WARNING"}, note)
+        update(context.scene, force=True)
+    except light.Problem as problem:
+        operator.report({"ERROR"}, str(problem))
+        return {"CANCELLED"}
+    return {"FINISHED"}
 
 
 class Preferences(bpy.types.AddonPreferences):
@@ -45,26 +95,23 @@ class Preferences(bpy.types.AddonPreferences):
 
 
 class BakeTransport(bpy.types.Operator):
-    """Bake how the mesh shades itself, per vertex, and light it by the world"""
+    """Bake how the selected meshes shade themselves and each other, per vertex, and light them by the world"""
 
     bl_idname, bl_label, bl_options = "relight.bake_transport", "Bake Light Transport", {"REGISTER", "UNDO"}
     rays: bpy.props.IntProperty(name="Rays", default=256, min=16, max=65536, description="Per vertex")
 
     @classmethod
     def poll(cls, context):
-        """Returns whether the active object is a mesh, which the operator needs."""
-        return context.active_object is not None and context.active_object.type == "MESH"
+        """Returns whether a mesh is selected, in Object Mode."""
+        return context.mode == "OBJECT" and any(item.type == "MESH" for item in context.selected_editable_objects)
 
     def execute(self, context):
-        """Bakes the transport of the active object, and lights it by the world; errors go to the status bar."""
+        """Bakes the transport of the selected meshes, and lights them by the world."""
         addon = context.preferences.addons.get(__package__)
-        try:
-            transport.bake(context.active_object, addon.preferences.program if addon else "relight", self.rays)
-            update(context.scene, force=True)
-        except (transport.Problem, ValueError) as problem:
-            self.report({"ERROR"}, str(problem))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        program = addon.preferences.program if addon else "relight"
+        items = [item for item in context.selected_editable_objects if item.type == "MESH"]
+        depsgraph = context.evaluated_depsgraph_get()
+        return attempt(self, context, lambda: transport.bake(items, depsgraph, program, self.rays))
 
 
 class ImportMaps(bpy.types.Operator, ImportHelper):
@@ -75,14 +122,8 @@ class ImportMaps(bpy.types.Operator, ImportHelper):
     filter_glob: bpy.props.StringProperty(default="*.exr", options={"HIDDEN"})
 
     def execute(self, context):
-        """Adds a plane with the maps of the chosen file, and lights it by the world; errors go to the status bar."""
-        try:
-            context.view_layer.objects.active = transport.add_plane(self.filepath, context)
-            update(context.scene, force=True)
-        except (transport.Problem, ValueError) as problem:
-            self.report({"ERROR"}, str(problem))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        """Adds a plane with the maps of the chosen file, and lights it by the world."""
+        return attempt(self, context, lambda: transport.add_plane(self.filepath, context))
 
 
 class UpdateLight(bpy.types.Operator):
@@ -91,9 +132,8 @@ class UpdateLight(bpy.types.Operator):
     bl_idname, bl_label = "relight.update_light", "Update the Light"
 
     def execute(self, context):
-        """Projects the light of the world again, for all objects with transport."""
-        update(context.scene, force=True)
-        return {"FINISHED"}
+        """Renders the light of the world again, for all objects with transport."""
+        return attempt(self, context, list)
 
 
 class Panel(bpy.types.Panel):
@@ -103,9 +143,11 @@ class Panel(bpy.types.Panel):
     bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "relight"
 
     def draw(self, context):
-        """Draws a button for each operator."""
+        """Draws a button for each operator, and warnings."""
         for operator in (BakeTransport, ImportMaps, UpdateLight):
             self.layout.operator(operator.bl_idname)
+        for warning in WARNINGS:
+            self.layout.label(text=warning, icon="ERROR")
 
 
 CLASSES = (Preferences, BakeTransport, ImportMaps, UpdateLight, Panel)
@@ -125,4 +167,3 @@ def unregister():
         handlers.remove(follow)
     for kind in reversed(CLASSES):
         bpy.utils.unregister_class(kind)
-    KNOWN.clear()

@@ -1,16 +1,21 @@
-"""A material whose color is albedo times transport times light, from nodes."""
+"""Materials whose color is albedo times transport times light. The light is in properties of the object."""
 
 import bpy
 import numpy as np
 
 GROUP = "relight"
 TRANSPORT = ("Transport 0", "Transport 1", "Transport 2")  # coefficients 0 to 2, 3 to 5 and 6 to 8 of a pixel or vertex
-CHANNELS = "RGB"
+# Properties of an object, four numbers each, since Eevee reads no more than eight: the colors of coefficients 0 to 6,
+# and as fourth numbers those of coefficients 7 and 8.
+LIGHT = [f"relight_light_{i}" for i in range(7)]
+ORIGIN = "relight_origin"  # property of a material: the user's own, of which it is a copy
 
 
-def light_inputs(channel):
-    """Returns the names of the inputs that hold a channel's nine coefficients of the light, three in each."""
-    return [f"Light {channel} {third}" for third in range(3)]
+def set_light(item, coefficients):
+    """Sets the light of an object: radiance coefficients (9,3) in the frame of its transport."""
+    colors, rest = np.split(np.asarray(coefficients, float), [7])
+    for name, color, last in zip(LIGHT, colors, [*rest.ravel(), 0]):
+        item[name] = [*color, last]
 
 
 def node_group():
@@ -19,59 +24,39 @@ def node_group():
         return group
     group = bpy.data.node_groups.new(GROUP, "ShaderNodeTree")
     sockets = [("Albedo", "NodeSocketColor"), ("Strength", "NodeSocketFloat"), ("Alpha", "NodeSocketFloat")]
-    sockets += [(name, "NodeSocketVector") for name in TRANSPORT]
-    sockets += [(name, "NodeSocketVector") for channel in CHANNELS for name in light_inputs(channel)]
-    for name, kind in sockets:
+    for name, kind in [*sockets, *((name, "NodeSocketVector") for name in TRANSPORT)]:
         socket = group.interface.new_socket(name, in_out="INPUT", socket_type=kind)
-        if kind == "NodeSocketFloat":
-            socket.default_value = 1.0
+        socket.default_value = {"NodeSocketColor": (1, 1, 1, 1), "NodeSocketFloat": 1}.get(kind, (0, 0, 0))
     group.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
-    nodes, link = group.nodes, group.links.new
-    given, color = nodes.new("NodeGroupInput"), nodes.new("ShaderNodeCombineColor")
-    for channel, socket in zip(CHANNELS, color.inputs):
-        total = None
-        for transport, light in zip(TRANSPORT, light_inputs(channel)):
-            dot = nodes.new("ShaderNodeVectorMath")
-            dot.operation = "DOT_PRODUCT"
-            link(given.outputs[transport], dot.inputs[0])
-            link(given.outputs[light], dot.inputs[1])
-            total = dot.outputs["Value"] if total is None else math(nodes, link, "ADD", total, dot.outputs["Value"])
-        link(math(nodes, link, "MAXIMUM", total, 0.0), socket)
-    lit, shine, clear, mix = (
-        nodes.new(f"ShaderNode{kind}") for kind in ("VectorMath", "Emission", "BsdfTransparent", "MixShader")
-    )
-    lit.operation = "MULTIPLY"
-    link(color.outputs[0], lit.inputs[0])
-    link(given.outputs["Albedo"], lit.inputs[1])
-    link(lit.outputs[0], shine.inputs["Color"])
-    link(math(nodes, link, "MULTIPLY", given.outputs["Strength"], 1 / np.pi), shine.inputs["Strength"])
-    link(given.outputs["Alpha"], mix.inputs[0])
-    link(clear.outputs[0], mix.inputs[1])
-    link(shine.outputs[0], mix.inputs[2])
-    link(mix.outputs[0], nodes.new("NodeGroupOutput").inputs["Shader"])
+    nodes = group.nodes
+
+    def node(kind, *inputs, **options):
+        """Adds a node, whose inputs are outputs of others or values; None leaves one as it is. Returns its outputs."""
+        new = nodes.new(f"ShaderNode{kind}")
+        for name, value in options.items():
+            setattr(new, name, value)
+        for socket, value in zip(new.inputs, inputs):
+            if isinstance(value, bpy.types.NodeSocket):
+                group.links.new(value, socket)
+            elif value is not None:
+                socket.default_value = value
+        return new.outputs
+
+    given = nodes.new("NodeGroupInput").outputs
+    lights = [node("Attribute", attribute_type="OBJECT", attribute_name=name) for name in LIGHT]
+    colors = [light["Color"] for light in lights]
+    for three in (lights[:3], lights[3:6]):
+        colors.append(node("CombineXYZ", *(light["Alpha"] for light in three))[0])
+    thirds = [node("SeparateXYZ", given[name]) for name in TRANSPORT]
+    total = (0, 0, 0)
+    for color, coefficient in zip(colors, [number for third in thirds for number in third]):
+        total = node("VectorMath", color, coefficient, total, operation="MULTIPLY_ADD")[0]
+    total = node("VectorMath", total, (0, 0, 0), operation="MAXIMUM")[0]
+    total = node("VectorMath", total, given["Albedo"], operation="MULTIPLY")[0]
+    strength = node("Math", given["Strength"], 1 / np.pi, operation="MULTIPLY")[0]
+    mixed = node("MixShader", given["Alpha"], node("BsdfTransparent")[0], node("Emission", total, strength)[0])
+    group.links.new(mixed[0], nodes.new("NodeGroupOutput").inputs["Shader"])
     return group
-
-
-def math(nodes, link, operation, *values):
-    """Adds a Math node.
-
-    Args:
-        nodes: of the shader's tree.
-        link: connects an output of a node to an input.
-        operation: of the node, such as "MULTIPLY".
-        *values: its inputs, each a number (float) or the output of another node.
-
-    Returns:
-        The output of the node.
-    """
-    node = nodes.new("ShaderNodeMath")
-    node.operation = operation
-    for socket, value in zip(node.inputs, values):
-        if isinstance(value, float):
-            socket.default_value = value
-        else:
-            link(value, socket)
-    return node.outputs[0]
 
 
 def new_material(name, sources):
@@ -83,21 +68,54 @@ def new_material(name, sources):
             output of theirs and the name of the group's input that it feeds.
     """
     material = bpy.data.materials.new(name)
-    material.use_nodes = True
-    nodes, link = material.node_tree.nodes, material.node_tree.links.new
-    nodes.clear()
-    group, output = nodes.new("ShaderNodeGroup"), nodes.new("ShaderNodeOutputMaterial")
-    group.node_tree, group.name = node_group(), GROUP
-    group.inputs["Albedo"].default_value = (1, 1, 1, 1)
-    for source, target in sources(nodes):
-        link(source, group.inputs[target])
-    link(group.outputs["Shader"], output.inputs["Surface"])
+    material.node_tree.nodes.clear()
+    shine(material, sources)
     return material
 
 
-def set_light(material, coefficients):
-    """Sets the light of a material from `new_material`: radiance coefficients (9,3) in the transport's frame."""
-    node = material.node_tree.nodes[GROUP]
-    for channel, values in zip(CHANNELS, np.asarray(coefficients).T):
-        for name, third in zip(light_inputs(channel), values.reshape(3, 3)):
-            node.inputs[name].default_value = third
+def shine(material, sources):
+    """Makes a material shine with the group of `node_group`, fed as `new_material` says, and returns its node."""
+    nodes, link = material.node_tree.nodes, material.node_tree.links.new
+    group = nodes.new("ShaderNodeGroup")
+    group.node_tree, group.name = node_group(), GROUP
+    for source, target in sources(nodes):
+        link(source, group.inputs[target])
+    outputs = [node for node in nodes if node.type == "OUTPUT_MATERIAL"] or [nodes.new("ShaderNodeOutputMaterial")]
+    for output in outputs:
+        link(group.outputs["Shader"], output.inputs["Surface"])
+    return group
+
+
+def lit_copy(material, sources):
+    """Copies a material so that it shines, with its base color as albedo.
+
+    Args:
+        material: the user's, which stays as it is, or one that this function made: its origin is copied again.
+        sources: as of `new_material`.
+
+    Returns:
+        The copy, and whether a base color was found; else it is white.
+    """
+    material = material.get(ORIGIN, material)
+    copy = material.copy()
+    copy.name, copy[ORIGIN] = f"relight {material.name}", material
+    output = copy.node_tree.get_output_node("ALL")
+    surface = output and base_color(output.inputs["Surface"])
+    group = shine(copy, sources)
+    for name, target in (("Color", "Albedo"), ("Base Color", "Albedo"), ("Alpha", "Alpha")):
+        if surface and name in surface.inputs:
+            socket = surface.inputs[name]
+            group.inputs[target].default_value = socket.default_value
+            for link in socket.links:
+                copy.node_tree.links.new(link.from_socket, group.inputs[target])
+    return copy, bool(surface)
+
+
+def base_color(socket):
+    """Returns the first node that feeds a shader's input and has a color, or None."""
+    for node in (link.from_node for link in socket.links):
+        if {"Base Color", "Color"} & set(node.inputs.keys()):
+            return node
+        shaders = (base_color(part) for part in node.inputs if part.type == "SHADER")
+        return next(filter(None, shaders), None)
+    return None

@@ -1,51 +1,99 @@
 """Light transport from relight: baked per vertex by its program, or read from its maps."""
 
-import json
 import subprocess
 import tempfile
 from pathlib import Path
 
 import bpy
 import numpy as np
+from mathutils.kdtree import KDTree
 
 from . import shader
+from .light import Problem, rotation
 
 NAMES = [f"transport.{name}.Y" for name in "L0M0 L1Mn1 L1M0 L1M1 L2Mn2 L2Mn1 L2M0 L2M1 L2M2".split()]
 MESH, PLANE = "mesh", "plane"  # values of the property by which objects that follow the world are known
 PROPERTY = "relight"
+REST = "relight_rest"  # attribute by which a vertex is found again behind modifiers
+FEW = 100  # vertices of a mesh that is too coarse for light per vertex
 
 
-class Problem(Exception):
-    """What the user has to know, in one sentence."""
-
-
-def bake(item, program, rays):
-    """Bakes an object's transport into three color attributes, and gives it a material that uses them.
+def bake(items, depsgraph, program, rays):
+    """Bakes objects that shade each other: three color attributes each, and copies of their materials that use them.
 
     Args:
-        item: an object with a mesh. Other objects cast no shadow on it.
+        items: objects with meshes, each its own; with their modifiers and shape keys.
+        depsgraph: of the scene.
         program: path or name of relight's program.
         rays: per vertex.
 
+    Returns:
+        What the user should know, one sentence each.
+
     Raises:
-        Problem: if the program is missing or fails.
+        Problem: if a mesh has no faces or belongs to two of the objects, or the program is missing or fails.
     """
-    mesh = item.data
-    mesh.calc_loop_triangles()
-    vertices, faces = np.empty(3 * len(mesh.vertices)), np.empty(3 * len(mesh.loop_triangles), np.int32)
-    mesh.vertices.foreach_get("co", vertices)
-    mesh.loop_triangles.foreach_get("vertices", faces)
-    if not len(faces):
-        raise Problem(f"{item.name} has no faces")
-    vertices = vertices.reshape(-1, 3) * np.array(item.matrix_world.to_scale())
+    if len({item.data for item in items}) < len(items):
+        raise Problem("some of the objects share a mesh: make it their own (Object > Relations > Make Single User)")
+    lines, count, kept = [], 1, []
+    for item in items:
+        vertices, faces, own = evaluated(item, depsgraph)
+        lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
+        lines += [f"f {a} {b} {c}" for a, b, c in faces + count]
+        kept.append(own + count - 1)
+        count += len(vertices)
     with tempfile.TemporaryDirectory() as folder:
         path, out = Path(folder) / "mesh.obj", Path(folder) / "mesh.npz"
-        lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
-        lines += [f"f {a} {b} {c}" for a, b, c in faces.reshape(-1, 3) + 1]
         path.write_text("\n".join(lines) + "\n")
         run(program, "bake", path, "--out", out, "--rays", rays)
         with np.load(out) as file:
             transport = file["transport"].astype(np.float32)
+    notes = []
+    for item, own in zip(items, kept):
+        item[PROPERTY] = MESH
+        store(item.data, transport[own] @ rotation(axes(item, depsgraph)).T)
+        notes += [f"{item.name} has {len(own)} vertices: subdivide it, for light is kept per vertex"] * (len(own) < FEW)
+        notes += materials(item)
+    return notes
+
+
+def evaluated(item, depsgraph):
+    """Returns an object's mesh behind its modifiers.
+
+    Returns:
+        Vertices (V,3) in the scene's frame, triangles (F,3), and the index (N,) of each of the object's own vertices.
+
+    Raises:
+        Problem: if it has no faces.
+    """
+    count, attributes = len(item.data.vertices), item.data.attributes
+    rest = np.empty(3 * count, np.float32)
+    item.data.vertices.foreach_get("co", rest)
+    attributes.new(REST, "FLOAT_VECTOR", "POINT").data.foreach_set("vector", rest)
+    depsgraph.update()
+    shown = item.evaluated_get(depsgraph)
+    mesh = shown.to_mesh()
+    mesh.calc_loop_triangles()
+    vertices, faces = np.empty(3 * len(mesh.vertices), np.float32), np.empty(3 * len(mesh.loop_triangles), np.int32)
+    mesh.vertices.foreach_get("co", vertices)
+    mesh.loop_triangles.foreach_get("vertices", faces)
+    own = np.arange(count)
+    if len(mesh.vertices) != count and len(faces):
+        tree = KDTree(len(mesh.vertices))
+        for i, point in enumerate(mesh.attributes[REST].data):
+            tree.insert(point.vector, i)
+        tree.balance()
+        own = np.array([tree.find(point)[1] for point in rest.reshape(-1, 3)])
+    shown.to_mesh_clear()
+    attributes.remove(attributes[REST])
+    if not len(faces):
+        raise Problem(f"{item.name} has no faces")
+    matrix = np.array(shown.matrix_world)
+    return vertices.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3], faces.reshape(-1, 3), own
+
+
+def store(mesh, transport):
+    """Stores transport (V,9) in the color attributes of a mesh."""
     for third, name in enumerate(shader.TRANSPORT):
         if name in mesh.color_attributes:
             mesh.color_attributes.remove(mesh.color_attributes[name])
@@ -53,15 +101,26 @@ def bake(item, program, rays):
         values[:, :3] = transport[:, 3 * third : 3 * third + 3]
         mesh.color_attributes.new(name, "FLOAT_COLOR", "POINT").data.foreach_set("color", values.ravel())
 
+
+def materials(item):
+    """Gives an object, and not its mesh, copies of its materials that shine; yields what the user should know."""
+
     def sources(nodes):
         for name in shader.TRANSPORT:
             node = nodes.new("ShaderNodeAttribute")
             node.attribute_name = name
             yield node.outputs["Vector"], name
 
-    mesh.materials.clear()
-    mesh.materials.append(shader.new_material(f"relight {item.name}", sources))
-    item[PROPERTY] = MESH
+    if not item.material_slots:
+        item.data.materials.append(None)
+    for slot in item.material_slots:
+        own, slot.link = slot.material, "OBJECT"
+        if own is None:
+            slot.material = shader.new_material(f"relight {item.name}", sources)
+            continue
+        slot.material, found = shader.lit_copy(own, sources)
+        if not found:
+            yield f"{own.name} has no base color: it is white here"
 
 
 def run(program, *words):
@@ -134,7 +193,7 @@ def add_plane(path, context):
         context: Blender's, with the collection that gets the plane.
 
     Returns:
-        The plane, an object of Blender.
+        What the user should know, one sentence each: nothing.
 
     Raises:
         Problem: if the file holds no maps.
@@ -163,7 +222,8 @@ def add_plane(path, context):
     item = bpy.data.objects.new(name, mesh)
     context.collection.objects.link(item)
     item[PROPERTY] = PLANE
-    return item
+    context.view_layer.objects.active = item
+    return []
 
 
 def new_image(name, values):
@@ -176,22 +236,7 @@ def new_image(name, values):
     return image
 
 
-def axes(item):
+def axes(item, depsgraph):
     """Returns the axes (3,3), as rows in the scene's frame, of the frame in which an object's transport is."""
-    x, y, z = np.array(item.matrix_world.to_quaternion().to_matrix()).T
+    x, y, z = np.array(item.evaluated_get(depsgraph).matrix_world.to_quaternion().to_matrix()).T
     return np.stack([x, y, z] if item[PROPERTY] == MESH else [x, z, -y])  # of a plane: right, up, toward the viewer
-
-
-def signature(item, world):
-    """Returns a text that changes whenever the light of a world, seen from an object, does.
-
-    It does not change if a panorama is painted on, hence the button for this.
-    """
-    from .light import look_up
-
-    background, image, color, turn = look_up(world)
-    if background is None:
-        state = [list(world.color) if world else 0]
-    else:
-        state = [background.inputs["Strength"].default_value, image.name if image else list(color), turn.tolist()]
-    return json.dumps([*state, np.round(axes(item), 6).tolist()])

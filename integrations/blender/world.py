@@ -1,0 +1,150 @@
+"""The light of Blender's world as Cycles gives it to matte surfaces, so that any world is followed."""
+
+import hashlib
+import tempfile
+from pathlib import Path
+
+import bmesh
+import bpy
+import numpy as np
+
+from .light import Problem, light_on
+
+ROWS, SAMPLES = 32, 16  # of the render, and of each of its pixels: lights are right to half a percent
+WIDTH = 1024  # pixels of the largest panorama that is rendered as it is
+PLACEMENT = {"rna_type", "location", "location_absolute", "width", "height", "dimensions", "select"}
+SHRUNK = ".relight "  # begins the names of shrunk panoramas, which Blender does not list
+LIGHTS = {}  # coefficients (9,3) by `state`
+
+
+def state(world, frame):
+    """Returns a text that changes whenever the light of a world does.
+
+    It does not change if a panorama is painted on, hence the button for this.
+
+    Args:
+        world: an evaluated `bpy.types.World`, or None.
+        frame: its number, on which moving pictures depend.
+    """
+    values = [world.cycles_visibility.diffuse, *values_of(world.node_tree, frame)] if world else None
+    return hashlib.blake2s(repr(values).encode()).hexdigest()
+
+
+def values_of(thing, frame):
+    """Yields all values that a tree of nodes, or a part of it, depends on."""
+    names = ["nodes", "links"] if isinstance(thing, bpy.types.NodeTree) else thing.bl_rna.properties.keys()
+    for value in (getattr(thing, name) for name in names if name not in PLACEMENT):
+        if isinstance(value, bpy.types.Image):
+            yield value.name_full, value.filepath, value.alpha_mode, value.colorspace_settings.name
+            yield frame if value.source in {"MOVIE", "SEQUENCE"} else 0
+        elif isinstance(value, bpy.types.Node | bpy.types.NodeSocket):  # of a link
+            yield value.name, getattr(value, "identifier", "")
+        elif isinstance(value, bpy.types.ID) and not isinstance(value, bpy.types.NodeTree):
+            yield value.name_full, getattr(value, "matrix_world", None)
+        elif isinstance(value, bpy.types.bpy_prop_collection):
+            yield [list(values_of(part, frame)) for part in value]
+        elif isinstance(value, bpy.types.bpy_struct):
+            yield list(values_of(value, frame))
+        else:
+            yield list(value) if isinstance(value, bpy.types.bpy_prop_array) else value
+
+
+def light(scene, key):
+    """Returns the radiance coefficients (9,3) of a scene's world, in the scene's frame; renders once for each `state`.
+
+    Raises:
+        Problem: if it cannot be rendered.
+    """
+    if key not in LIGHTS:
+        LIGHTS[key] = light_on(render(scene)) if scene.world else np.zeros((9, 3))
+    return LIGHTS[key]
+
+
+def forget():
+    """Forgets all lights and shrunk panoramas, so that they are made again."""
+    LIGHTS.clear()
+    bpy.data.batch_remove([image for image in bpy.data.images if image.name.startswith(SHRUNK)])
+
+
+def render(scene):
+    """Renders what white matte surfaces send out in the world of a scene.
+
+    A panoramic camera looks at a translucent ball from within: each point of it is as bright as a matte one outside.
+
+    Returns:
+        (ROWS,2 ROWS,3) radiance by the direction of the normal, as `light.sphere` samples it.
+
+    Raises:
+        Problem: if a picture is missing, or Cycles.
+    """
+    made = []
+
+    def new(kind, *words):
+        made.append(getattr(bpy.data, kind).new("relight", *words))
+        return made[-1]
+
+    try:
+        own, mesh, material, lens = new("scenes"), new("meshes"), new("materials"), new("cameras")
+        own.world = scene.world.copy()
+        made.append(own.world)
+        own.world.cycles.sampling_method, own.world.cycles.sample_map_resolution = "MANUAL", WIDTH
+        for node in own.world.node_tree.nodes:
+            if image := getattr(node, "image", None):
+                node.image = shrunk(image)
+        ball = bmesh.new()
+        bmesh.ops.create_icosphere(ball, subdivisions=5, radius=1)
+        ball.to_mesh(mesh)
+        ball.free()
+        mesh.shade_smooth()
+        mesh.materials.append(material)
+        nodes = material.node_tree.nodes
+        nodes.clear()
+        surface, output = nodes.new("ShaderNodeBsdfTranslucent"), nodes.new("ShaderNodeOutputMaterial")
+        surface.inputs["Color"].default_value = (1, 1, 1, 1)
+        material.node_tree.links.new(surface.outputs[0], output.inputs["Surface"])
+        lens.type, lens.panorama_type, lens.clip_start = "PANO", "EQUIRECTANGULAR", 0.01
+        own.camera = new("objects", lens)
+        own.camera.rotation_euler = (np.pi / 2, 0, -np.pi / 2)  # it looks along +x
+        for item in (own.camera, new("objects", mesh)):
+            own.collection.objects.link(item)
+        picture, cycles = own.render, own.cycles
+        picture.engine, own.view_settings.view_transform = "CYCLES", "Raw"
+        picture.resolution_x, picture.resolution_y = 2 * ROWS, ROWS
+        picture.image_settings.file_format, picture.image_settings.color_depth = "OPEN_EXR", "32"
+        cycles.device, cycles.samples, cycles.max_bounces, cycles.pixel_filter_type = "CPU", SAMPLES, 1, "BOX"
+        cycles.use_denoising = cycles.use_adaptive_sampling = False
+        cycles.sample_clamp_indirect = cycles.light_sampling_threshold = 0
+        own.frame_set(scene.frame_current, subframe=scene.frame_subframe)
+        with tempfile.TemporaryDirectory() as folder:
+            picture.filepath = str(Path(folder) / "light.exr")
+            bpy.ops.render.render(write_still=True, scene=own.name)
+            made.append(bpy.data.images.load(picture.filepath))
+            pixels = np.empty(2 * ROWS * ROWS * 4, np.float32)
+            made[-1].pixels.foreach_get(pixels)
+    except (RuntimeError, TypeError) as error:
+        raise Problem(f"Cycles does not render the light of the world: {str(error).strip()}") from None
+    finally:
+        bpy.data.batch_remove(made)
+    return pixels.reshape(ROWS, 2 * ROWS, 4)[::-1, :, :3]
+
+
+def shrunk(image):
+    """Returns a panorama that is WIDTH wide at most, since Cycles reads all of it in each render.
+
+    Raises:
+        Problem: if it has no pixels.
+    """
+    if not image.size[0]:
+        raise Problem(f"the panorama {image.name} has no pixels: its file is missing")
+    if image.size[0] <= WIDTH or image.is_dirty or image.source not in {"FILE", "GENERATED"}:
+        return image
+    name, origin = f"{SHRUNK}{image.name}", f"{image.filepath} {image.alpha_mode} {image.colorspace_settings.name}"
+    small = bpy.data.images.get(name)
+    if small and small.get("origin") != origin:
+        bpy.data.images.remove(small)
+        small = None
+    if not small:
+        small = image.copy()
+        small.name, small["origin"] = name, origin
+        small.scale(WIDTH, WIDTH // 2)
+    return small
