@@ -1,30 +1,43 @@
 """The nodes: mask of people, lights, the relit picture, and albedo, shading and normals.
 
-As in all of ComfyUI, IMAGE is a float tensor (B,H,W,3) of sRGB codes in [0,1], and MASK (B,H,W) in [0,1]; here 1 is a
-person. RELIGHT_LIGHT is a `relight.lights.Light`. torch is ComfyUI's own; relight computes with NumPy and ONNX Runtime.
+As in all of ComfyUI, IMAGE is a float tensor (B,H,W,3) of sRGB codes, and MASK (B,H,W) in [0,1]; here 1 is a person.
+RELIGHT_LIGHT is a `relight.lights.Light`. torch is ComfyUI's own; relight computes with NumPy and ONNX Runtime.
 """
 
-import warnings
+import hashlib
+import logging
 from functools import cache, lru_cache
 from pathlib import Path
 
+import comfy.model_management
+import comfy.utils
 import numpy as np
 import torch
 
 from relight.core import srgb
+from relight.core.errors import UserError
 from relight.lights import Light
 from relight.panoramas import Panorama, project
 from relight.photos.api import load
 from relight.photos.look import Look
 from relight.photos.mask.find import masked
+from relight.photos.mask.people import NobodyFound
 from relight.photos.picture import Picture
-from relight.photos.write import layers
+from relight.photos.place import is_of_person
+from relight.photos.render import strips
+from relight.photos.shading import shading
+from relight.photos.write import placed_maps
+from relight.sh import mean_direction
 
-MEMORY = 8  # scenes that are kept, so that turning a light is quick: an inference takes CPU-seconds
+MEMORY = 32_000_000  # pixels whose scenes are kept, so that turning a light is quick: an inference takes CPU-seconds
 LIGHT = "RELIGHT_LIGHT"  # type of a `relight.lights.Light` in ComfyUI
 MATCHED = "matched to the picture"
-NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS = {}, {}
 DISPLAY_STRENGTH = 0.5  # shading may exceed 1: half of it is shown
+SCENES = {}  # by `scene_of`, the oldest first
+NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS = {}, {}
+IMAGE = ("IMAGE", {"tooltip": "Pictures, one or a batch."})
+MASK = ("MASK", {"tooltip": "White on the people: one for all pictures, or one for each. Found if none is given."})
+ENCODING = (["sRGB", "linear"], {"tooltip": "Linear if it comes from a loader of EXR or HDR files."})
 
 
 @cache
@@ -33,72 +46,90 @@ def relighter():
     return load()
 
 
-@lru_cache(MEMORY)
-def scene_of(shape, pixels, coverage):
-    """Infers the people of a picture, once, and shows the notes on it.
+def scene_of(pixels, coverage):
+    """Infers the people of a picture, once, and logs the notes on it.
 
     Args:
-        shape: (H, W).
-        pixels: bytes of (H,W,3) uint16 sRGB.
-        coverage: bytes of (H,W) uint8; None to find the people.
+        pixels: (H,W,3) uint16 sRGB, or float32 linear.
+        coverage: (H,W) uint8; None to find the people.
     """
-    mask = None if coverage is None else np.frombuffer(coverage, np.uint8).reshape(shape)
-    scene = relighter().scene(np.frombuffer(pixels, np.uint16).reshape(*shape, 3), mask)
-    for note in scene.notes:
-        warnings.warn(note, stacklevel=2)
-    return scene
+    parts = (part for part in (pixels, coverage) if part is not None)
+    key = (pixels.shape, *(hashlib.blake2b(part).digest() for part in parts))
+    if key not in SCENES:
+        scene = relighter().scene(pixels, coverage)
+        while SCENES and sum(kept.picture.pixels.size for kept in [scene, *SCENES.values()]) > 3 * MEMORY:
+            del SCENES[next(iter(SCENES))]
+        SCENES[key] = scene
+        log(scene.notes)
+    return SCENES[key]
 
 
-def scenes(image, mask):
-    """Returns the scene of each picture of an IMAGE, with the MASK of its people, or None to find them."""
-    return [
-        scene_of(picture.shape[:2], picture.tobytes(), None if coverage is None else coverage.tobytes())
-        for picture, coverage in zip(pictures(image), coverages(mask, len(image)))
-    ]
+def log(notes):
+    """Shows notes in ComfyUI's console."""
+    for note in notes:
+        logging.warning("relight: %s", note)
 
 
-def pictures(image):
-    """Returns the pictures (H,W,3) uint16 of an IMAGE; 16 bits keep what ComfyUI's floats hold beyond 8."""
-    return np.round(image[..., :3].cpu().numpy().clip(0, 1) * 65535).astype(np.uint16)
+def each(image, mask, encoding, find):
+    """Yields the index of each picture of an IMAGE that shows people, and what `find` returns for it.
+
+    Between pictures the user may interrupt. What shows nobody is named in the console.
+
+    Args:
+        image: (B,H,W,C).
+        mask: of one picture for all, or of each; None to find the people.
+        encoding: of the image, "sRGB" or "linear".
+        find: function of the pixels and the coverage of a picture, as `scene_of` takes them.
+    """
+    bar = comfy.utils.ProgressBar(len(image))
+    for i, (picture, coverage) in enumerate(zip(image, coverages(mask, image.shape[:3]))):
+        comfy.model_management.throw_exception_if_processing_interrupted()
+        try:
+            yield i, find(pixels_of(picture, encoding), coverage)
+        except NobodyFound as error:
+            log([f"picture {i + 1} of {len(image)} is passed on as it is: {error}"])
+        bar.update(1)
 
 
-def coverages(mask, count):
-    """Returns the coverage (H,W) uint8 of each of `count` pictures by a MASK of one for each or for all, or None."""
+def pixels_of(picture, encoding):
+    """Returns a picture (H,W,C) as (H,W,3) uint16 sRGB, or as float32 linear if it is linear or has values above 1."""
+    if encoding == "linear" or not picture[..., :3].max() <= 1:
+        return linear_of(picture, encoding)
+    pixels = np.empty((*picture.shape[:2], 3), np.uint16)
+    for first, last in strips(0, len(pixels)):
+        codes = picture[first:last, :, :3].float().cpu().numpy()
+        pixels[first:last] = np.round(codes.clip(0) * 65535)
+    return pixels
+
+
+def linear_of(picture, encoding):
+    """Returns a picture (H,W,C) as (H,W,3) float32 linear; sRGB codes above 1 go on along the curve."""
+    values = picture[..., :3].float().cpu().numpy()
+    return (srgb.decode(values) if encoding == "sRGB" else values).astype(np.float32)
+
+
+def encoded(linear, encoding):
+    """Returns linear values as `linear_of` takes them."""
+    if encoding == "linear":
+        return linear
+    return srgb.encode(linear) + 1.055 * (np.maximum(linear, 1) ** (1 / 2.4) - 1)
+
+
+def coverages(mask, shape):
+    """Returns the coverage (H,W) uint8 of each picture of an IMAGE of `shape` (B,H,W) by a MASK, or None.
+
+    A mask of another size is resized as ComfyUI does it.
+    """
+    count, *size = shape
     if mask is None:
         return [None] * count
-    masks = np.round(255 * mask.reshape(-1, *mask.shape[-2:]).cpu().numpy().clip(0, 1)).astype(np.uint8)
+    masks = mask.reshape(-1, 1, *mask.shape[-2:]).float().cpu()
     if len(masks) not in (1, count):
         raise ValueError(f"there are {len(masks)} masks for {count} pictures: give one, or one for each")
-    return list(masks) if len(masks) == count else [masks[0]] * count
-
-
-def to_image(arrays):
-    """Returns an IMAGE of arrays (H,W,3), or a MASK of arrays (H,W), of one shape; uint8 and uint16 become [0,1]."""
-    scale = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535}.get(arrays[0].dtype, 1)
-    return torch.from_numpy(np.stack([np.asarray(array, np.float32) / np.float32(scale) for array in arrays]))
-
-
-def infer_maps(scene):
-    """Returns what the network infers about a picture, resampled to its pixels as `relight photo --maps` writes it.
-
-    Returns:
-        Albedo (H,W,3) and half the shading (H,W,3), sRGB codes in [0,1]; coverage (H,W) in [0,1]; and normals (H,W,3)
-        coded as (n + 1) / 2.
-    """
-    channels, top, left = layers(scene)
-
-    def whole(*names):
-        """Returns channels by name, (H,W,number of names), at the size of the picture."""
-        part = np.stack([channels[name] for name in names], -1)
-        values = np.zeros((*scene.picture.shape, len(names)), np.float32)
-        values[top : top + part.shape[0], left : left + part.shape[1]] = part
-        return values
-
-    albedo, shading = (whole(*(f"{layer}.{c}" for c in "RGB")) for layer in ("albedo", "shading"))
-    shown = (srgb.encode(values.clip(0, 1)) for values in (albedo, DISPLAY_STRENGTH * shading))
-    coverage, normal = whole("coverage.A")[..., 0], whole("normal.X", "normal.Y", "normal.Z")
-    normal[coverage == 0] = 0, 0, 1
-    return (*shown, coverage, (normal + 1) / 2)
+    if list(masks.shape[-2:]) != size:
+        masks = torch.nn.functional.interpolate(masks, size=size, mode="bilinear")
+    codes = (255 * masks[:, 0].clamp(0, 1)).round().to(torch.uint8).numpy()
+    return list(codes) if len(codes) == count else [codes[0]] * count
 
 
 def node(key, title, returns, optional=None, **required):
@@ -133,41 +164,61 @@ def node(key, title, returns, optional=None, **required):
     return register
 
 
-@node("RelightFindMask", "Mask of people", {"mask": "MASK"}, image=("IMAGE",))
-def find_mask(self, image):
+@node("RelightFindMask", "Mask of people", {"mask": "MASK"}, {"encoding": ENCODING}, image=IMAGE)
+def find_mask(self, image, encoding="sRGB"):
     """White on the people of a picture. Needs `relight mask setup`, once, in ComfyUI's environment."""
-    return (to_image([masked(Picture.of(picture)).coverage for picture in pictures(image)]),)
-
-
-@node("RelightNamedLight", "Light by name", {"light": LIGHT}, light=("STRING", {"default": "room:7"}))
-def named_light(self, light):
-    """room:7, sky:3, lamps:5, key:#ffd9a0@70,20,0.15 (color, degrees right and up, fill), or a file."""
-    return (relighter().read_light(light),)
-
-
-def changed(cls, light):
-    """Returns a value that differs when the light does: for a file, its name and its time of change."""
-    path = Path(light)
-    return (light, path.stat().st_mtime_ns) if path.is_file() else light
-
-
-NODE_CLASS_MAPPINGS["RelightNamedLight"].IS_CHANGED = classmethod(changed)
+    found = torch.zeros(image.shape[:3])
+    for i, coverage in each(image, None, encoding, lambda pixels, _: masked(Picture.of(pixels)).coverage):
+        found[i] = torch.from_numpy(coverage) / 255
+    return (found,)
 
 
 @node(
-    "RelightPanoramaLight",
-    "Light of a panorama",
+    "RelightNamedLight",
+    "Light by name",
     {"light": LIGHT},
-    panorama=("IMAGE",),
-    encoding=(["sRGB", "linear"],),
+    light=("STRING", {"default": "room:7", "tooltip": "A name as below, or the path of a file on ComfyUI's machine."}),
 )
+def named_light(self, light):
+    """room:7, sky:3, lamps:5, key:#ffd9a0@70,20,0.15 (color, degrees right and up, fill), or a file."""
+    return (light_of(changed(None, light)),)
+
+
+def changed(cls, light):
+    """Returns a value that differs when the light does: its name, and for a file its time of change."""
+    path = Path(light)
+    return light, path.stat().st_mtime_ns if path.is_file() else 0
+
+
+@lru_cache(64)
+def light_of(state):
+    """Reads the light of what `changed` returned, and logs the notes on it."""
+    light = relighter().read_light(state[0])
+    log(light.notes if light else ())
+    return light
+
+
+def validated(cls, light):
+    """Returns True, or what is wrong with a light; one that comes by a link is None, and photos take too long."""
+    try:
+        if light is not None and not is_of_person(light):
+            light_of(changed(cls, light))
+    except UserError as error:
+        return str(error)
+    return True
+
+
+NODE_CLASS_MAPPINGS["RelightNamedLight"].IS_CHANGED = classmethod(changed)
+NODE_CLASS_MAPPINGS["RelightNamedLight"].VALIDATE_INPUTS = classmethod(validated)
+
+
+@node("RelightPanoramaLight", "Light of a panorama", {"light": LIGHT}, panorama=IMAGE, encoding=ENCODING)
 def panorama_light(self, panorama, encoding):
     """Light of a lat-long panorama, whose middle is in front of the camera; of the first, if there are several.
-    Choose linear if it comes from a loader of EXR or HDR files. Negative values count as 0."""
-    values = panorama[0, ..., :3].cpu().numpy().astype(np.float32)
-    if values.shape[1] != 2 * values.shape[0]:
-        raise ValueError(f"the panorama is {values.shape[1]} x {values.shape[0]}: give one twice as wide as high")
-    pixels = srgb.decode(values.clip(0, 1)).astype(np.float32) if encoding == "sRGB" else values.clip(0)
+    Negative values count as 0."""
+    pixels = linear_of(panorama[0], encoding).clip(0)
+    if pixels.shape[1] != 2 * pixels.shape[0]:
+        raise ValueError(f"the panorama is {pixels.shape[1]} x {pixels.shape[0]}: give one twice as wide as high")
     panorama = Panorama(pixels, source="panorama of ComfyUI")
     return (Light(project(panorama, relighter().order), panorama.source, panorama),)
 
@@ -176,32 +227,49 @@ def panorama_light(self, panorama, encoding):
     "RelightRelight",
     "Relight people",
     {"image": "IMAGE", "mask": "MASK"},
-    {"mask": ("MASK",), "background": ("IMAGE",)},
-    image=("IMAGE",),
-    light=(LIGHT,),
-    mode=(["ratio", "full"],),
-    strength=([MATCHED, "its own"],),
-    turn=("FLOAT", {"default": 0.0, "min": -180.0, "max": 180.0, "step": 1.0}),
-    stops=("FLOAT", {"default": 0.0, "min": -8.0, "max": 8.0, "step": 0.1}),
+    {"mask": MASK, "background": ("IMAGE", {"tooltip": "Behind the people, in turn."}), "encoding": ENCODING},
+    image=IMAGE,
+    light=(LIGHT, {"tooltip": "The new light."}),
+    mode=(["ratio", "full"], {"tooltip": "Ratio keeps all detail of the picture; full is albedo times shading."}),
+    strength=([MATCHED, "its own"], {"tooltip": "Whether the light is scaled to the picture's exposure."}),
+    turn=("FLOAT", {"default": 0.0, "min": -180.0, "max": 180.0, "step": 1.0, "tooltip": "Of the light, degrees."}),
+    stops=("FLOAT", {"default": 0.0, "min": -8.0, "max": 8.0, "step": 0.1, "tooltip": "Exposure, powers of two."}),
 )
-def relight(self, image, light, mode, strength, turn, stops, mask=None, background=None):
-    """The people of a picture under another light. Mode ratio keeps all detail of the picture. The mask is found if
-    none is given; several backgrounds are used in turn."""
-    behind = ["keep"] if background is None else pictures(background)
+def relight(self, image, light, mode, strength, turn, stops, mask=None, background=None, encoding="sRGB"):
+    """The people of a picture under another light. What is not of them stays as it is."""
+    behind = ["keep"] if background is None else [pixels_of(picture, encoding) for picture in background]
     looks = [Look(light, mode, picture, turn, stops, strength == MATCHED) for picture in behind]
-    found = scenes(image, mask)
-    images = [scene.relit(looks[i % len(looks)]) for i, scene in enumerate(found)]
-    return to_image(images), to_image([scene.picture.coverage for scene in found])
+    out, alpha = image[..., :3].float().cpu().clone(), torch.zeros(image.shape[:3])
+    for i, scene in each(image, mask, encoding, scene_of):
+        relit, coverage = scene.relit(looks[i % len(looks)]), scene.picture.coverage
+        alpha[i] = torch.from_numpy(coverage) / 255
+        for rows in (slice(*part) for part in strips(0, len(relit))):
+            part = relit[rows]
+            part = part / np.float32(65535) if part.dtype == np.uint16 else encoded(part, encoding)
+            own = np.full(part.shape[:2], True) if background is not None else coverage[rows] > 0
+            out[i, rows].numpy()[own] = part[own]
+    return out, alpha
 
 
 @node(
     "RelightInferMaps",
     "Albedo, shading and normals of people",
     {"albedo": "IMAGE", "shading": "IMAGE", "mask": "MASK", "normal": "IMAGE"},
-    {"mask": ("MASK",)},
-    image=("IMAGE",),
+    {"mask": MASK, "encoding": ENCODING},
+    image=IMAGE,
 )
-def maps_of(self, image, mask=None):
+def maps_of(self, image, mask=None, encoding="sRGB"):
     """What the network infers, 0 where nobody is. The shading is shown at half its strength. Normals are mean
     unoccluded directions as in OpenGL, (n + 1) / 2, toward the camera where nobody is."""
-    return tuple(to_image(kind) for kind in zip(*map(infer_maps, scenes(image, mask))))
+    maps = [torch.zeros(*image.shape[:3], 3) for _ in range(3)]
+    alpha, maps[2][:] = torch.zeros(image.shape[:3]), torch.tensor([0.5, 0.5, 1])
+    for i, scene in each(image, mask, encoding, scene_of):
+        alpha[i] = torch.from_numpy(scene.picture.coverage) / 255
+        for person in scene.people:
+            fits = person.fitted_albedo, person.fitted_transport
+            for window, own, albedo, transport in placed_maps(person, scene.picture.pixels, fits):
+                lit = DISPLAY_STRENGTH * shading(transport, person.light)
+                shown = encoded(albedo**2, encoding), encoded(lit, encoding), (mean_direction(transport) + 1) / 2
+                for out, values in zip(maps, shown):
+                    out[i].numpy()[window][own] = values
+    return maps[0], maps[1], alpha, maps[2]

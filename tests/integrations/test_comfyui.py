@@ -7,6 +7,7 @@ import re
 import sys
 import tomllib
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,8 +26,39 @@ WEB = ROOT / "relight" / "viewer" / "web"
 PLAIN = ("ratio", "matched to the picture", 0.0, 0.0)
 
 
+class Interrupted(Exception):
+    """As ComfyUI's InterruptProcessingException."""
+
+
 @pytest.fixture(scope="module")
-def pack():
+def comfy():
+    """What the nodes use of ComfyUI's own modules: `interrupt` at a check after so many, and `progress`, the calls."""
+    state = SimpleNamespace(interrupt=-1, progress=[])
+
+    def check():
+        state.interrupt -= 1
+        if state.interrupt == -1:
+            raise Interrupted
+
+    class ProgressBar:
+        def __init__(self, total):
+            state.progress.append(total)
+
+        def update(self, value):
+            state.progress.append(value)
+
+    parts = {name: ModuleType(name) for name in ("comfy", "comfy.model_management", "comfy.utils")}
+    parts["comfy.model_management"].throw_exception_if_processing_interrupted = check
+    parts["comfy.utils"].ProgressBar = ProgressBar
+    with pytest.MonkeyPatch.context() as patch:
+        for name, module in parts.items():
+            setattr(parts["comfy"], name.rpartition(".")[2], module)
+            patch.setitem(sys.modules, name, module)
+        yield state
+
+
+@pytest.fixture(scope="module")
+def pack(comfy):
     """The folder, imported under a name made of its path, as ComfyUI does."""
     name = str(PACK).replace(".", "_x_")
     spec = importlib.util.spec_from_file_location(name, PACK / "__init__.py")
@@ -53,6 +85,7 @@ def test_every_node_declares_what_comfyui_reads(pack, nodes):
     assert nodes.keys() == pack.NODE_DISPLAY_NAME_MAPPINGS.keys()
     for node in nodes.values():
         inputs = node.INPUT_TYPES()
+        assert all(options["tooltip"] for part in inputs.values() for _, options in part.values())
         names = [*inputs["required"], *inputs.get("optional", {})]
         run = getattr(node, node.FUNCTION)
         assert list(run.__code__.co_varnames[1 : run.__code__.co_argcount]) == names
@@ -68,7 +101,7 @@ def test_relight_changes_the_people_alone(nodes, portrait):
     assert relit.shape == image.shape and relit.dtype == torch.float32 and 0 <= relit.min() and relit.max() <= 1
     assert (alpha - mask).abs().mean() < 0.01, "but for its edge, which is fitted to the image"
     outside = alpha[0] == 0
-    torch.testing.assert_close(relit[0][outside], image[0][outside], atol=1e-4, rtol=0)
+    assert torch.equal(relit[0][outside], image[0][outside])
     red, blue = (relit / image.clamp_min(0.02))[0][mask[0] == 1].mean(0)[[0, 2]]
     assert red > 1.2 * blue
 
@@ -76,7 +109,7 @@ def test_relight_changes_the_people_alone(nodes, portrait):
 def test_relight_by_the_inferred_light_gives_back_the_image(pack, nodes, portrait):
     image, mask = portrait
     module = sys.modules[nodes["RelightRelight"].__module__]
-    (scene,) = module.scenes(image, mask)
+    ((_, scene),) = module.each(image, mask, "sRGB", module.scene_of)
     relit, _ = nodes["RelightRelight"]().run(image, Light(scene.light, "astronaut.jpg"), *PLAIN, mask)
     torch.testing.assert_close(relit, image, atol=2e-5, rtol=0)
 
@@ -84,7 +117,7 @@ def test_relight_by_the_inferred_light_gives_back_the_image(pack, nodes, portrai
 def test_inference_is_done_once_for_a_picture_and_its_mask(nodes, portrait, monkeypatch):
     image, mask = portrait
     module = sys.modules[nodes["RelightRelight"].__module__]
-    module.scene_of.cache_clear()
+    module.SCENES.clear()
     calls, scene = [], module.relighter().scene
     monkeypatch.setattr(module.relighter(), "scene", lambda *words: calls.append(1) or scene(*words))
     for name in ("room:1", "room:2"):
@@ -104,6 +137,103 @@ def test_batches_take_one_mask_or_one_each(nodes, portrait):
     torch.testing.assert_close(relit[:1], alone)
     with pytest.raises(ValueError, match="2 masks for 1 pictures"):
         nodes["RelightRelight"]().run(image, light, *PLAIN, masks)
+
+
+@pytest.mark.parametrize("kind", ["empty", "white", "a small one", "opaque"])
+def test_a_frame_that_shows_nobody_passes_as_it_is(nodes, portrait, caplog, kind):
+    image, mask = portrait
+    (light,) = nodes["RelightNamedLight"]().run("room:3")
+    nobody = {"empty": torch.zeros_like(mask), "white": torch.ones_like(mask), "a small one": torch.zeros_like(mask)}
+    if kind == "a small one":
+        nobody[kind][0, 3:6, 3:6] = 1
+    if kind == "opaque":  # ComfyUI's mask of a picture without alpha
+        relit, alpha = nodes["RelightRelight"]().run(image, light, *PLAIN, torch.zeros(1, 64, 64))
+        assert torch.equal(relit, image) and not alpha.any() and alpha.shape == mask.shape
+        return
+    pair, masks = torch.cat([image.flip(2), image]), torch.cat([nobody[kind], mask])
+    relit, alpha = nodes["RelightRelight"]().run(pair, light, *PLAIN, masks)
+    alone, own = nodes["RelightRelight"]().run(image, light, *PLAIN, mask)
+    assert torch.equal(relit[0], pair[0]) and not alpha[0].any()
+    torch.testing.assert_close((relit[1:], alpha[1:]), (alone, own))
+    assert "picture 1 of 2 is passed on as it is" in caplog.text and "picture 2" not in caplog.text
+    maps = nodes["RelightInferMaps"]().run(pair, masks)
+    assert not any(values[0].any() for values in maps[:3]) and maps[0][1].any()
+    assert (maps[3][0] == torch.tensor([0.5, 0.5, 1])).all()
+
+
+@pytest.mark.parametrize("name", ["RelightRelight", "RelightInferMaps", "RelightFindMask"])
+def test_every_frame_is_a_step_that_can_be_interrupted(nodes, portrait, comfy, monkeypatch, name):
+    image, mask = portrait
+    batch = image.repeat(3, 1, 1, 1)
+    module = sys.modules[nodes[name].__module__]
+    monkeypatch.setattr(module, "masked", lambda picture: SimpleNamespace(coverage=np.zeros(picture.shape, np.uint8)))
+    (light,) = nodes["RelightNamedLight"]().run("room:3")
+    given = {"RelightRelight": (light, *PLAIN, mask), "RelightInferMaps": (mask,), "RelightFindMask": ()}[name]
+    comfy.progress.clear()
+    nodes[name]().run(batch, *given)
+    assert comfy.progress == [3, 1, 1, 1]
+    comfy.progress.clear()
+    monkeypatch.setattr(comfy, "interrupt", 2)
+    with pytest.raises(Interrupted):
+        nodes[name]().run(batch, *given)
+    assert comfy.progress == [3, 1, 1]
+
+
+@pytest.mark.parametrize("kind", [torch.float16, torch.bfloat16])
+def test_half_floats_are_taken_as_they_are(nodes, portrait, kind):
+    image, mask = (values.to(kind) for values in portrait)
+    (light,) = nodes["RelightNamedLight"]().run("key:#ff8040@80,10,0.05")
+    half = nodes["RelightRelight"]().run(image, light, *PLAIN, mask)
+    full = nodes["RelightRelight"]().run(image.float(), light, *PLAIN, mask.float())
+    torch.testing.assert_close(half, full)
+    torch.testing.assert_close(
+        nodes["RelightInferMaps"]().run(image, mask), nodes["RelightInferMaps"]().run(image.float(), mask.float())
+    )
+
+
+@pytest.mark.parametrize("encoding", ["sRGB", "linear"])
+def test_values_above_one_stay(nodes, portrait, encoding):
+    """Under its own light a picture that is four times as bright stays so; codes go on along sRGB's curve."""
+    image, mask = portrait
+    module = sys.modules[nodes["RelightRelight"].__module__]
+    linear = 4 * srgb.decode(image[0].numpy()).astype(np.float32)
+    values = linear if encoding == "linear" else np.where(linear > 1, 1.055 * linear ** (1 / 2.4) - 0.055, 0)
+    if encoding == "sRGB":
+        values = np.where(linear > 1, values, srgb.encode(linear))
+    bright = torch.from_numpy(values.astype(np.float32))[None]
+    ((_, scene),) = module.each(bright, mask, encoding, module.scene_of)
+    np.testing.assert_allclose(scene.picture.pixels, linear, rtol=1e-4, atol=1e-6)
+    relit, _ = nodes["RelightRelight"]().run(bright, Light(scene.light, "astronaut.jpg"), *PLAIN, mask, None, encoding)
+    assert relit.max() > 1.5 and relit.dtype == torch.float32
+    torch.testing.assert_close(relit, bright, atol=1e-3, rtol=1e-3)
+    other, _ = nodes["RelightRelight"]().run(bright, load_light("room:3"), *PLAIN, mask, None, encoding)
+    assert other[mask > 0.5].max() > 1
+
+
+def test_a_mask_of_another_size_is_resized(nodes, portrait):
+    image, mask = portrait
+    (light,) = nodes["RelightNamedLight"]().run("room:3")
+    small = torch.nn.functional.interpolate(mask[None], scale_factor=0.5, mode="area")[0]
+    _, alpha = nodes["RelightRelight"]().run(image, light, *PLAIN, small)
+    assert alpha.shape == mask.shape and (alpha - mask).abs().mean() < 0.03
+
+
+def test_strips_leave_no_seam(nodes, portrait, monkeypatch):
+    image, mask = portrait
+    (light,) = nodes["RelightNamedLight"]().run("room:3")
+    whole = nodes["RelightRelight"]().run(image, light, *PLAIN, mask), nodes["RelightInferMaps"]().run(image, mask)
+    monkeypatch.setattr("relight.photos.render.STRIP", 50)
+    parts = nodes["RelightRelight"]().run(image, light, *PLAIN, mask), nodes["RelightInferMaps"]().run(image, mask)
+    torch.testing.assert_close(parts, whole, atol=3e-5, rtol=0)
+
+
+def test_without_relight_the_pack_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "relight.photos", None)
+    spec = importlib.util.spec_from_file_location("bare_pack", PACK / "__init__.py")
+    with pytest.raises(ImportError, match=r"relight is not installed, .*: with ComfyUI's Python, run `pip install \.`"):
+        spec.loader.exec_module(importlib.util.module_from_spec(spec))
+    lines = (PACK / "requirements.txt").read_text().splitlines()
+    assert all(line.startswith("#") for line in lines), "another package of that name may come to the index"
 
 
 def test_background_lies_behind_the_people(nodes, portrait):
@@ -147,6 +277,9 @@ def test_maps_times_each_other_are_about_the_image(nodes, portrait):
 def test_a_light_that_is_none_is_refused_in_one_sentence(nodes):
     with pytest.raises(UserError, match="room:x"):
         nodes["RelightNamedLight"]().run("room:x")
+    check = nodes["RelightNamedLight"].VALIDATE_INPUTS
+    assert "room:x" in check("room:x") and check("room:7") is True
+    assert check(None) is True, "it comes by a link"
 
 
 def test_a_changed_file_is_a_changed_light(nodes, tmp_path):
@@ -155,7 +288,7 @@ def test_a_changed_file_is_a_changed_light(nodes, tmp_path):
     node = nodes["RelightNamedLight"]
     before = node.IS_CHANGED(str(path))
     os.utime(path, ns=(1, 1))
-    assert node.IS_CHANGED(str(path)) != before and node.IS_CHANGED("room:7") == "room:7"
+    assert node.IS_CHANGED(str(path)) != before and node.IS_CHANGED("room:7") == node.IS_CHANGED("room:7")
 
 
 def test_the_example_workflow_runs(nodes, portrait):

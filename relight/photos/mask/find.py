@@ -13,7 +13,7 @@ from relight.maps.square import MASK_THRESHOLD
 from relight.photos.mask import selfie, u2net
 from relight.photos.mask.coverage import WANTED, coverage_of
 from relight.photos.mask.edge import fit_edge
-from relight.photos.mask.people import is_inverted
+from relight.photos.mask.people import NobodyFound, is_inverted
 from relight.photos.opening import decoding_errors, mask_beside, open_picture, orientation_of, require_still, upright
 from relight.photos.picture import Given, Picture
 
@@ -44,7 +44,7 @@ def masked(picture: Picture, mask: Given | None = None, model: Path | str | None
         transparent is not covered.
 
     Raises:
-        UserError: if there is no mask, or it is empty, full, of another size, or the picture itself.
+        UserError: if there is no mask, or it is empty or full (NobodyFound), of another size, or the picture itself.
     """
     alpha = picture.alpha
     if mask is None and picture.file is not None:
@@ -55,15 +55,15 @@ def masked(picture: Picture, mask: Given | None = None, model: Path | str | None
         coverage, said = read_mask(mask, picture.shape)
         notes, solid = [*notes, *said], coverage >= MASK_THRESHOLD
         if solid.all():
-            raise UserError(f"{what} covers the whole photo: {WANTED}")
+            raise NobodyFound(f"{what} covers the whole photo: {WANTED}")
         if not solid.any():
-            raise UserError(f"{what} is empty: no pixel of it is at least half white")
+            raise NobodyFound(f"{what} is empty: no pixel of it is at least half white")
         if _is_the_photo(coverage, picture.codes):
             raise UserError(f"{what} is the photo itself: {WANTED}")
         coverage = fit_edge(picture.pixels, coverage)
     else:
         if alpha is not None and not (alpha >= MASK_THRESHOLD).any():
-            raise UserError(f"{picture.what} has an alpha channel without any opaque pixel: nobody to relight")
+            raise NobodyFound(f"{picture.what} has an alpha channel without any opaque pixel: nobody to relight")
         if alpha is not None and has_outline(alpha):
             with suppress(UserError):  # of labels
                 coverage, said = coverage_of(alpha, "its alpha channel")
@@ -134,7 +134,7 @@ def automatic_mask(picture: Picture, model: Path | str | None = None) -> np.ndar
         Coverage (H,W) uint8, its edge fitted to the picture.
 
     Raises:
-        UserError: if there is no such network (NoMaskNetwork), or it finds nobody.
+        UserError: if there is no such network (NoMaskNetwork), or it finds nobody (NobodyFound).
     """
     path = automatic_model(model)
     if path is None:
@@ -144,7 +144,7 @@ def automatic_mask(picture: Picture, model: Path | str | None = None) -> np.ndar
     built_in = path == selfie.network_file()
     mask = selfie.segment(picture.codes) if built_in else u2net.segment(picture.codes, model or path)
     if not (mask >= MASK_THRESHOLD).any() or (mask >= MASK_THRESHOLD).all():
-        raise UserError(f"the automatic mask found nobody in {picture.what}: {BY_HAND}")
+        raise NobodyFound(f"the automatic mask found nobody in {picture.what}: {BY_HAND}")
     return fit_edge(picture.pixels, mask, automatic=True)
 
 

@@ -15,6 +15,10 @@ SIDES: dict[str, tuple[int | slice, ...]] = {
 }  # fmt: skip
 
 
+class NobodyFound(UserError):
+    """A picture shows nobody, or its mask says so."""
+
+
 def split_people(coverage: np.ndarray, share: float = 0.05) -> list[np.ndarray]:
     """Splits the mask of a photo into one for each person.
 
@@ -29,7 +33,7 @@ def split_people(coverage: np.ndarray, share: float = 0.05) -> list[np.ndarray]:
         Coverage maps (H,W) uint8, from left to right.
 
     Raises:
-        UserError: if no part has MIN_SIZE.
+        NobodyFound: if no part has MIN_SIZE.
     """
     solid = coverage >= MASK_THRESHOLD
     labels, count = label(solid, np.ones((3, 3)))
@@ -37,7 +41,7 @@ def split_people(coverage: np.ndarray, share: float = 0.05) -> list[np.ndarray]:
     areas[0] = 0
     large = [i for i in np.flatnonzero(areas >= share * areas.max()) if i and _has_min_size(labels == i)]
     if not large:
-        raise UserError(f"the mask holds no figure of at least {MIN_SIZE} pixels")
+        raise NobodyFound(f"the mask holds no figure of at least {MIN_SIZE} pixels")
     if len(large) == 1:
         return [coverage]
     nearest = distance_transform_edt(~np.isin(labels, large), return_distances=False, return_indices=True)
