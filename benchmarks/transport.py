@@ -56,7 +56,7 @@ def figure(path: Path | None, seed: int, per_subject: int = 1) -> Mesh:
         mesh = make_figure(seed, detail="full", texture=512, per_subject=per_subject)
     else:
         mesh = Mesh.load(path) if path.suffix == ".npz" else read_mesh(path)
-    return align(clean(mesh, cfg.clean), cfg.align)
+    return align(clean(mesh), cfg.align)
 
 
 def pixels(mesh: Mesh, caster: RayCaster, size: int, every: int) -> tuple[np.ndarray, ...]:

@@ -150,7 +150,7 @@ def benchmark(truth: str, answers: str) -> None:
 def baked(seed: int, size: int) -> tuple[Mesh, Maps]:
     """Returns the generated figure of a seed, and its maps."""
     settings = composed()
-    mesh = align(clean(make_figure(seed, detail="full", texture=1024), settings.clean), settings.align)
+    mesh = align(clean(make_figure(seed, detail="full", texture=1024)), settings.align)
     return mesh, bake(mesh, size, rays=256)
 
 

@@ -78,7 +78,7 @@ def report(
         Path | None, typer.Option("--out", "-o", help="Folder of the tables; by default the one that holds the first.")
     ] = None,
 ) -> None:
-    """Compare scored answers in tables: CSV, Markdown and LaTeX."""
+    """Compare scored answers in tables: CSV and Markdown."""
     from relight.benchmark.score import read_scores
     from relight.evaluation.report.formats import write_tables
 

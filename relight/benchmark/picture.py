@@ -1,7 +1,7 @@
 """Renders one picture of the benchmark: a path-traced figure as a camera takes it, with its ground truth."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -17,6 +17,7 @@ from relight.maps.square import Crop, extent, figure_means
 from relight.meshes import Mesh
 from relight.panoramas import Panorama, project
 from relight.photos.camera import camera_view
+from relight.settings import read_preset
 from relight.transport import Baker
 from relight.transport.tracer import PathTracer
 
@@ -87,9 +88,8 @@ def render_picture(recipe: PictureRecipe, mesh: Mesh, settings: Settings) -> Pic
         UserError: without Mitsuba.
     """
     size = settings.size
-    baker = Baker(mesh, settings.rays)
-    maps = baker.maps(size, SUPERSAMPLE, recipe.view)
-    camera = baker.camera(size, recipe.view)
+    baker = Baker(mesh, replace(read_preset("bake"), size=size, rays=settings.rays, supersample=SUPERSAMPLE))
+    maps, camera = baker.maps(recipe.view), baker.camera(recipe.view)
     brightness = BRIGHTNESS * 2**recipe.stops
     light, *new = (panorama(source, recipe.view.pitch, brightness) for source in (recipe.light, *recipe.new))
     tracer = PathTracer(mesh, size, camera, gloss=True)

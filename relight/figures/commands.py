@@ -61,9 +61,6 @@ def figures(
     per_subject: Annotated[
         int, typer.Option(min=1, help="Consecutive seeds that are one person in different poses.")
     ] = 1,
-    shading: Annotated[
-        float, typer.Option(min=0, max=1, help="Strength of shading baked into the albedo, as in scans.")
-    ] = 0,
     sitting: Annotated[float, typer.Option(min=0, max=1, help="Share of the figures that sit.")] = 0.08,
     pose: Annotated[list[str] | None, typer.Option(help="A pose; if repeated, each figure takes one of them.")] = None,
     garment: Annotated[list[str] | None, typer.Option(help="A garment; if repeated, all are worn together.")] = None,
@@ -101,7 +98,6 @@ def figures(
         "detail": detail,
         "texture": texture,
         "per_subject": per_subject,
-        "shading": shading,
         "constraints": Constraints(sitting, tuple(pose or ()), tuple(garment or ()), tuple(hair or ())),
     }
     tasks = [(seed, settings, out / f"g{seed:04d}.{export}") for seed in numbers]

@@ -30,7 +30,6 @@ def draw(name: str, figures: Figures, out: Path) -> None:
                 detail=figures.detail,
                 texture=figures.texture,
                 per_subject=figures.per_subject,
-                shading=figures.shading,
                 outfits=figures.outfits,
                 constraints=constraints,
             )

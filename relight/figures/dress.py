@@ -16,7 +16,6 @@ from relight.figures.pose import props
 from relight.figures.pose.clearance import clear_hands
 from relight.figures.pose.motion import build_motion
 from relight.figures.pose.stances import Pose
-from relight.figures.shading import shaded
 from relight.figures.surfaces import stacked
 from relight.figures.tailor.garments import room_for_hands
 from relight.figures.wear import DETAILS, Detail, drape_outfit
@@ -34,7 +33,6 @@ def make_figure(
     detail: str = "full",
     texture: int = 1024,
     per_subject: int = 1,
-    shading: float = 0.0,
     outfits: int = 1,
     constraints: Constraints = UNCONSTRAINED,
 ) -> Mesh:
@@ -46,7 +44,6 @@ def make_figure(
         texture: side of the largest texture in pixels, 64 or more.
         per_subject: number of consecutive seeds, from a multiple of it on, that are one person in one outfit, in
             other poses and expressions.
-        shading: strength in [0, 1] of the shading that is baked into the albedo, as scans have it.
         outfits: number of outfits; the materials of those after the first are in the mesh's `outfits`.
         constraints: on what is otherwise drawn at random.
 
@@ -61,10 +58,8 @@ def make_figure(
         raise UserError(f"figures.detail is {detail!r}; it must be one of {', '.join(DETAILS)}")
     if seed < 0 or texture < 64:
         raise UserError(f"a figure needs a seed >= 0 and a texture >= 64 pixels, not {seed} and {texture}")
-    if per_subject < 1 or not 0 <= shading <= 1:
-        raise UserError(f"a figure needs per_subject >= 1 and a shading in [0, 1], not {per_subject} and {shading}")
-    if outfits < 1:
-        raise UserError(f"a figure needs outfits >= 1, not {outfits}")
+    if per_subject < 1 or outfits < 1:
+        raise UserError(f"a figure needs per_subject >= 1 and outfits >= 1, not {per_subject} and {outfits}")
     colliders.init_warp()
     reasons: list[str] = []
     fineness = replace(DETAILS[detail], texture=texture)
@@ -73,7 +68,6 @@ def make_figure(
         draw = sample(seed, attempt, per_subject, sits, constraints)
         mesh, reason = attempt_figure(draw, seed, fineness, per_subject, outfits)
         if mesh is not None:
-            mesh = shaded(mesh, shading)
             mesh.info |= {"detail": detail, "redrawn": attempt, "redrawn_because": reasons}
             return mesh
         reasons.append(str(reason))

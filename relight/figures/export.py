@@ -18,10 +18,8 @@ from relight.meshes import Material, Mesh, vertex_normals
 from relight.meshes.gltf_file import BINARY_CHUNK, JSON_CHUNK
 
 FORMATS = ("glb", "npz")
-LICENCE = "CC0-1.0"
-ASSET = {
-    "version": "2.0",
-    "generator": "relight",
+LICENCE = "CC0-1.0"  # of generated figures
+CC0 = {
     "copyright": "No rights reserved: dedicated to the public domain under CC0 1.0",
     "extras": {"license": LICENCE, "url": "https://creativecommons.org/publicdomain/zero/1.0/"},
 }
@@ -116,10 +114,11 @@ class Document:
         gloss = {"extensions": {SPECULAR: {"specularFactor": material.specular}}}
         return self.append("materials", named | {"pbrMetallicRoughness": surface, "doubleSided": True} | gloss)
 
-    def write(self, path: Path, root: int) -> None:
+    def write(self, path: Path, root: int, licence: str | None) -> None:
         """Writes the document as .glb, whole or not at all, with node `root` (an index) as that of the scene."""
         self.blob.extend(b"\0" * (-len(self.blob) % 4))  # chunks are multiples of 4 bytes
-        head = {"asset": ASSET, "extensionsUsed": [SPECULAR], "scene": 0, "scenes": [{"nodes": [root]}]}
+        asset = {"version": "2.0", "generator": "relight", **(CC0 if licence == LICENCE else {})}
+        head = {"asset": asset, "extensionsUsed": [SPECULAR], "scene": 0, "scenes": [{"nodes": [root]}]}
         head |= {"buffers": [{"byteLength": len(self.blob)}]}
         text = json.dumps(head | self.lists).encode()
         text += b" " * (-len(text) % 4)
@@ -134,7 +133,7 @@ def write_glb(mesh: Mesh, path: Path) -> None:
     """Writes binary glTF 2.0: a node named after the figure, with a child named after each material.
 
     Units and frame are those of glTF: metres, y up, facing +z. The root node's `extras` are the mesh's info, those of
-    the asset are the licence.
+    the asset are its licence if that is CC0.
 
     Args:
         mesh: a generated figure, in its own outfit.
@@ -162,7 +161,7 @@ def write_glb(mesh: Mesh, path: Path) -> None:
         part = document.append("meshes", {"name": name, "primitives": [primitive]})
         parts.append(document.append("nodes", {"name": name, "mesh": part}))
     root = {"name": mesh.info.get("name", "figure"), "children": parts, "extras": mesh.info}
-    document.write(path, document.append("nodes", root))
+    document.write(path, document.append("nodes", root), mesh.info.get("licence"))
 
 
 def export(mesh: Mesh, path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Iterator
-from importlib.util import find_spec
 from pathlib import Path
 
 from relight.core.errors import UserError
@@ -23,9 +22,9 @@ def check(plan: Plan, folder: Path) -> None:
         folder: the working directory.
 
     Raises:
-        UserError: if a row, a folder, a file or a missing package would make the workflow fail later.
+        UserError: if a row, a folder or a file would make the workflow fail later.
     """
-    for sentence in (*_files(plan), *_data(plan, folder), *_packages(plan), *_rows(plan)):
+    for sentence in (*_files(plan), *_data(plan, folder), *_rows(plan)):
         raise UserError(sentence)
 
 
@@ -40,8 +39,8 @@ def check_figures(plan: Plan) -> None:
 
 def _files(plan: Plan) -> Iterator[str]:
     """Yields messages about the user's files."""
-    named = {"align.table": plan.shared["align"]["table"], "lights.veto": plan.shared["lights"]["veto"]}
-    files = [existing_file(path, key) for key, path in named.items() if path]
+    table = plan.shared["align"]["table"]
+    files = [existing_file(table, "align.table")] if table else []
     files += [*map(Path, plan.panoramas + plan.table), *(scan.path for scan in plan.scans.values())]
     limit = time.time() + MAX_CLOCK_SKEW
     for path in files:
@@ -59,14 +58,6 @@ def _data(plan: Plan, folder: Path) -> Iterator[str]:
     for key, value in flat({group: plan.shared[group] for group in DATA_GROUPS}).items():
         if made.get(key, value) != value:
             yield f"data={name} has {key}={made[key]}, and this run asks for {value}: leave out one of the two"
-
-
-def _packages(plan: Plan) -> Iterator[str]:
-    """Yields messages about what the experiments lack."""
-    if "path_traced" in plan.experiments and find_spec("mitsuba") is None:
-        yield "experiment=path_traced needs Mitsuba, which is not installed here: pip install '.[bench]'"
-    if "path_traced" in plan.experiments and plan.shared["bake"]["bounces"]:
-        yield "experiment=path_traced separates direct from bounced light, and needs bake.bounces=0"
 
 
 def _rows(plan: Plan) -> Iterator[str]:

@@ -27,9 +27,6 @@ def split_figures(
 
     - `subject` draws whole subjects until the test has the share `split.test`: no person is on both sides.
     - `paper` draws figures at random (section 5): figures of one person may be on both sides.
-    - `disjoint` and `siblings` have the same test figures and equally many training figures. Every second figure of the
-      test subjects is a test figure; the others are its siblings. `siblings` trains on them instead of the same number
-      of figures of other people. So the two differ only in whether the training includes the test subjects.
 
     The validation gets whole subjects with `subject`, and single figures otherwise; none if only one is left.
 
@@ -51,9 +48,8 @@ def split_figures(
     seated = [name for name in names if name in sitting]
     subjects = [subject for name, subject in zip(names, subjects) if name not in sitting]
     names = [name for name in names if name not in sitting]
-    paired = split.kind in ("disjoint", "siblings")
     unit_of = dict(zip(names, subjects if split.kind == "subject" else names))
-    train, test = sibling_split(names, subjects, split) if paired else subject_split(unit_of, split)
+    train, test = subject_split(unit_of, split)
     wanted = min(MAX_VALIDATION, VALIDATION * len(train))
     held_out = draw(
         {name: unit_of[name] for name in train}, wanted, np.random.default_rng([split.seed, VALIDATION_DRAWS])
@@ -126,49 +122,6 @@ def subject_split(unit_of: Mapping[str, str], split: Split) -> tuple[list[str], 
         )
     test = draw(unit_of, split.test * len(unit_of), np.random.default_rng(split.seed))
     return [name for name in unit_of if name not in test], test
-
-
-def sibling_split(names: list[str], subjects: list[str], split: Split) -> tuple[list[str], list[str]]:
-    """Splits figures so that the training has others of the test subjects, or none (`siblings`, `disjoint`).
-
-    Every second figure of a test subject is a test figure, and the others are its siblings. `siblings` trains on them
-    in place of the same number of figures of other people; `disjoint` trains on other people alone.
-
-    Args:
-        names: of the figures.
-        subjects: the person of each.
-        split: share `test` of the test figures, seed and kind.
-
-    Returns:
-        Names of the figures for training, and of those for the test.
-
-    Raises:
-        UserError: if too few people have several figures, or too few figures are of other people.
-    """
-    figures_of: dict[str, list[str]] = {}
-    for name, subject in zip(names, subjects):
-        figures_of.setdefault(subject, []).append(name)
-    several = sorted(subject for subject, figures in figures_of.items() if len(figures) > 1)
-    rng = np.random.default_rng(split.seed)
-    rng.shuffle(several)
-    test: set[str] = set()
-    siblings: set[str] = set()
-    used: set[str] = set()
-    for subject in several:
-        if len(test) >= split.test * len(names):
-            break
-        test |= set(figures_of[subject][::2])
-        siblings |= set(figures_of[subject][1::2])
-        used.add(subject)
-    others = [name for name, subject in zip(names, subjects) if subject not in used]
-    if not test or len(others) <= len(siblings):
-        raise UserError(
-            f"split.kind={split.kind} needs several figures of one person and more of other people: {len(several)} of "
-            f"{len(figures_of)} subjects have several; give figures.per_subject=4 and a larger figures.count"
-        )
-    dropped = set(rng.permutation(others)[: len(siblings)].tolist())
-    trained = set(others) if split.kind == "disjoint" else (set(others) - dropped) | siblings
-    return [name for name in names if name in trained], [name for name in names if name in test]
 
 
 def is_seated(info: Mapping[str, Any]) -> bool:

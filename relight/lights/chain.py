@@ -186,34 +186,19 @@ def file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarra
         The light (K,3) and the reader's repairs; or, for a file that cannot be read, the message of the error, since
         one bad file must not end a long run.
     """
+    path = Path(panoramas.folder or "") / source
     try:
-        panorama = read_from_folder(source, panoramas)
+        require_safe_name(path)
+        panorama = read_panorama(
+            path,
+            layout=panoramas.layout,
+            flip=panoramas.flip,
+            repair=panoramas.repair,
+            upside_down=panoramas.upside_down,
+        )
         return project(panorama, order), panorama.repairs
     except UserError as error:
         return str(error)
-
-
-def read_from_folder(source: str, panoramas: Panoramas, yaw: float = 0.0) -> Panorama:
-    """Reads one panorama of a folder as the settings say.
-
-    Args:
-        source: path of the file within `panoramas.folder`.
-        panoramas: layout, orientation and repair.
-        yaw: degrees of rotation about the vertical, from +z toward +x.
-
-    Raises:
-        UserError: if the name of the file is unsafe, or it is no panorama of this layout.
-    """
-    path = Path(panoramas.folder or "") / source
-    require_safe_name(path)
-    return read_panorama(
-        path,
-        layout=panoramas.layout,
-        yaw=yaw,
-        flip=panoramas.flip,
-        repair=panoramas.repair,
-        upside_down=panoramas.upside_down,
-    )
 
 
 def parallel_map(function: Callable[[str], Projected], items: list[str]) -> Iterator[Projected]:

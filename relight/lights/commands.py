@@ -12,7 +12,7 @@ LIGHT = Annotated[
     str,
     typer.Argument(
         help="A panorama (.hdr, .exr), coefficients (.npy, .json), a photo of a place (street.jpg, street.jpg@-60,40), "
-        "hall, probe:grace, room:7, key:#ffeedd@45,30. With --out sheet.png also a set of lights (.npz)."
+        "hall, room:7, key:#ffeedd@45,30. With --out sheet.png also a set of lights (.npz)."
     ),
 ]
 ORDER = Annotated[int, typer.Option(min=0, max=6, help="Order of the spherical harmonics; 2 gives nine coefficients.")]

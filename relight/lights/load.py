@@ -29,23 +29,6 @@ IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})")
 FILL = 0.2  # default irradiance of the fill, relative to the key light's
 MAX_BYTES = 1 << 20  # of a file of coefficients
 
-# Printed measured lights. Grace, Eucalyptus and St. Peter's: Ramamoorthi & Hanrahan 2001, figure 2 (Grace with the six
-# digits and units of their prefilter.c). Kitchen and Galileo: the OpenGL Shading Language book. Rows in the convention
-# `ramamoorthi2001`, columns red, green, blue. Many copies have errors (Grace L22 green -.5 for -.05; Eucalyptus L2-2
-# blue +.04, L2-1 green +.01).
-GRACE = """ .078908  .043710  .054161   .039499  .034989  .060488  -.033974 -.018236 -.026940
-           -.029213 -.005562  .000944  -.011141 -.005090 -.012231  -.026240 -.022401 -.047479
-           -.015570 -.009471 -.014733   .056014  .021444  .013915   .021205 -.005432 -.030374"""
-EUCALYPTUS = """ .38 .43 .45   .29 .36 .41   .04 .03 .01  -.10 -.10 -.09  -.06 -.06 -.04
-                 .01 -.01 -.05  -.09 -.13 -.15  -.06 -.05 -.04   .02 .00 -.05"""
-ST_PETERS = """ .36 .26 .23   .18 .14 .13  -.02 -.01 .00   .03 .02 .00   .02 .01 .00
-               -.05 -.03 -.01  -.09 -.08 -.07   .01 .00 .00  -.08 -.03 .00"""
-KITCHEN = """ .64 .67 .73   .28 .32 .33   .42 .60 .77  -.05 -.04 -.02  -.10 -.08 -.05
-              .25 .39 .53   .38 .54 .71   .06 .01 -.02  -.03 -.02 -.03"""
-GALILEO = """1.04 .76 .71   .44 .34 .34  -.22 -.18 -.17   .71 .54 .56   .64 .50 .52
-             -.12 -.09 -.08  -.37 -.28 -.29  -.17 -.13 -.13   .55 .42 .42"""
-PROBES = {"grace": GRACE, "eucalyptus": EUCALYPTUS, "stpeters": ST_PETERS, "kitchen": KITCHEN, "galileo": GALILEO}
-
 
 def load_light(
     text: str | Path,
@@ -65,7 +48,6 @@ def load_light(
     probe.npy, .txt, .csv, .json    coefficients
     lights.npz:12                   row 12 of a light set
     room:7, sky:3, lamps:5, room:7:40  a generated panorama, the last one rotated by 40 degrees
-    probe:grace                     a printed measured light: grace, eucalyptus, stpeters, kitchen, galileo
     key:#ffeedd@45,30,0.2           a distant lamp of this sRGB color, 45 degrees to the right of the camera and 30
                                     degrees up, with a constant fill of 0.2 times its irradiance (at least 0)
     place:street.jpg                an estimate from a photograph of a place (relight.photos.place)
@@ -112,8 +94,6 @@ def load_light(
         light = Light(project(panorama, order), text, panorama)
     elif text.startswith("key:"):
         light = Light(key_light(*parse_key(text), order), text)
-    elif text.startswith("probe:"):
-        light = Light(probe(text.removeprefix("probe:")), text)
     elif (match := IN_SET.fullmatch(text)) and not Path(text).exists():
         light = read_row(match[1], int(match[2]))
     elif ":" in text and (name := text.partition(":")[0]) in (*extensions.OWN, *extensions.names()):
@@ -125,7 +105,7 @@ def load_light(
             "has blanks around the plus"
         )
     elif (match := KIND.match(text)) and not Path(text).exists():
-        kinds = ", ".join(["room", "sky", "lamps", "key", "probe", *extensions.OWN, *extensions.names()])
+        kinds = ", ".join(["room", "sky", "lamps", "key", *extensions.OWN, *extensions.names()])
         raise UserError(f"{text}: there is neither such a file nor a kind of light {match[1]!r}; kinds are {kinds}")
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):
         kind = "coefficients"
@@ -211,22 +191,6 @@ def parse_number(part: str, text: str) -> float:
         return float(part)
     except ValueError:
         raise UserError(f"{text}: {part!r} is not a number") from None
-
-
-def printed_probe(name: str) -> np.ndarray:
-    """Returns the table (9,3) of a measured light as printed, in the convention `ramamoorthi2001`.
-
-    Raises:
-        UserError: if `name` is not in PROBES.
-    """
-    if name not in PROBES:
-        raise UserError(f"probe:{name} does not exist; there are {', '.join(f'probe:{known}' for known in PROBES)}")
-    return np.array(PROBES[name].split(), float).reshape(9, 3)
-
-
-def probe(name: str) -> np.ndarray:
-    """Returns a measured light (9,3), one of PROBES, in relight's convention; each probe has its own scale."""
-    return to_relight(printed_probe(name), "ramamoorthi2001")
 
 
 def key_light(color: str, azimuth: float, elevation: float, fill: float, order: int) -> np.ndarray:

@@ -5,17 +5,13 @@ take most clusters. With `order: paper`, the clustering comes first, as in the p
 """
 
 import logging
-import re
 from collections import Counter
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from relight.core.errors import UserError
-from relight.core.files import existing_file
-from relight.core.text import read_text
 from relight.lights.cluster import choose_test_lights, choose_validation_lights, medoids
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import SPLITS, LightSet
@@ -79,7 +75,7 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
         the reasons for removals; `warnings`; and `unlit`, the panoramas without a usual light, each with the reason.
 
     Raises:
-        UserError: if the veto file cannot be used or no light can be selected.
+        UserError: if no light can be selected.
     """
     if len(coefficients) != len(sources) or not sources:
         raise UserError(f"lights: {len(coefficients)} lights of {len(sources)} panoramas; at least one is needed")
@@ -87,7 +83,6 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     kept = above_threshold(coefficients, record)
     copies = rotated_copies(coefficients[kept], np.asarray(sources)[kept], settings.seed)
     record_step(record, "rotate and scale", len(kept), len(copies), {})
-    copies = without_vetoed(copies, settings.veto, record)
     if settings.order == "paper":
         # Twice as many clusters, since the authors removed about half of their lights by hand.
         copies = cluster(copies, 2 * settings.clusters, settings.seed, record)
@@ -196,52 +191,9 @@ def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, seed: int) -> 
     )
 
 
-def without_vetoed(copies: LightSet, veto: str | None, record: dict[str, Any]) -> LightSet:
-    """Removes the copies that a veto file lists.
-
-    Args:
-        copies: lights to filter.
-        veto: path of a text file with one `source` or `source:yaw` per line and comments after #, or None.
-        record: gets the step and the warnings.
-
-    Raises:
-        UserError: if the file does not exist or lists all lights.
-    """
-    if veto is None:
-        return copies
-    try:
-        lines = read_text(existing_file(Path(veto), "lights.veto")).splitlines()
-    except ValueError as error:
-        raise UserError(f"{veto} is not a text file ({error})") from None
-    vetoed = np.zeros(len(copies), bool)
-    for line in filter(None, (re.sub("^#.*", "", line.strip()) for line in lines)):
-        matches = copies.source == line
-        if not matches.any():  # else the # belongs to the name
-            line = re.split(r"\s#", line)[0].strip()
-            matches = copies.source == line
-        if not matches.any() and ":" in line:
-            source, yaw = line.rsplit(":", 1)
-            matches = (copies.source == source) & np.isclose(copies.yaw, parse_yaw(yaw), atol=0.01)
-        if not matches.any():
-            record["warnings"].append(f"{veto}: {line!r} names none of the lights (a source, or source:yaw)")
-        vetoed |= matches
-    record_step(record, "veto", len(copies), int((~vetoed).sum()), {"vetoed": int(vetoed.sum())})
-    if vetoed.all():
-        raise UserError(f"{veto} removes all lights: at least one must be left")
-    return copies.rows(~vetoed)
-
-
 def counted(count: int, what: str) -> str:
     """Returns a number with its noun, in the plural except for one."""
     return f"{count} {what}{'' if count == 1 else 's'}"
-
-
-def parse_yaw(text: str) -> float:
-    """Parses degrees; returns NaN, which matches no light, for other text, such as part of a source with a colon."""
-    try:
-        return float(text)
-    except ValueError:
-        return np.nan
 
 
 def broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
@@ -334,7 +286,7 @@ def unlit_panoramas(sources: list[str], copies: LightSet, usual: LightSet) -> di
         by_heading = copies.reason[copies.source == source].tolist()
         broken = Counter(rule for reason in by_heading for rule in reason.split(" ") if rule)
         reasons[source] = ", ".join(f"{rule} at {n} of {len(by_heading)} headings" for rule, n in broken.most_common())
-    return {source: words or "too dark, or vetoed" for source, words in reasons.items()}
+    return {source: words or "too dark" for source, words in reasons.items()}
 
 
 def darkened(lights: LightSet) -> LightSet:

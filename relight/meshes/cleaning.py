@@ -11,7 +11,6 @@ from relight.core.errors import UserError
 from relight.core.libraries import with_libraries
 from relight.meshes.geometry import connected_parts, face_areas, solidity
 from relight.meshes.mesh import Mesh
-from relight.settings import Clean
 
 if TYPE_CHECKING:
     import pymeshlab
@@ -26,16 +25,14 @@ MAX_DEGENERATE = 0.1  # share of faces without area above which there is a warni
 FINDINGS = ("seam vertices", "holes", "boundary edges", "parts")  # are counted, and change neither shape nor albedo
 
 
-def clean(mesh: Mesh, settings: Clean) -> Mesh:
+def clean(mesh: Mesh) -> Mesh:
     """Repairs a mesh.
 
     Merges vertices at the same position; drops faces with non-finite corners, without area, and duplicates; splits
-    non-manifold edges; orients faces coherently and outward; drops small floating parts; closes holes and decimates if
-    the settings say so.
+    non-manifold edges; orients faces coherently and outward; drops small floating parts.
 
     Args:
         mesh: in any frame and unit.
-        settings: close_holes, max_faces.
 
     Returns:
         The repaired mesh. Its info["repairs"] has the numbers of repairs, and of holes, boundary edges and parts.
@@ -50,13 +47,7 @@ def clean(mesh: Mesh, settings: Clean) -> Mesh:
     if finite.mean() < MIN_KEPT:
         raise UserError(f"{_name(mesh)}: {(~finite).mean():.0%} of the faces have corners that are no finite numbers")
     mesh = submesh(mesh, np.flatnonzero(finite))
-    mesh = _repair(mesh, settings.close_holes, repairs)
-    mesh = _without_floating(mesh, repairs)
-    if settings.max_faces and len(mesh.faces) > settings.max_faces:
-        from relight.meshes.decimate import decimate
-
-        repairs["faces before decimation"] = len(mesh.faces)
-        mesh = decimate(mesh, settings.max_faces)
+    mesh = _without_floating(_repair(mesh, repairs), repairs)
     mesh.info = {**mesh.info, "repairs": {what: count for what, count in repairs.items() if count}}
     if repairs["faces without area"] > MAX_DEGENERATE * given:
         share = repairs["faces without area"] / given
@@ -95,12 +86,12 @@ def submesh(mesh: Mesh, faces: np.ndarray) -> Mesh:
     )
 
 
-def _repair(mesh: Mesh, close_holes: int, repairs: dict[str, int]) -> Mesh:
+def _repair(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
     """Merges, drops, splits and orients with PyMeshLab's filters.
 
     Indices of faces are carried through the filters as scalars, those of corners as wedge coordinates: by them, the
-    result gets uv, material and colors of the given mesh. It needs finite vertices, closes holes of up to `close_holes`
-    edges, and raises UserError if no face has an area.
+    result gets uv, material and colors of the given mesh. It needs finite vertices, and raises UserError if no face has
+    an area.
     """
     pymeshlab = with_libraries("pymeshlab")
     corner = np.zeros((mesh.faces.size, 2))
@@ -139,36 +130,21 @@ def _repair(mesh: Mesh, close_holes: int, repairs: dict[str, int]) -> Mesh:
     topology = work.get_topological_measures()
     repairs["holes"] = max(topology["number_holes"], 0)  # -1 if edges are not manifold
     repairs["boundary edges"] = topology["boundary_edges"]
-    if close_holes:
-        work.meshing_close_holes(maxholesize=close_holes, newfaceselected=False)
-        repairs["faces that close holes"] = face_count() - len(after)
-
     result = work.current_mesh()
-    face = result.face_scalar_array()[: len(after)].astype(np.int64)
-    corner = result.wedge_tex_coord_matrix()[: after.size, 0].reshape(-1, 3).round().astype(np.int64)
+    face = result.face_scalar_array().astype(np.int64)
+    corner = result.wedge_tex_coord_matrix()[:, 0].reshape(-1, 3).round().astype(np.int64)
     # Flipping moves a face's vertices, but not its wedges: find where each corner was before.
     was_corner = (before[:, :, None] == after[:, None, :]).argmax(axis=1)
     corner = np.take_along_axis(corner, was_corner, axis=1)
-    uv, material = mesh.uv[face[:, None], corner], mesh.material[face]
-    color = None if mesh.color is None else mesh.color[face[:, None], corner]
-    new_faces = result.face_matrix()[len(after) :]
-    if len(new_faces):  # they close holes, and get uv, color and material of any face at their corners
-        corner_of_vertex = np.zeros(result.vertex_number(), np.int64)  # 3 * face + corner
-        corner_of_vertex[after.reshape(-1)] = np.arange(after.size)
-        uv = np.concatenate([uv, uv.reshape(-1, 2)[corner_of_vertex[new_faces]]])
-        if color is not None:
-            color = np.concatenate([color, color.reshape(-1, 3)[corner_of_vertex[new_faces]]])
-        material = np.concatenate([material, material[corner_of_vertex[new_faces[:, 0]] // 3]])
     mesh = replace(
         mesh,
         vertices=result.vertex_matrix().astype(np.float32),
-        faces=result.face_matrix().astype(np.int32),
-        uv=uv,
-        material=material,
-        color=color,
+        faces=after.astype(np.int32),
+        uv=mesh.uv[face[:, None], corner],
+        material=mesh.material[face],
+        color=None if mesh.color is None else mesh.color[face[:, None], corner],
     )
-    changed = np.zeros(len(mesh.faces), bool)
-    changed[: len(after)] = (before != after).any(axis=1)
+    changed = (before != after).any(axis=1)
     return _oriented(mesh, changed, repairs)
 
 

@@ -1,11 +1,11 @@
-"""`relight scans`: lists a folder, checks a file, selects frames of BUFF."""
+"""`relight scans`: lists a folder, checks a file."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-app = typer.Typer(help="Your own figures: list a folder, check a file, select frames of BUFF.", no_args_is_help=True)
+app = typer.Typer(help="Your own figures: list a folder, check a file.", no_args_is_help=True)
 
 
 @app.command("list")
@@ -27,11 +27,11 @@ def check(
 ) -> None:
     """Read, clean and align one file, and print what was found and repaired."""
     from relight.meshes import align, clean, read_mesh
-    from relight.settings import Align, read_preset
+    from relight.settings import Align
 
     original = read_mesh(mesh)
     textures = [material.texture for material in original.materials if material.texture is not None]
-    result = align(clean(original, read_preset("clean")), Align(up, front))
+    result = align(clean(original), Align(up, front))
     size = " x ".join(f"{extent:.4g}" for extent in original.vertices.max(axis=0) - original.vertices.min(axis=0))
     print(f"{mesh.name}: {len(original.faces)} faces, {len(original.vertices)} vertices, {size} units")
     print(
@@ -43,17 +43,3 @@ def check(
         print(f"  {what}: {count}")
     for warning in result.info["warnings"]:
         print(f"  warning: {warning}")
-
-
-@app.command()
-def pick(
-    folder: Annotated[Path, typer.Argument(help="BUFF, unpacked.")],
-    count: Annotated[int, typer.Option(min=1, help="Frames to select.")] = 74,
-    out: Annotated[Path | None, typer.Option(help="The table; by default scans.csv in the folder.")] = None,
-) -> None:
-    """Select representative frames of BUFF, and write them to a table that you can edit."""
-    from relight.meshes.buff import select_frames
-    from relight.meshes.scans import TABLE
-
-    out = out or folder / TABLE
-    print(f"{select_frames(folder, out, count)} frames in {out}")

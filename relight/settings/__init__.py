@@ -8,7 +8,6 @@ from relight.settings.schema import (
     Align,
     Augment,
     Bake,
-    Clean,
     Config,
     Experiment,
     Figures,
@@ -18,14 +17,13 @@ from relight.settings.schema import (
     Panoramas,
     Split,
     Sweep,
-    Trace,
     Track,
     Train,
 )
 
 __all__ = [
     "CONF", "IS_CLONE", "MAX_NAME_LENGTH", "NO_AUGMENTATION", "ROOT", "STRENGTHS",
-    "Align", "Augment", "Bake", "Clean", "Config", "Experiment", "Figures", "Lights", "Loss", "Model",
-    "Panoramas", "Split", "Sweep", "Trace", "Track", "Train",
+    "Align", "Augment", "Bake", "Config", "Experiment", "Figures", "Lights", "Loss", "Model",
+    "Panoramas", "Split", "Sweep", "Track", "Train",
     "check", "check_name", "composed", "flat", "presets", "read_preset", "resolved",
 ]  # fmt: skip

@@ -14,7 +14,7 @@ from relight.settings.schema import BASELINES, EXPERIMENT, FIELDS, QUANTITIES, S
 from relight.settings.setting import domain_in_words, setting_of
 
 # The settings, or groups, that a source does not read; scales and experiments may set them all the same. Extensions may
-# read all, and `figures.outfits` and `figures.shading`, with which a user undoes an experiment, are checked by value.
+# read all, and `figures.outfits`, with which a user undoes an experiment, is checked by value.
 UNREAD: dict[str, list[str]] = {
     "figures.source=scans": [
         f"figures.{name}"
@@ -152,8 +152,6 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
             yield f"experiments.{name}.compare_in: {unknown[0]} must be a quantity and a reading, such as relit_rmse"
     if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):
         yield "figures.outfits must be 1 with bake.bounces, which depend on albedo, and unless figures are generated"
-    if get("figures.shading") and get("figures.source") == "scans":
-        yield "figures.shading shades generated figures only, and figures.source is scans"
     for name, weight in (get("loss.extra") or {}).items():
         if name not in extensions.names():
             yield f"loss.extra.{extensions.missing(name)}"

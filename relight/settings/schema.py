@@ -50,15 +50,6 @@ class Figures:
     poses: list[str] = setting("names of the poses to draw from; [] for all")
     garments: list[str] = setting("names of garments that every figure wears; [] for any")
     hair: list[str] = setting("names of the hair styles to draw from; [] for all")
-    shading: float = setting("strength of the shading baked into the albedo, to imitate scans", least=0, most=1)
-
-
-@dataclass
-class Clean:
-    """Repair of meshes."""
-
-    close_holes: int = setting("largest hole that is closed, number of edges; 0 closes none", least=0)
-    max_faces: int = setting("number of faces to which larger meshes are decimated; 0 decimates none", least=0)
 
 
 @dataclass
@@ -89,9 +80,7 @@ class Split:
     """Division of the figures into training, validation and test."""
 
     kind: str = setting(
-        "what the test figures are: whole subjects (subject); single figures (paper); every second figure of the test "
-        "subjects, whose other figures are left out (disjoint) or trained on (siblings)",
-        choices=("subject", "paper", "disjoint", "siblings"),
+        "what the test figures are: whole subjects (subject) or single figures (paper)", choices=("subject", "paper")
     )
     test: float = setting("share of the figures that are test figures", above=0, below=1)
     sitting: str = setting(
@@ -137,7 +126,6 @@ class Lights:
     split: str = setting(
         "how training and test lights are split: by panorama (room), or at random", choices=("room", "random")
     )
-    veto: str | None = setting("file of lights to remove, with a source or source:heading per line", None)
     rules: str = setting(
         "limits of usual lights: those of rooms, or wider ones that skies and studios keep (strong)",
         choices=("rooms", "strong"),
@@ -296,17 +284,6 @@ NO_AUGMENTATION = Augment(**dict.fromkeys(STRENGTHS, 0), exposure=[0.0, 0.0])
 
 
 @dataclass
-class Trace:
-    """Path tracing of test figures, for the experiment `path_traced`."""
-
-    figures: int = setting("number of test figures to trace, evenly spaced", least=1)
-    samples: int = setting("paths per pixel", least=2)
-    bounces: int = setting(
-        "number of bounces of interreflection; 6 leave out one percent of it at an albedo of .5", least=0
-    )
-
-
-@dataclass
 class Experiment:
     """A question, the rows that answer it, and its section of the report."""
 
@@ -354,7 +331,6 @@ class Config:
     name: str = setting("name of the folder in results/")
     data: str | None = setting("name of another run whose figures and lights are taken; null to make them", None)
     figures: Figures = field(default_factory=Figures)
-    clean: Clean = field(default_factory=Clean)
     align: Align = field(default_factory=Align)
     bake: Bake = field(default_factory=Bake)
     split: Split = field(default_factory=Split)
@@ -364,7 +340,6 @@ class Config:
     loss: Loss = field(default_factory=Loss)
     train: Train = field(default_factory=Train)
     augment: Augment = field(default_factory=Augment)
-    trace: Trace = field(default_factory=Trace)
     sweep: Sweep = field(default_factory=Sweep)
     experiments: dict[str, Experiment] = field(default_factory=dict)
     track: Track = field(default_factory=Track)

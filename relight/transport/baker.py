@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from relight.core.errors import UserError
 from relight.core.progress import progress
 from relight.maps import Maps
 from relight.meshes import Mesh, vertex_normals
+from relight.settings import Bake, read_preset
 from relight.sh import UNOCCLUDED_T00, rotation_matrix
 from relight.transport.bounce import solve_radiosity
 from relight.transport.camera import Camera
@@ -23,97 +24,76 @@ MIN_CAMERA_DISTANCE = 2.0  # of an orthographic camera from the origin, in units
 
 
 def bake(
-    mesh: Mesh,
-    size: int,
-    rays: int,
-    order: int = 2,
-    seed: int = 0,
-    supersample: int = 1,
-    bounces: int = 0,
-    view: View = FRONTAL,
-    threads: int = 1,
+    mesh: Mesh, size: int, rays: int, view: View = FRONTAL, seed: int = 0, threads: int = 1, **others: Any
 ) -> Maps:
     """Bakes maps of one view of a mesh (equation 7 of the paper). `Baker` bakes several views faster.
 
     Args:
-        mesh: aligned, for the frontal view: the camera looks along -z at the square [-1,1] x [-1,1].
-        size: side of the square image, pixels.
+        mesh: aligned; the camera sees x and y from -1 to 1.
+        size: side of the image, pixels.
         rays: per pixel.
-        order: order of the spherical harmonics; the maps have K = (order + 1)^2 transport coefficients.
-        seed: random seed of the rays' azimuths.
-        supersample: k; a pixel holds means over k x k samples, which share its rays.
-        bounces: number of interreflections with the mesh's albedo.
-        view: view of the mesh.
-        threads: 0 takes every core. The result does not depend on it.
-
-    Returns:
-        Normals and transport in the camera's axes, depth in its units.
+        view: of the camera.
+        seed, threads: as in `Baker`.
+        others: other settings of the group `bake`, by name; by default those of conf/bake/default.yaml.
 
     Raises:
-        UserError: if a setting is out of range, `RayCaster` rejects the mesh, or nothing of it is in view.
+        UserError: as `Baker` does.
     """
-    return Baker(mesh, rays, order, seed, bounces, threads).maps(size, supersample, view)
+    settings = replace(read_preset("bake"), size=size, rays=rays, **others)
+    return Baker(mesh, settings, seed, threads).maps(view)
 
 
 class Baker:
     """Bakes maps of any number of views of one mesh; the views share all preparations.
 
     Attributes:
-        mesh: in its own frame and outfit.
-        outfit_meshes: the mesh in each of its outfits, its own first.
-        glossy: whether any material is glossy.
-        rays: per pixel.
-        order: of the spherical harmonics.
-        seed: random seed of the rays' azimuths.
-        bounces: number of interreflections.
-        caster: casts rays against the mesh.
-        normals: (V,3) float32 of the vertices.
-        gather_caster: casts the rays that gather light; with bounces, against a mesh whose long edges are split.
-        radiosity: (F,K,3) float32 of the faces of `gather_caster`; None without bounces.
+        mesh: the mesh.
+        settings: of the baker.
+        caster: casts camera rays against the mesh.
     """
 
-    def __init__(self, mesh: Mesh, rays: int, order: int = 2, seed: int = 0, bounces: int = 0, threads: int = 1):
+    def __init__(self, mesh: Mesh, settings: Bake, seed: int = 0, threads: int = 1):
         """Prepares a mesh. Time and memory: docs/lab/transport.md.
 
         Args:
-            mesh: aligned, if its frontal view is to be baked.
-            rays: per pixel.
-            order: order of the spherical harmonics; the maps have K = (order + 1)^2 transport coefficients.
-            seed: random seed of the rays' azimuths.
-            bounces: number of interreflections with the mesh's albedo; with more than 0, the maps hold `bounced`, and
-                the mesh must have one outfit only.
-            threads: 0 takes every core. The result does not depend on it.
+            mesh: aligned, with its outfits.
+            settings: of the baker; `views` is for its callers.
+            seed: of the azimuths of the rays.
+            threads: of the ray caster, 0 for one per core; the maps do not depend on it.
 
         Raises:
-            UserError: if a setting is out of range or `RayCaster` rejects the mesh.
+            UserError: if the mesh has no faces, or for settings that cannot be baked.
         """
-        require_at_least(1, rays=rays)
-        require_at_least(0, order=order, bounces=bounces)
-        if bounces and mesh.outfits:
+        require_at_least(1, rays=settings.rays, supersample=settings.supersample)
+        require_at_least(0, order=settings.order, bounces=settings.bounces)
+        if settings.rays < settings.supersample**2:
+            raise UserError(
+                f"rays is {settings.rays}: it must be at least {settings.supersample**2}, one for each of the "
+                f"{settings.supersample} x {settings.supersample} samples of a pixel (supersample)"
+            )
+        if settings.bounces and mesh.outfits:
             raise UserError(
                 "bounced light depends on the albedo of one outfit: with several outfits, bounces must be 0"
             )
-        self.mesh, self.rays, self.order, self.seed, self.bounces = mesh, rays, order, seed, bounces
+        self.mesh, self.settings, self.seed = mesh, settings, seed
         self.outfit_meshes = [mesh.dressed(outfit) for outfit in range(1 + len(mesh.outfits))]
         self.glossy = any(material.specular for outfit_mesh in self.outfit_meshes for material in outfit_mesh.materials)
         self.caster = RayCaster(mesh.vertices, mesh.faces, threads)
         self.normals = vertex_normals(mesh)
         self.gather_caster, self.radiosity = self.caster, None
-        if bounces:
-            self.gather_caster, self.radiosity = solve_radiosity(mesh, self.caster, rays, order, seed, bounces)
+        if settings.bounces:
+            self.gather_caster, self.radiosity = solve_radiosity(
+                mesh, self.caster, settings.rays, settings.order, seed, settings.bounces
+            )
 
-    def camera(self, size: int, view: View) -> Camera:
+    def camera(self, view: View) -> Camera:
         """Returns the camera of a view.
 
         The frontal view shows the mesh in its own frame; other views place it to fill the picture (`place_mesh`). An
         orthographic camera stands at MIN_CAMERA_DISTANCE from the origin, or a hundredth of the mesh's diagonal before
         its foremost point, if that is farther.
-
-        Args:
-            size: side of the square image, pixels.
-            view: view of the mesh.
         """
-        caster = self.caster
+        caster, size = self.caster, self.settings.size
         if view == FRONTAL:
             return Camera(size, max(MIN_CAMERA_DISTANCE, float(caster.high[2]) + caster.diagonal / 100))
         used = np.zeros(len(self.mesh.vertices), bool)
@@ -125,23 +105,11 @@ class Baker:
         front = float(pose.to_camera(vertices)[:, 2].max())
         return Camera(size, max(MIN_CAMERA_DISTANCE, front + pose.scale * caster.diagonal / 100), pose=pose)
 
-    def maps(self, size: int, supersample: int = 1, view: View = FRONTAL) -> Maps:
-        """Bakes maps of one view of the mesh in its own outfit.
+    def maps(self, view: View = FRONTAL) -> Maps:
+        """Bakes maps of one view of the mesh in its own outfit: the first of `outfits`."""
+        return self.outfits(view)[0]
 
-        Args:
-            size: side of the square image, pixels.
-            supersample: k; a pixel holds means over k x k samples, which share its rays.
-            view: view of the mesh.
-
-        Returns:
-            Normals and transport in the camera's axes, depth in its units.
-
-        Raises:
-            UserError: if a setting is out of range, or nothing of the mesh is in view.
-        """
-        return self.outfits(size, supersample, view)[0]
-
-    def outfits(self, size: int, supersample: int = 1, view: View = FRONTAL) -> list[Maps]:
+    def outfits(self, view: View = FRONTAL) -> list[Maps]:
         """Bakes maps of one view in each outfit: normals and transport in the camera's axes, depth in its units.
 
         Outfits differ in albedo and gloss only, and need no additional rays.
@@ -151,24 +119,13 @@ class Baker:
         mesh do not count, to avoid dark silhouettes; mean normals are normalised. Back faces are visible, with normals
         turned to the camera. In perspective, all pixels have the same axes, with z along the optical axis.
 
-        Args:
-            size: side of the square image, pixels.
-            supersample: samples per pixel in each direction.
-            view: view of the mesh.
-
         Returns:
             The maps of each of `outfit_meshes`.
 
         Raises:
-            UserError: if a setting is out of range or no pixel centre shows the mesh.
+            UserError: if no pixel centre shows the mesh.
         """
-        require_at_least(1, supersample=supersample)
-        if self.rays < supersample**2:
-            raise UserError(
-                f"rays is {self.rays}: it must be at least {supersample**2}, one for each of the {supersample} x "
-                f"{supersample} samples of a pixel (supersample)"
-            )
-        camera = self.camera(size, view)
+        size, camera = self.settings.size, self.camera(view)
         centres = primary_hits(self.caster, camera, *pixel_corners(size) + 0.5)
         if not len(centres.ray):
             low, high = self.caster.low, self.caster.high
@@ -178,25 +135,22 @@ class Baker:
             else:
                 advice = "the image shows x and y from -1 to 1: align it first"
             raise UserError(f"the camera sees nothing of the mesh, which spans {span}; {advice}")
-        means, coverage = self._pixel_means(camera, centres, supersample)
+        means, coverage = self._pixel_means(camera, centres)
         self._rotate_to_camera(means, camera)
-        return self._to_maps(means, coverage, centres, camera, supersample, view)
+        return self._to_maps(means, coverage, centres, camera, view)
 
-    def _pixel_means(
-        self, camera: Camera, centres: "Hits", supersample: int
-    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    def _pixel_means(self, camera: Camera, centres: "Hits") -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Averages the samples of the P pixels whose centres hit the mesh.
 
-        `centres` are hits of the rays through the pixels' centres; a pixel has `supersample` samples in each direction.
-        Returns means (P,...) of `_surface_values` in the mesh's axes, and coverage (size^2,), the share of samples that
-        hit.
+        `centres` are hits of the rays through the pixels' centres. Returns means (P,...) of `_surface_values` in the
+        mesh's axes, and coverage (size^2,), the share of samples that hit.
         """
         column, row = pixel_corners(camera.size)
         azimuth = random_azimuths(len(centres.ray), self.seed)
         pixel_index = np.full(camera.size**2, -1)  # from pixels of the image to the P, -1 for the others
         pixel_index[centres.ray] = np.arange(len(centres.ray))
         sums, covered = PixelSums(len(centres.ray)), np.zeros(camera.size**2)
-        offsets = (np.arange(supersample) + 0.5) / supersample
+        offsets = (np.arange(self.settings.supersample) + 0.5) / self.settings.supersample
         grid = list(product(offsets, offsets))
         for j, (dy, dx) in enumerate(progress(grid, "samples per pixel") if len(grid) > 1 else grid):
             hits = primary_hits(self.caster, camera, column + dx, row + dy)
@@ -231,8 +185,8 @@ class Baker:
             points,
             normals,
             geometric,
-            self.rays,
-            self.order,
+            self.settings.rays,
+            self.settings.order,
             radiosity=self.radiosity,
             azimuth=azimuth,
             subset=subset,
@@ -246,27 +200,21 @@ class Baker:
     def _rotate_to_camera(self, means: dict[str, np.ndarray], camera: Camera) -> None:
         """Rotates normals and transport from the mesh's axes to the camera's, in place, and normalises the normals."""
         if camera.pose is not None:
-            matrix = rotation_matrix(camera.pose.rotation, self.order)
+            matrix = rotation_matrix(camera.pose.rotation, self.settings.order)
             means["normal"] = np.einsum("jk,pk->pj", camera.pose.rotation, means["normal"])
-            for name in ("transport", "bounced") if self.bounces else ("transport",):
+            for name in ("transport", "bounced") if "bounced" in means else ("transport",):
                 means[name] = np.einsum("jk,pk...->pj...", matrix, means[name])
         means["normal"] = means["normal"] / np.linalg.norm(means["normal"], axis=1, keepdims=True)
 
     def _to_maps(
-        self,
-        means: dict[str, np.ndarray],
-        coverage: np.ndarray,
-        centres: "Hits",
-        camera: Camera,
-        supersample: int,
-        view: View,
+        self, means: dict[str, np.ndarray], coverage: np.ndarray, centres: "Hits", camera: Camera, view: View
     ) -> list[Maps]:
         """Returns the maps of each outfit: images of the pixels' means, with the settings as `info`.
 
         `means` (P,...) are those of `_surface_values` in the camera's axes, at the P pixels whose `centres` hit the
         mesh. `coverage` (size^2,) is the share of each pixel's samples that hit it.
         """
-        size = camera.size
+        settings, size = self.settings, camera.size
         points = self.caster.points(centres.face, centres.weights)
         is_back = faces_away(camera, points, self.caster.normals[centres.face])
         transport = means["transport"].astype(np.float32)
@@ -290,15 +238,15 @@ class Baker:
             depth=to_image(camera.depth(points).astype(np.float32)),
             ao=to_image((transport[:, 0] / np.float32(UNOCCLUDED_T00)).clip(0, 1)),
             transport=to_image(transport),
-            bounced=to_image(means["bounced"].astype(np.float32)) if self.bounces else None,
+            bounced=to_image(means["bounced"].astype(np.float32)) if "bounced" in means else None,
             info={
                 **self.mesh.info,
                 "size": size,
-                "rays": self.rays,
-                "order": self.order,
+                "rays": settings.rays,
+                "order": settings.order,
                 "ray_seed": self.seed,  # `seed` is that of the figure
-                "supersample": supersample,
-                "bounces": self.bounces,
+                "supersample": settings.supersample,
+                "bounces": settings.bounces,
                 "camera": "perspective" if camera.perspective else "orthographic",
                 "camera_distance": round(camera.distance, 6),
                 "offset": self.caster.offset,

@@ -112,7 +112,8 @@ def bake(
         from relight.transport.baker import bake as bake_maps
 
         prepared = source if as_is else _cleaned_and_aligned(source, up, front, padding)
-        maps = bake_maps(prepared, size, rays, order, seed, supersample, bounces, view, threads)
+        settings = {"order": order, "supersample": supersample, "bounces": bounces}
+        maps = bake_maps(prepared, size, rays, view, seed, threads, **settings)
         for target in targets:
             if target.suffix.lower() == ".exr":
                 write_maps(target, maps)
@@ -147,9 +148,9 @@ def _cleaned_and_aligned(mesh: "Mesh", up: str, front: str, padding: float) -> "
     """
     from relight.meshes import align, clean
     from relight.meshes.cleaning import FINDINGS
-    from relight.settings import Align, read_preset
+    from relight.settings import Align
 
-    cleaned = clean(mesh, read_preset("clean"))
+    cleaned = clean(mesh)
     repairs = {name: count for name, count in cleaned.info["repairs"].items() if name not in FINDINGS}
     findings = {name: count for name, count in cleaned.info["repairs"].items() if name in FINDINGS}
     for word, counts in (("repaired", repairs), ("found", findings)):

@@ -38,9 +38,9 @@ def bake_figure(path: Path, settings: Bake, folder: Path) -> None:
     reason = aligned.info.get("left_out")
     if reason is None:
         try:
-            baker = Baker(aligned, settings.rays, settings.order, bounces=settings.bounces)
+            baker = Baker(aligned, settings)
             for view, view_targets in zip(views, targets):
-                outfits = baker.outfits(settings.size, settings.supersample, view)
+                outfits = baker.outfits(view)
                 for (out, record), maps in zip(view_targets, outfits):
                     maps.info.update(record)
                     write_maps(out, maps)

@@ -132,36 +132,6 @@ class PathTracer:
         Returns:
             (S,S,3) float32.
         """
-        return self._render(sky, samples, path_integrator(bounces), seed)
-
-    def irradiance(self, sky: np.ndarray, samples: int, bounces: int = 0, seed: int = 0) -> np.ndarray:
-        """Renders the irradiance of the visible surface: radiance times pi over the albedo of the same samples.
-
-        Args:
-            sky: (H,W,3) radiance; may be negative, as truncated series are. Positive and negative parts are rendered
-                separately, since light is additive.
-            samples: per pixel.
-            bounces: number of bounces of interreflection.
-            seed: random seed of the samples.
-
-        Returns:
-            (S,S,3) float64, the mean over the covered part of each pixel; zero outside the mesh.
-        """
-        integrator = {"type": "aov", "aovs": "albedo:albedo", "path": path_integrator(bounces)}
-        total = np.zeros((self.size, self.size, 3))
-        for sign in (1, -1):
-            part = np.maximum(sign * sky, 0)
-            if part.any():
-                radiance, color = np.split(self._render(part, samples, integrator, seed), 2, axis=-1)
-                total += sign * np.pi * radiance / np.maximum(color, 1e-6)  # color is 0 outside the mesh
-        return total
-
-    def _render(self, sky: np.ndarray, samples: int, integrator: dict[str, Any], seed: int) -> np.ndarray:
-        """Renders the scene once.
-
-        `sky` (H,W,3) is radiance at `sky_directions`, not negative. Returns (S,S,C) float32, the C channels of the
-        integrator: radiance (3), then its further outputs.
-        """
         scene = self.mi.load_dict(
             {
                 "type": "scene",
@@ -179,7 +149,7 @@ class PathTracer:
                     },
                     "sampler": {"type": "multijitter", "sample_count": samples},
                 },
-                "integrator": integrator,
+                "integrator": path_integrator(bounces),
             }
         )
         return np.array(self.mi.render(scene, seed=seed))
@@ -204,17 +174,14 @@ def path_integrator(bounces: int) -> dict[str, Any]:
     return {"type": "path", "max_depth": 2 + bounces, "rr_depth": 100, "hide_emitters": True}
 
 
-def sky_directions(down: float = 0.0, right: float = 0.0) -> np.ndarray:
+def sky_directions() -> np.ndarray:
     """Returns the directions (ROWS, 2 ROWS, 3) of the texels of a Mitsuba environment map, in the camera frame.
 
     Measured with mi.load_dict({"type": "envmap"}).eval: rows run from pole to pole inclusive, columns are at pixel
     centres, u = 1/4 is +x, and u = 1/2 is +z.
-
-    Args:
-        down, right: shift from the texels' centres, texels.
     """
-    theta = np.clip(np.linspace(0, np.pi, ROWS) + down * np.pi / (ROWS - 1), 0, np.pi)[:, None]
-    phi = 2 * np.pi * ((np.arange(2 * ROWS) + 0.5 + right) / (2 * ROWS))[None]
+    theta = np.linspace(0, np.pi, ROWS)[:, None]
+    phi = 2 * np.pi * ((np.arange(2 * ROWS) + 0.5) / (2 * ROWS))[None]
     return np.stack([np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi, -np.sin(theta) * np.cos(phi)], -1)
 
 
@@ -222,9 +189,3 @@ def sky_weights() -> np.ndarray:
     """Returns the solid angles (ROWS, 2 ROWS) of the texels of a Mitsuba environment map; their sum is 4 pi."""
     sine = np.sin(np.linspace(0, np.pi, ROWS))
     return np.repeat((sine / sine.sum() * 2 * np.pi / ROWS)[:, None], 2 * ROWS, 1)
-
-
-def block_means(image: np.ndarray, k: int) -> np.ndarray:
-    """Returns the means (H/k,W/k,...) over the k x k blocks of an image (H,W,...)."""
-    height, width = image.shape[0] // k, image.shape[1] // k
-    return image.reshape(height, k, width, k, *image.shape[2:]).mean((1, 3))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, COLUMNS
 from relight.evaluation.experiments.transfer import BASELINES, VARIANTS
 from relight.evaluation.report import own, page
 from relight.evaluation.scoring.comparisons import Verdict
@@ -18,9 +17,8 @@ from relight.evaluation.scoring.scores import Scores, write_scores
 def results(tmp_path):
     runs = {"ours_full": ["ours_full.s0", "ours_full.s1"]}
     experiments = {name: {"trainings": runs, "title": name, "question": "How?", "about": "So."} for name in own.OWN}
-    for name in ("light_transfer/plate.png", "path_traced/plate.png"):
-        (tmp_path / name).parent.mkdir()
-        Image.new("RGB", (9, 9)).save(tmp_path / name)
+    (tmp_path / "light_transfer").mkdir()
+    Image.new("RGB", (9, 9)).save(tmp_path / "light_transfer" / "plate.png")
     return SimpleNamespace(folder=tmp_path, report=tmp_path, experiments=experiments, title=str)
 
 
@@ -56,21 +54,3 @@ def test_light_transfer_section(results):
         table = list(csv.DictReader(file))
     assert len(table) == len(VARIANTS) + len(BASELINES)
     assert float(table[1]["relit, RMSE"]) == pytest.approx(0.09 + hard.mean(), abs=1e-3)
-
-
-def test_path_traced_section(results):
-    lines = [",".join(["kind", "name", "figure", "light", *COLUMNS])]
-    for figure in ("a", "b", "c"):
-        lines += [f"answer,ours_full.s{s},{figure},1,.3,.4,.1" for s in (0, 1)]
-        lines += [f"cause,network:ours_full.s{s},{figure},1,.2,.3,.1" for s in (0, 1)]
-        lines += [f"answer,{name},{figure},1,.1,.1{i},.05" for i, name in enumerate(ANSWERS)]
-        lines += [f"cause,{name},{figure},1,.0{i},.0{i},.01" for i, name in enumerate(list(CAUSES)[1:])]
-    (results.folder / "path_traced" / "scores.csv").write_text("\n".join(lines) + "\n")
-    made = own.traced(results, "path_traced")
-    relative = made["tables"]["path_traced"].frame["relative, %"]
-    assert [relative[row].mean for row in ("true maps", "Ours (full)")] == pytest.approx([10, 40])
-    causes = made["tables"]["path_traced_causes"].frame["RMSE"]
-    assert causes[CAUSES["interreflection"]].mean == pytest.approx(0.04) and "3 relit test figures" in made["note"]
-    assert page.section("sections/experiment.md", **made).count("<table") == 2
-    for name in ("path_traced", "path_traced_causes"):
-        assert (results.folder / f"{name}.tex").stat().st_size > 300

@@ -1,5 +1,3 @@
-from functools import partial
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -19,10 +17,10 @@ from relight.evaluation.experiments.occlusion import (
 from relight.evaluation.pictures.canvas import ball, heat, transport_bands
 from relight.evaluation.pictures.charts import plot_curves, plot_errors
 from relight.evaluation.pictures.contact import clearest_light, contact_sheet
-from relight.evaluation.pictures.panels import COLUMNS, extreme_places, plates, relit, shadings
+from relight.evaluation.pictures.panels import COLUMNS, Shown, plates, relit, shadings
 from relight.evaluation.scoring.evaluate import infer, load
 from relight.evaluation.scoring.metrics import shade
-from relight.evaluation.scoring.scores import Scores, write_scores
+from relight.evaluation.scoring.scores import Scores
 from relight.evaluation.scoring.tables import TABLE2_COLUMNS, experiment_table
 from relight.maps import read_maps, write_left_out
 from relight.sh import unoccluded
@@ -128,9 +126,9 @@ def test_plates_show_the_truth_and_each_network(world, small_network, tmp_path):
         checkpoints[name] = tmp_path / f"{name}.safetensors"
         small_network(checkpoints[name], name, "photo")
     out = tmp_path / "plates.png"
-    plates(checkpoints, world.packed, world.lights, world.split, world.condition, lambda names: [0, 2], out)
+    plates(Shown(checkpoints, world.packed, world.lights, world.split, world.condition), out)
     sheet = np.asarray(Image.open(out)).astype(int)
-    assert sheet.shape[0] == 60 + 2 * (3 * 306 + 24) + 4 * 24
+    assert sheet.shape[0] == 60 + 3 * (3 * 306 + 24) + 4 * 24
     # Albedo of the truth: the sheet holds the first test figure's two stripe colors, sRGB-encoded.
     maps = read_maps(world.maps[3])
     colors = {tuple(c) for c in (encode(maps.albedo[maps.mask]) * 255).round().astype(int)}
@@ -164,7 +162,7 @@ def test_shadings_are_under_the_true_light_with_their_errors_below(world, small_
     networks = {name: tmp_path / f"{name}.safetensors" for name in ("ours", "sfsnet")}
     for name, checkpoint in networks.items():
         small_network(checkpoint, name, "photo")
-    shadings(networks, world.packed, world.lights, world.split, world.condition, tmp_path / "shadings.png")
+    shadings(Shown(networks, world.packed, world.lights, world.split, world.condition), tmp_path / "shadings.png")
     sheet = np.asarray(Image.open(tmp_path / "shadings.png")).astype(int)
     wide = (sheet.shape[1] - 150 - 6) // 4
     views, errors = (
@@ -189,7 +187,7 @@ def test_relit_by_several_lights(world, small_network, tmp_path):
     """The truth has the colors of each test light; a network, which sees the first alone, has others."""
     networks = {"ours": tmp_path / "ours.safetensors"}
     small_network(networks["ours"], "ours", "photo")
-    relit(networks, world.packed, world.lights, world.split, world.condition, tmp_path / "relit.png")
+    relit(Shown(networks, world.packed, world.lights, world.split, world.condition), tmp_path / "relit.png")
     sheet = np.asarray(Image.open(tmp_path / "relit.png")).astype(int)
     lights, split = (np.load(world.lights)[name] for name in ("coefficients", "split"))
     maps = read_maps(world.maps[4])
@@ -200,28 +198,6 @@ def test_relit_by_several_lights(world, small_network, tmp_path):
         column = sheet[:, 150 + place * wide : 150 + (place + 1) * wide]
         found = [share_shown(column[top : top + 300], encode(true.clip(0, 1))) for top in (84, 84 + 306)]
         assert found[0] > 0.9 and found[0] > found[1] + 0.3
-
-
-@pytest.mark.slow
-def test_plates_of_one_figure_and_of_extreme_places(world, small_network, tmp_path):
-    """Of three test figures in the order 2, 0, 1 of their errors the sheet shows each once, from the best on."""
-    networks = {"ours": tmp_path / "ours.safetensors"}
-    small_network(networks["ours"], "ours", "photo")
-    given = world.packed, world.lights, world.split, world.condition
-    names = [path.stem for path in world.maps[3:]]
-    errors = np.array([[0.2], [0.3], [0.1]])
-    write_scores(tmp_path / "ours.s0.csv", {"ours.s0": Scores(names, [4], {"shading_rmse": errors})})
-    plates(networks, *given, partial(extreme_places, [tmp_path / "ours.s0.csv"]), tmp_path / "ends.png")
-    plates(networks, *given, lambda names: [1], tmp_path / "overview.png")
-    ends, one = (np.asarray(Image.open(tmp_path / f"{name}.png")).astype(int) for name in ("ends", "overview"))
-    block = 2 * 306 + 24
-    assert ends.shape[0] == 60 + 3 * block + 4 * 24 and one.shape[0] == 60 + block + 4 * 24
-    assert one.shape[1] >= 150 + len(COLUMNS) * 106
-    for place, figure in enumerate((5, 3, 4)):
-        maps = read_maps(world.maps[figure])
-        color = (encode(maps.albedo[maps.mask][0]) * 255).round().astype(int)
-        shown = ends[60 + place * block : 60 + (place + 1) * block, 156:].reshape(-1, 3)
-        assert (np.abs(shown - color).max(1) <= 2).sum() > 500
 
 
 def test_plot_errors_and_plot_curves_are_reproducible(tmp_path):

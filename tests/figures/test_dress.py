@@ -17,7 +17,6 @@ import numpy as np
 import psutil
 import pytest
 import trimesh
-from omegaconf import OmegaConf
 from typer.testing import CliRunner
 
 from relight.core.errors import UserError
@@ -40,7 +39,6 @@ from relight.figures.tailor.garments import wardrobe
 from relight.figures.wear import DrapedGarment
 from relight.meshes import Material, Mesh, clean, read_mesh
 from relight.meshes.cleaning import FINDINGS
-from relight.settings import composed
 
 SEED, SUBJECT = 1, 3  # the second of three figures of one person
 CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
@@ -113,26 +111,12 @@ def test_make_figure_per_subject_is_one_person_in_other_poses(figure):
     assert dress.subject_of(5, 3) == "s0001" and dress.subject_of(6, 3) == "s0002" and dress.subject_of(6, 1) == "g0006"
 
 
-@pytest.fixture
-def shaded(figure, monkeypatch) -> Mesh:
-    """The figure, as make_figure shades it, without another drape."""
-    monkeypatch.setattr(dress, "attempt_figure", lambda *_: (figure, None))
-    return dress.make_figure(SEED, "draft", 128, SUBJECT, shading=0.6)
-
-
 @pytest.mark.slow
-def test_make_figure_shading_darkens_and_keeps_the_shape(figure, shaded):
-    assert figure.color is None and "shading" not in figure.info
-    for field in ("vertices", "faces", "uv", "material"):
-        assert np.array_equal(getattr(shaded, field), getattr(figure, field))
-    assert shaded.info["shading"] == 0.6
-    assert 0.45 < shaded.color.mean() < 0.85 and shaded.color.min() >= 0.4 - 1e-6 and shaded.color.max() > 0.9
-
-
-@pytest.mark.slow
-def test_export_glb_keeps_vertex_colors(shaded, tmp_path):
-    export(shaded, tmp_path / "f.glb")
-    assert read_mesh(tmp_path / "f.glb").color.mean() == pytest.approx(shaded.color.mean(), abs=0.02)
+def test_export_glb_keeps_vertex_colors(figure, tmp_path):
+    height = figure.vertices[figure.faces][..., 1:]
+    mesh = replace(figure, color=(height / height.max()).repeat(3, -1).astype(np.float32))
+    export(mesh, tmp_path / "f.glb")
+    assert read_mesh(tmp_path / "f.glb").color.mean() == pytest.approx(mesh.color.mean(), abs=0.02)
 
 
 @pytest.mark.slow
@@ -362,7 +346,7 @@ def test_export_glb_holds_its_licence_and_each_texture_once(tmp_path):
         Material(texture=pattern.copy(), name="right"),
     )
     materials = [left, right, Material()]
-    uv, info = np.zeros((3, 3, 2), np.float32), {"name": "g7", "seed": 7}
+    uv, info = np.zeros((3, 3, 2), np.float32), {"name": "g7", "seed": 7, "licence": "CC0-1.0"}
     mesh = Mesh(vertices, faces, uv, np.arange(3, dtype=np.int16), materials, None, info)
     export(mesh, tmp_path / "f.glb")
     document = document_of(tmp_path / "f.glb")
@@ -370,6 +354,8 @@ def test_export_glb_holds_its_licence_and_each_texture_once(tmp_path):
     assert "CC0" in document["asset"]["copyright"] and document["asset"]["extras"]["license"] == "CC0-1.0"
     root = document["nodes"][document["scenes"][0]["nodes"][0]]
     assert root["name"] == "g7" and root["extras"] == info
+    export(replace(mesh, info={"name": "scan"}), tmp_path / "scan.glb")
+    assert "CC0" not in json.dumps(document_of(tmp_path / "scan.glb"))  # a scan is not relight's to give away
     assert [document["nodes"][child]["name"] for child in root["children"]] == ["left", "right", "part 2"]
     read = read_mesh(tmp_path / "f.glb")
     assert read.info["axes"] == {"up": "+y", "front": "+z"}  # need not be found
@@ -397,7 +383,7 @@ def test_with_gloss_gives_materials_the_gloss_of_their_kind(figure):
 @pytest.mark.slow
 def test_clean_of_an_exported_figure_repairs_next_to_nothing(figure, tmp_path):
     export(figure, tmp_path / "f.glb")
-    repairs = clean(read_mesh(tmp_path / "f.glb"), OmegaConf.to_object(composed()).clean).info["repairs"]
+    repairs = clean(read_mesh(tmp_path / "f.glb")).info["repairs"]
     assert repairs["seam vertices"] > 500
     # collars touch the edge that they are sewn to; specks of skin and cloth are left under other clothes
     counts = {what: count for what, count in repairs.items() if what not in FINDINGS}

@@ -54,22 +54,3 @@ def test_channels_and_rows_are_not_mixed_up(model):
 def test_sizes_that_do_not_fit(model, image, mask):
     with pytest.raises(UserError, match="takes 64x64"):
         predict(build(model(), 64), np.zeros(image), np.zeros(mask))
-
-
-@pytest.mark.parametrize("name", ["ours", "sfsnet_ao"])
-def test_a_mirrored_image_has_the_mirrored_maps(model, name):
-    torch.manual_seed(1)
-    network = build(model(name=name), 64).eval()
-    rng = np.random.default_rng(1)
-    image, mask = rng.random((64, 64, 3)), rng.random((64, 64)) > 0.4
-    one = predict(network, image, mask, mirrored=True)
-    other = predict(network, image[:, ::-1], mask[:, ::-1], mirrored=True)
-    odd = np.ones(9)
-    odd[[3, 4, 7]] = -1  # proportional to x: docs/conventions.md
-    np.testing.assert_allclose(other["light"], one["light"] * odd[:, None], atol=1e-6)
-    np.testing.assert_allclose(other["transport"][:, ::-1], one["transport"] * odd, atol=1e-6)
-    for key in {"albedo", "shading", "ao"} & set(one):
-        np.testing.assert_allclose(other[key][:, ::-1], one[key], atol=1e-5)
-    if "normal" in one:
-        np.testing.assert_allclose(other["normal"][:, ::-1], one["normal"] * [-1, 1, 1], atol=1e-5)
-    assert np.abs(predict(network, image, mask)["light"] - one["light"]).max() > 1e-6, "the mean is another light"

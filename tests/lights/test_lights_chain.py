@@ -138,39 +138,12 @@ def test_the_threshold_removes_dark_rooms_unless_the_units_differ(rooms):
     assert "other units" in record["warnings"][0] and record["steps"][0]["out"] == 40
 
 
-def test_veto(rooms, tmp_path):
-    sources, coefficients = rooms
-    first, _ = select_lights(coefficients, sources, SETTINGS)
-    gone, turned = first.source[0], f"{first.source[1]}:{first.yaw[1]:g}"
-    veto = tmp_path / "veto.txt"
-    veto.write_text(f"# too green\n{gone}\n\n{turned}  # flat\nroom:999\n")
-    lights, record = select_lights(coefficients, sources, replace(SETTINGS, veto=str(veto)))
-    assert gone not in lights.source
-    assert turned not in [f"{s}:{y:g}" for s, y in zip(lights.source, lights.yaw)]
-    assert any("room:999" in warning for warning in record["warnings"])
-
-
-@pytest.mark.parametrize("page", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
-def test_veto_of_names_with_hashes_in_any_code_page(rooms, tmp_path, page):
-    sources, coefficients = rooms
-    first, _ = select_lights(coefficients, sources, SETTINGS)
-    named = ["salle #1 \xe0 vivre.hdr" if source == first.source[0] else source for source in sources]
-    veto = tmp_path / "veto.txt"
-    veto.write_bytes("# r\xe9sum\xe9\nsalle #1 \xe0 vivre.hdr\r\n".encode(page))
-    assert "salle #1 \xe0 vivre.hdr" in select_lights(coefficients, named, SETTINGS)[0].source
-    lights, record = select_lights(coefficients, named, replace(SETTINGS, veto=str(veto)))
-    assert "salle #1 \xe0 vivre.hdr" not in lights.source
-    assert not any("names none of the lights" in line for line in record["warnings"])
-
-
-def test_lights_without_sources_and_missing_veto_files_are_refused(rooms):
+def test_lights_without_sources_are_refused(rooms):
     sources, coefficients = rooms
     with pytest.raises(UserError, match="40 lights of 39 panoramas"):
         select_lights(coefficients, sources[1:], SETTINGS)
     with pytest.raises(UserError, match="at least one"):
         select_lights(coefficients[:0], [], SETTINGS)
-    with pytest.raises(UserError, match=r"lights\.veto"):
-        select_lights(coefficients, sources, replace(SETTINGS, veto="/nowhere"))
 
 
 def test_each_rule_finds_its_kind_of_light():

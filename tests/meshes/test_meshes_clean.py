@@ -9,9 +9,6 @@ from relight.core.errors import UserError
 from relight.meshes import Mesh, clean
 from relight.meshes.cleaning import count_opposed_faces, edge_uses
 from relight.meshes.geometry import connected_parts, face_areas, solidity
-from relight.settings import Clean
-
-PLAIN = Clean(close_holes=0, max_faces=0)
 
 
 def corners(mesh: Mesh) -> np.ndarray:
@@ -54,7 +51,7 @@ def add_ball(mesh: Mesh, ball) -> Mesh:
 
 def test_a_clean_figure_is_unchanged(person):
     mesh = person()
-    result = clean(mesh, PLAIN)
+    result = clean(mesh)
     np.testing.assert_array_equal(corners(result), corners(person()))
     assert result.info["repairs"] == {"parts": 10} and result.info["name"] == "person"
     assert result.faces.dtype == np.int32 and result.vertices.dtype == np.float32 and result.uv.dtype == np.float32
@@ -69,7 +66,7 @@ def test_separate_triangles_are_connected(person):
         vertices=mesh.vertices[mesh.faces].reshape(-1, 3),
         faces=np.arange(count, dtype=np.int32).reshape(-1, 3),
     )
-    result = clean(soup, PLAIN)
+    result = clean(soup)
     assert len(result.vertices) == len(mesh.vertices) and result.info["repairs"]["parts"] == 10
     assert result.info["repairs"]["duplicate vertices"] == count - len(mesh.vertices)
     np.testing.assert_array_equal(corners(result), corners(mesh))
@@ -81,7 +78,7 @@ def test_colors_of_faces_survive_the_merging_of_their_vertices():
     side = np.abs(box.face_normals).argmax(1) + 3 * (box.face_normals.sum(1) > 0)
     color = np.eye(6, 3, dtype=np.float32)[side] + np.float32(side[:, None] / 8)
     mesh = mesh_of(box.triangles.reshape(-1, 3), np.arange(36), color=color[:, None].repeat(3, 1))
-    result = clean(mesh, PLAIN)
+    result = clean(mesh)
     assert len(result.vertices) == 8
     normal = np.cross(*(np.diff(result.vertices[result.faces], axis=1).swapaxes(0, 1)))
     side = np.abs(normal).argmax(1) + 3 * (normal.sum(1) > 0)
@@ -101,7 +98,7 @@ def test_vertices_that_are_split_at_seams_are_merged_and_are_no_damage(person):
         faces=np.arange(mesh.faces.size, dtype=np.int32).reshape(-1, 3),
         uv=uv,
     )
-    result = clean(split, PLAIN)
+    result = clean(split)
     seam = len(np.intersect1d(mesh.faces[chart], np.delete(mesh.faces, chart, axis=0)))
     assert len(result.vertices) == len(mesh.vertices)
     assert result.info["repairs"]["seam vertices"] == seam > 10
@@ -111,7 +108,7 @@ def test_vertices_that_are_split_at_seams_are_merged_and_are_no_damage(person):
 def test_duplicate_faces_are_dropped_in_either_orientation(person):
     mesh = person()
     double = with_faces(with_vertices(mesh, mesh.vertices), mesh.faces[:, ::-1] + len(mesh.vertices))
-    result = clean(with_faces(double, mesh.faces[:5, [1, 2, 0]]), PLAIN)
+    result = clean(with_faces(double, mesh.faces[:5, [1, 2, 0]]))
     assert result.info["repairs"]["duplicate faces"] == len(mesh.faces) + 5
     assert len(result.faces) == len(mesh.faces)
     np.testing.assert_array_equal(corners(result)[:, :3], corners(mesh)[:, :3])
@@ -119,7 +116,7 @@ def test_duplicate_faces_are_dropped_in_either_orientation(person):
 
 def test_faces_without_area_and_unused_vertices_are_dropped(person):
     mesh = with_vertices(person(), [[5, 5, 5], [6, 6, 6]])
-    result = clean(with_faces(mesh, [[0, 0, 1], [2, 2, 2]]), PLAIN)
+    result = clean(with_faces(mesh, [[0, 0, 1], [2, 2, 2]]))
     assert result.info["repairs"]["faces without area"] == 2
     assert result.info["repairs"]["unused vertices"] == 2
     np.testing.assert_array_equal(corners(result), corners(person()))
@@ -130,7 +127,7 @@ def test_non_finite_corners_are_dropped_and_counted(person):
     mesh.vertices[7] = np.nan
     mesh.vertices[1000, 1] = np.inf
     touched = np.isin(mesh.faces, [7, 1000]).any(axis=-1)
-    result = clean(mesh, PLAIN)
+    result = clean(mesh)
     assert result.info["repairs"]["faces with non-finite corners"] == touched.sum()
     assert np.isfinite(result.vertices).all() and len(result.faces) == (~touched).sum()
     assert result.info["repairs"]["holes"] == 2
@@ -142,7 +139,7 @@ def test_non_manifold_edges_are_split_and_no_surface_is_lost(person):
     a, b = mesh.faces[100, :2]
     fin = with_vertices(mesh, mesh.vertices[a] + [0, 0, 0.5])
     fin = with_faces(fin, [[a, b, len(mesh.vertices)]])
-    result = clean(fin, PLAIN)
+    result = clean(fin)
     assert result.info["repairs"]["non-manifold edges"] == 1
     assert len(result.faces) == len(fin.faces)
     edges = np.sort(
@@ -160,7 +157,7 @@ def test_inward_faces_are_flipped_with_their_uv(person, share):
     turned = np.random.default_rng(0).random(len(mesh.faces)) < share
     mesh.faces[turned] = mesh.faces[turned][:, ::-1]
     mesh.uv[turned], mesh.color[turned] = mesh.uv[turned][:, ::-1], mesh.color[turned][:, ::-1]
-    np.testing.assert_array_equal(corners(clean(mesh, PLAIN)), corners(person()))
+    np.testing.assert_array_equal(corners(clean(mesh)), corners(person()))
 
 
 def test_linings_face_inward_and_an_open_scan_is_flipped(person, ellipsoid):
@@ -169,11 +166,11 @@ def test_linings_face_inward_and_an_open_scan_is_flipped(person, ellipsoid):
     nothing = {"uv": np.zeros((0, 3, 2)), "material": np.zeros(0, np.int16), "color": np.zeros((0, 3, 3))}
     points = with_vertices(merged(person(), faces=np.zeros((0, 3), np.int32), **nothing), vertices)
     scan = with_faces(points, cut[:, ::-1] + 2660)
-    result = clean(scan, PLAIN)
+    result = clean(scan)
     assert result.info["repairs"]["faces turned"] == len(cut)
     band = cut[(np.abs(vertices[cut][..., 1] - 1) < 0.15).all(axis=1)]
     lining, lined = band[:, ::-1], with_vertices(person(), vertices * [0.3, 1, 0.3])
-    result = clean(with_faces(lined, lining + 2660), PLAIN)
+    result = clean(with_faces(lined, lining + 2660))
     assert "faces turned" not in result.info["repairs"]
 
 
@@ -184,7 +181,7 @@ def test_floating_parts_are_dropped_and_eyes_shoes_and_strands_stay(person, elli
         mesh = add_ball(mesh, ellipsoid(*speck, rings=2))
     button = ellipsoid((0, 1.2, 0.125), (0.006, 0.006, 0.003), rings=2)  # as small, but on the chest
     glove = ellipsoid((0.45, 0.75, 0), (0.05, 0.09, 0.03), rings=2)  # as few faces, and in the air, but large
-    result = clean(add_ball(add_ball(mesh, button), glove), PLAIN)
+    result = clean(add_ball(add_ball(mesh, button), glove))
     assert result.info["repairs"]["floating parts"] == 5 and result.info["repairs"]["parts"] == 17
     assert connected_parts(result.faces, len(result.vertices)).max() + 1 == 12
     assert (
@@ -192,48 +189,24 @@ def test_floating_parts_are_dropped_and_eyes_shoes_and_strands_stay(person, elli
     )
 
 
-def test_holes_are_reported_and_closed_on_request(person):
+def test_holes_are_reported(person):
     mesh = person()
     torso = np.flatnonzero((np.abs(mesh.vertices - [0, 1.15, 0.1]) < 0.2).all(axis=-1))
     ring = np.isin(mesh.faces, torso[:1]).any(axis=-1)  # the faces around a vertex: a hole of six edges
     opened = merged(mesh, faces=mesh.faces[~ring], uv=mesh.uv[~ring], material=mesh.material[~ring])
-    found = clean(opened, PLAIN).info["repairs"]
+    found = clean(opened).info["repairs"]
     assert found["holes"] == 1 and found["boundary edges"] == ring.sum()
-    result = clean(opened, Clean(close_holes=30, max_faces=0))
-    new = result.info["repairs"]["faces that close holes"]
-    assert new == ring.sum() - 2 and len(result.faces) == len(opened.faces) + new
-    assert clean(result, PLAIN).info["repairs"] == {"parts": 10}
-    np.testing.assert_allclose(result.uv, result.vertices[result.faces][..., :2] / 2 + 0.5, atol=1e-6)
-    np.testing.assert_array_equal(result.material[-new:], mesh.material[ring][0])
-
-
-@pytest.mark.slow
-def test_decimation_keeps_uv_materials_colors_and_seams(person):
-    mesh = person(40)
-    mesh.uv[mesh.vertices[mesh.faces][..., 0].mean(axis=1) > 0] += 3  # a seam down the middle of the body
-    mesh.materials[0].texture = np.zeros((2, 2, 3), np.uint8)
-    result = clean(mesh, Clean(close_holes=0, max_faces=20_000))
-    assert result.info["repairs"]["faces before decimation"] == len(mesh.faces)
-    assert abs(len(result.faces) - 20_000) < 200
-    place = result.vertices[result.faces]
-    np.testing.assert_allclose(result.uv % 3, place[..., :2] / 2 + 0.5, atol=1e-6)
-    assert (np.ptp(result.uv, axis=1) < 1).all()  # no face spans the seam
-    np.testing.assert_array_equal(result.color, (place / 2).clip(0, 1))
-    assert clean(result, PLAIN).info["repairs"] == {"parts": 10}  # no crack, no flipped face, no speck
-    for material in (0, 1):
-        got, want = (face_areas(m.vertices, m.faces)[m.material == material].sum() for m in (result, mesh))
-        np.testing.assert_allclose(got, want, rtol=5e-3)
 
 
 def test_what_is_no_figure_is_refused(person, ellipsoid):
     mesh = person()
     mesh.vertices[: int(0.7 * len(mesh.vertices))] = np.nan
     with pytest.raises(UserError, match=r"person: .*finite"):
-        clean(mesh, PLAIN)
+        clean(mesh)
     flat = merged(person(), faces=np.zeros((4, 3), np.int32), uv=np.zeros((4, 3, 2)), material=np.zeros(4, np.int16),
                   color=None)  # fmt: skip
     with pytest.raises(UserError, match="no face has an area"):
-        clean(flat, PLAIN)
+        clean(flat)
     random = np.random.default_rng(0)
     dust = mesh_of(np.zeros((0, 3)), [], color=np.zeros((0, 3, 3), np.float32), info={"name": "dust"})
     for _ in range(3000):
@@ -241,7 +214,7 @@ def test_what_is_no_figure_is_refused(person, ellipsoid):
             dust, (random.random((1, 3)) + [[0, 0, 0], [0, 0.002, 0], [0.002, 0, 0]], np.array([[0, 1, 2]]))
         )
     with pytest.raises(UserError, match="no main part"):
-        clean(dust, PLAIN)
+        clean(dust)
 
 
 def test_solidity(ellipsoid):
@@ -265,7 +238,7 @@ def test_faces_keep_their_uv_at_non_manifold_edges(monkeypatch):
     uv = rng.random((len(faces), 3, 2)).astype(np.float32)
     mesh = mesh_of(vertices, faces, uv=uv)
     monkeypatch.setattr("relight.meshes.cleaning.MAX_FACES", 0.0)  # no part is dropped
-    cleaned = clean(mesh, Clean(close_holes=0, max_faces=0))
+    cleaned = clean(mesh)
     assert cleaned.info["repairs"]["non-manifold edges"] >= 290
     assert edge_uses(cleaned.faces).max() <= 2
 
@@ -287,15 +260,15 @@ def test_faces_turned_both_ways_are_counted(person):
     again = len(mesh.vertices) + np.arange(21).reshape(7, 3)
     assert count_opposed_faces(with_faces(double, again[:, [1, 2, 0]])) == 0
     assert count_opposed_faces(with_faces(double, again[:, [1, 0, 2]])) == 7
-    assert count_opposed_faces(clean(with_faces(double, again[:, [1, 0, 2]]), PLAIN)) == 0
+    assert count_opposed_faces(clean(with_faces(double, again[:, [1, 0, 2]]))) == 0
 
 
 def test_a_mesh_of_which_repairs_leave_little_is_warned_of(person):
     """Coordinates rounded to a coarse grid, as single precision far from the origin does."""
     mesh = person()
     coarse = merged(mesh, vertices=np.round(mesh.vertices * 16).astype(np.float32) / 16)
-    result = clean(coarse, PLAIN)
+    result = clean(coarse)
     assert len(result.faces) < 0.9 * len(mesh.faces)
     (warning,) = result.info["warnings"]
     assert f"of its {len(mesh.faces)} faces have no area" in warning
-    assert "warnings" not in clean(person(), PLAIN).info
+    assert "warnings" not in clean(person()).info

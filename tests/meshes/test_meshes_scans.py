@@ -6,9 +6,7 @@ import shlex
 import tempfile
 from pathlib import Path
 
-import numpy as np
 import pytest
-import trimesh
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,7 +15,6 @@ from snakemake.io import apply_wildcards
 from relight.core.errors import UserError
 from relight.core.files import atomic_write, is_unsafe_name
 from relight.meshes import Mesh, list_scans
-from relight.meshes.buff import BuffFrame, cluster_representatives, list_frames, select_frames
 
 
 def touch(folder, *names):
@@ -169,69 +166,3 @@ def test_a_file_that_the_workflow_cannot_name_is_left_out_with_a_line(tmp_path, 
         assert "rename it" in reason and reason.isascii() and reason.isprintable()
         assert f"{name} is left out: {reason}\n" == capsys.readouterr().err
         assert scan.path.name in odd_ones
-
-
-def buff(folder, person, frames=12):
-    """A small BUFF: two subjects; in the first motion an arm is raised in the second half of the frames."""
-    up = {"left_arm": ((0.27, 1.75, 0), (0.05, 0.35, 0.05))}
-    for subject, outfit in (("00005", "shortlong"), ("00005", "shortshort"), ("00032", "shortlong")):
-        for motion in ("hips", "tilt_twist_left"):
-            path = folder / "sequences" / subject / f"{outfit}_{motion}"
-            path.mkdir(parents=True)
-            for frame in range(1, frames + 1):
-                mesh = person(6, **(up if motion == "hips" and frame > frames // 2 else {}))
-                points = mesh.vertices * 1000 + np.random.default_rng(frame).normal(0, 2, mesh.vertices.shape)
-                data = trimesh.exchange.ply.export_ply(trimesh.Trimesh(points, mesh.faces, process=False))
-                (path / f"{outfit}_{motion}.{frame:06d}.ply").write_bytes(data)
-    (folder / "minimal_body_shape" / "00005").mkdir(parents=True)
-    (folder / "minimal_body_shape" / "00005" / "00005_minimal.ply").write_bytes(data)
-
-
-def test_selected_buff_frames_cover_the_poses(tmp_path, person):
-    buff(tmp_path, person)
-    frames = list_frames(tmp_path)
-    assert len(frames) == 3 * 2 * 12 and frames[0].name == "00005_shortlong_hips_000001"
-    assert {frame.motion for frame in frames} == {"hips", "tilt_twist_left"}
-    broken = tmp_path / "sequences/00032/shortlong_hips/shortlong_hips.000001.ply"
-    broken.write_bytes(broken.read_bytes()[:500])
-    assert select_frames(tmp_path, tmp_path / "scans.csv", count=6, stride=3) == 6
-    scans = list_scans(tmp_path)
-    assert len(scans) == 6 and {scan.subject for scan in scans.values()} == {"00005", "00032"}
-    for group in ("00005_shortlong", "00005_shortshort", "00032_shortlong"):
-        chosen = [name for name in scans if name.startswith(f"{group}_")]
-        raised = ["hips" in name and int(name[-6:]) > 6 for name in chosen]
-        assert sorted(raised) == [False, True]  # one frame of each pose
-    text = (tmp_path / "scans.csv").read_text()
-    with pytest.raises(UserError, match="there already"):
-        select_frames(tmp_path, tmp_path / "scans.csv")
-    (tmp_path / "scans.csv").unlink()
-    assert select_frames(tmp_path, tmp_path / "scans.csv", count=6, stride=3) == 6
-    assert (tmp_path / "scans.csv").read_text() == text
-    (tmp_path / "scans.csv").write_text(text.replace("\n1,", "\n0,", 1))  # a person takes one out
-    assert len(list_scans(tmp_path)) == 5
-
-
-def test_representatives_are_the_frames_nearest_to_the_centres():
-    random = np.random.default_rng(0)
-    frames = [BuffFrame(Path(f"{k}.ply"), "00005", "shortlong", "hips", k) for k in range(40)]
-    shapes = {frame: 10 * (frame.number % 2) + random.normal(0, 1, 8) for frame in frames}
-    for frame, size in cluster_representatives(shapes, 2):
-        cluster = [other for other in frames if other.number % 2 == frame.number % 2]
-        centre = np.mean([shapes[other] for other in cluster], axis=0)
-        assert size == 20
-        assert frame == min(cluster, key=lambda other: np.linalg.norm(shapes[other] - centre))
-
-
-def test_identical_frames_are_selected_once(tmp_path, person):
-    folder = tmp_path / "00005" / "shortlong_hips"
-    folder.mkdir(parents=True)
-    mesh = person(4)
-    for frame in range(3):
-        trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(folder / f"hips.{frame:06d}.ply")
-    assert select_frames(tmp_path, tmp_path / "scans.csv", count=3, stride=1) == 1
-
-
-def test_a_folder_without_buffs_layout_is_refused(tmp_path):
-    touch(tmp_path, "a.ply")
-    with pytest.raises(UserError, match="BUFF"):
-        list_frames(tmp_path)

@@ -12,6 +12,7 @@ import trimesh
 
 from relight.core.errors import UserError
 from relight.meshes import Material
+from relight.settings import read_preset
 from relight.sh import basis, unoccluded
 from relight.transport import Baker, bake
 from relight.transport.integrate import integrate
@@ -260,9 +261,10 @@ def test_outfits_share_all_but_albedo_and_gloss():
         materials=[*mesh.materials, GREY],
     )
     other = Material(np.array([0.1, 0.2, 0.3], np.float32), roughness=0.25, specular=0.75)
-    own, changed = Baker(replace(mesh, outfits=[{0: other}]), 32).outfits(32, 2)
-    alone = Baker(mesh, 32).maps(32, 2)
-    repainted = Baker(mesh_with(mesh, other), 32).maps(32, 2)
+    settings = replace(read_preset("bake"), size=32, rays=32, supersample=2)
+    own, changed = Baker(replace(mesh, outfits=[{0: other}]), settings).outfits()
+    alone = Baker(mesh, settings).maps()
+    repainted = Baker(mesh_with(mesh, other), settings).maps()
     for name in ("mask", "coverage", "albedo", "normal", "depth", "ao", "transport"):
         np.testing.assert_array_equal(getattr(own, name), getattr(alone, name))
         np.testing.assert_array_equal(getattr(changed, name), getattr(repainted, name))
@@ -274,7 +276,7 @@ def test_outfits_share_all_but_albedo_and_gloss():
     assert share.sum() > 50 and mixed.any() and alone.gloss is None
     assert (changed.albedo != own.albedo).any() and own.info == changed.info and own.info is not changed.info
     with pytest.raises(UserError, match="bounces must be 0"):
-        Baker(replace(mesh, outfits=[{0: other}]), 4, bounces=1).maps(32)
+        Baker(replace(mesh, outfits=[{0: other}]), replace(settings, bounces=1))
 
 
 def mesh_with(mesh, first):

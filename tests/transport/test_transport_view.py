@@ -1,11 +1,14 @@
 """Views: what is seen from elsewhere is the frontal figure, turned; perspective against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
 from samples import mesh_of
 
 from relight.core.errors import UserError
+from relight.settings import read_preset
 from relight.sh import rotation_matrix, unoccluded
 from relight.transport import FRONTAL, Baker, View, bake, random_view, view_names
 from relight.transport.baker import primary_hits
@@ -79,10 +82,10 @@ def test_transport_is_the_frontal_one_turned(view):
     """The same rays cast from the same points in the mesh's frame, their coefficients turned by the view's rotation."""
     size, rays, order = 40, 64, 3
     mesh = balls()
-    baker = Baker(mesh, rays, order, seed=3)
-    maps = baker.maps(size, view=view)
+    baker = Baker(mesh, replace(read_preset("bake"), size=size, rays=rays, order=order), seed=3)
+    maps = baker.maps(view)
     x, y = (size * (1 + pixels(size)[0]) / 2, size * (1 - pixels(size)[1]) / 2)
-    caster, camera = baker.caster, baker.camera(size, view)
+    caster, camera = baker.caster, baker.camera(view)
     pixel, face, weights = primary_hits(caster, camera, x, y)
     np.testing.assert_array_equal(pixel, np.flatnonzero(maps.mask))
     points, geometric = caster.points(face, weights), caster.normals[face]
@@ -91,7 +94,7 @@ def test_transport_is_the_frontal_one_turned(view):
     np.testing.assert_allclose(maps.normal[maps.mask], normals @ rotation.T, atol=1e-6)
 
     turned = mesh_of(mesh.vertices.astype(float) @ rotation.T, mesh.faces)
-    still = Baker(turned, rays, order).caster
+    still = Baker(turned, baker.settings).caster
     # The baker's directions in the mesh's frame, as azimuths about the normals of the turned mesh.
     frame = tangent_frames(normals, random_azimuths(len(pixel), 3)) @ rotation.T
     plain = tangent_frames(normals @ rotation.T, np.zeros(len(pixel)))
@@ -108,8 +111,9 @@ def test_transport_is_the_frontal_one_turned(view):
 
 
 def test_bounced_transport_is_rotated_too():
-    baker, view = Baker(balls(3), 32, bounces=1), View(-120, 10)
-    maps, camera = baker.maps(24, view=view), baker.camera(24, view)
+    baker = Baker(balls(3), replace(read_preset("bake"), size=24, rays=32, bounces=1))
+    view = View(-120, 10)
+    maps, camera = baker.maps(view), baker.camera(view)
     x, y = pixels(24)
     pixel, face, weights = primary_hits(baker.caster, camera, 12 * (1 + x), 12 * (1 - y))
     points, geometric = baker.caster.points(face, weights), baker.caster.normals[face]

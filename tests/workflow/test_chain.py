@@ -55,7 +55,6 @@ CHANGES = {
     "bake.rays=8": {"bake": 1, **AFTER_BAKING},
     "bake.views=2": {"bake": 1, **AFTER_BAKING},
     "align.up=+y": {"clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
-    "clean.close_holes=7": {"clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
     "figures.sitting=0.5": {"figure": 1, "clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
     "lights.clusters=5": {"lights": 1, **AFTER_LIGHTS},
     "panoramas.count=25": {"lights": 1, **AFTER_LIGHTS},

@@ -180,11 +180,6 @@ def test_settings_for_photographs_are_checked(words, said):
         composed(words)
 
 
-def test_shading_of_scans_is_refused():
-    with pytest.raises(UserError, match=r"figures\.shading shades generated figures only, .* is scans"):
-        composed(["figures=scans", "figures.folder=x", "figures.shading=0.5"])
-
-
 @pytest.mark.parametrize(
     ("source", "given"),
     [
@@ -200,7 +195,7 @@ def test_a_given_setting_that_the_source_does_not_read_is_refused(source, given)
         composed([f"{group}={source}", *folder, given])
 
 
-@pytest.mark.parametrize("words", ["scale=smoke", "experiment=splits", "experiment=photo figures.outfits=1"])
+@pytest.mark.parametrize("words", ["scale=smoke", "experiment=photo figures.outfits=1"])
 def test_presets_may_set_what_a_source_does_not_read(words):
     composed(["figures=scans", "figures.folder=x", *words.split()])
 

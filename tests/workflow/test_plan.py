@@ -125,7 +125,6 @@ def test_the_weights_for_photos_are_trained_at_half_the_size_and_then_at_the_ful
         ("sweep.only=[wide]", r"wide is in no experiment: \+experiments\.wide\.rows=\[wide\] makes one of it"),
         ("+sweep.rows.wide=['bake.rays=9']", "changes bake"),
         ("+sweep.rows.wide=['train.start=wide']", "is the row itself"),
-        ("+sweep.rows.wide=['trace.samples=9']", "changes trace"),
         ("+sweep.rows.wide=['split.test=.5']", "changes split"),
         ("+sweep.rows.wide=['train.seed=1']", r"sweep.seeds=\[1\]"),
         ("train.seed=1", r"sweep.seeds=\[1\]"),
@@ -178,13 +177,6 @@ def test_sweeps_are_named(words, names):
     Plan(compose_run(["scale=smoke"], runs))
 
 
-def test_a_package_that_is_missing_is_told_with_the_plan(monkeypatch):
-    plan = plan_of("scale=smoke experiment=path_traced")
-    monkeypatch.setitem(sys.modules, "mitsuba", None)
-    with pytest.raises(UserError, match=r"pip install '\.\[bench\]'"):
-        check(plan, ROOT)
-
-
 @pytest.mark.slow
 def test_the_record_plans_the_same_run(tmp_path):
     for plan in (plan_of("scale=smoke name=x"), plan_of("scale=smoke name=x", a=["train.lr=0.1"])):
@@ -206,7 +198,6 @@ def test_folders_of_scans_are_checked(tmp_path, folder):
     ("setting", "message"),
     [
         ("align.table=no.csv", "align.table: there is no file no.csv"),
-        ("lights.veto=no.txt", "lights.veto: there is no file no.txt"),
         ("train.start=no.onnx", "row sfsnet: train.start: there is no file no.onnx"),
         ("model.order=3", "row sfsnet has model.order=3, and the maps have bake.order=2"),
     ],

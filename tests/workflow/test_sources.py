@@ -37,9 +37,8 @@ def sources(tmp_path_factory):
 @pytest.mark.slow
 def test_three_meshes_and_two_panoramas_give_a_report(sources, tmp_path):
     repo = copy(tmp_path)
-    table, veto = repo / "axes.csv", repo / "veto.txt"
+    table = repo / "axes.csv"
     table.write_text("name,turn\nplain,0\n")
-    veto.write_text("# none\n")
     words = [
         *WORDS,
         "figures=scans",
@@ -48,7 +47,6 @@ def test_three_meshes_and_two_panoramas_give_a_report(sources, tmp_path):
         f"panoramas.folder={sources / 'panoramas'}",
         "bake.views=1",
         f"align.table={table}",
-        f"lights.veto={veto}",
     ]
     run = relight(repo, "run", *words)
     assert run.returncode == 0, run.stdout
@@ -63,9 +61,6 @@ def test_three_meshes_and_two_panoramas_give_a_report(sources, tmp_path):
     table.write_text("name,turn\nplain,9\n")
     (jobs,) = planned(repo, words)
     assert jobs["align"] == 4 and "lights" not in jobs
-    veto.write_text("# one\n")
-    (jobs,) = planned(repo, words)
-    assert jobs["lights"] == 1
     shutil.copy(sources / "scans" / "colored.ply", sources / "scans" / "another.ply")
     (jobs,) = planned(repo, [word for word in words if "table" not in word])
     assert (jobs["scan"], jobs["bake"], jobs["pack"]) == (1, 5, 1)

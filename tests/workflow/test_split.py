@@ -61,7 +61,7 @@ def test_too_few_subjects():
 
 def test_sitting_figures_are_set_apart():
     sitting = set(NAMES[::7])
-    for kind in ("subject", "paper", "disjoint", "siblings"):
+    for kind in ("subject", "paper"):
         parts = split_figures(NAMES, SUBJECTS, split(kind), sitting)
         assert parts["sitting"] == [name for name in NAMES if name in sitting]
         assert not sitting & {*parts["train"], *parts["test"]}
@@ -71,32 +71,6 @@ def test_sitting_figures_are_set_apart():
 def test_sitting_figures_are_dealt_where_asked(kind):
     dealt = replace(split(kind), sitting="dealt")
     assert split_figures(NAMES, SUBJECTS, dealt, set(NAMES[::7])) == split_figures(NAMES, SUBJECTS, split(kind))
-
-
-def test_paired_splits_differ_only_in_whether_the_person_was_seen():
-    subject = dict(zip(NAMES, SUBJECTS))
-    tests = set()
-    for seed in range(10):
-        apart, together = (split_figures(NAMES, SUBJECTS, split(kind, 0.2, seed)) for kind in ("disjoint", "siblings"))
-        assert apart["test"] == together["test"] and len(apart["train"]) == len(together["train"])
-        for parts in (apart, together):
-            assert not set(parts["train"] + parts["validation"]) & set(parts["test"])
-            assert parts["validation"] and not set(parts["train"]) & set(parts["validation"])
-        people = {subject[name] for name in apart["test"]}
-        assert not people & {subject[name] for name in apart["train"]}
-        siblings = [name for name in together["train"] + together["validation"] if subject[name] in people]
-        assert {subject[name] for name in siblings} == people and len(siblings) == len(together["test"])
-        assert len(apart["test"]) == pytest.approx(0.2 * len(NAMES), abs=2)
-        tests.add(tuple(apart["test"]))
-    assert len(tests) > 5
-
-
-def test_paired_splits_need_several_figures_of_a_person():
-    for kind in ("disjoint", "siblings"):
-        with pytest.raises(UserError, match=r"several figures of one person.*figures\.per_subject"):
-            split_figures(NAMES, NAMES, split(kind))
-        with pytest.raises(UserError, match="more of other people"):
-            split_figures(NAMES[:4], SUBJECTS[:4], split(kind))
 
 
 def test_who_sits():

@@ -50,5 +50,5 @@ wildcard_constraints:
     batch="|".join(map(re.escape, PLAN.batches)),
     training="|".join(map(re.escape, PLAN.trainings)),
     experiment="|".join(map(re.escape, PLAN.experiments)),
-    kind="subject|paper|disjoint|siblings",
+    kind="subject|paper",
     on="((test|sitting|views)-(test|unusual)/)?",

@@ -59,7 +59,6 @@ rule clean:
     group:
         "figures"
     params:
-        clean=SETTINGS["clean"],
         code=code_hash("clean"),
     script:
         "../scripts/clean.py"

@@ -2,7 +2,6 @@ rule lights:
     "Projects panoramas to spherical harmonics, and selects lights by filters and k-means."
     input:
         PLAN.panoramas,
-        SETTINGS["lights"]["veto"] or [],
     output:
         lights=LIGHTS,
         table=f"{DATA}/lights/lights.csv",

@@ -13,7 +13,7 @@ rule tables:
                 labels={"experiment": table, "format": kind},
             )
             for table in PLAN.tables
-            for kind in ("csv", "md", "tex")
+            for kind in ("csv", "md")
         ],
     log:
         f"{OUT}/log/tables.log",
@@ -33,12 +33,6 @@ rule plates:
             PLAN.network(training)
             for training in PLAN.first_trainings(wildcards.experiment).values()
         ],
-        scores=lambda wildcards: [
-            f"{OUT}/{path}"
-            for row, paths in PLAN.scores(wildcards.experiment).items()
-            for path in paths
-            if row
-        ],
         packed=PACKED,
         lights=LIGHTS,
         split=lambda wildcards: f"{OUT}/split/{PLAN.split_kind(wildcards.experiment)}.json",
@@ -46,7 +40,6 @@ rule plates:
         plates=f"{OUT}/report/{{experiment}}_plates.png",
         relit=f"{OUT}/report/{{experiment}}_relit.png",
         overview=f"{OUT}/report/{{experiment}}_overview.png",
-        extremes=f"{OUT}/report/{{experiment}}_extremes.png",
     log:
         f"{OUT}/log/plates/{{experiment}}.log",
     benchmark:
@@ -89,7 +82,7 @@ rule report:
         plates=expand(
             f"{OUT}/report/{{experiment}}_{{kind}}.png",
             experiment=PLAN.plates,
-            kind=["plates", "relit", "overview", "extremes"],
+            kind=["plates", "relit", "overview"],
         ),
         record=f"{DATA}/figures.json",
         chain=f"{DATA}/lights/chain.json",

@@ -4,9 +4,7 @@ from relight.core.progress import progress
 from relight.lab.job import job
 from relight.meshes import clean
 from relight.meshes.left_out import transform
-from relight.settings import Clean
 
 with job(snakemake):
-    settings = Clean(**snakemake.params.clean)
     for mesh in progress(sorted(Path(snakemake.input[0]).glob("*.npz")), "figures"):
-        transform(mesh, lambda given: clean(given, settings), Path(snakemake.output[0], mesh.name))
+        transform(mesh, clean, Path(snakemake.output[0], mesh.name))

@@ -22,7 +22,6 @@ from relight.evaluation.pictures.canvas import (
 from relight.evaluation.scoring.evaluate import Condition, dense, infer, load, pixels, select_pairs, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
-from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.truth import Inferred, Truth
 from relight.learning.data import RelitSet
 
@@ -43,7 +42,6 @@ CELL_HEIGHT = 300  # pixels
 LARGE_BALL, SMALL_BALL = 0.8, 0.26  # diameter over the width of a cell: alone in it, and in its corner
 GAP, GUTTER, TOP, LINE = 6, 150, 60, 24  # pixels: between cells, left of them, above them, of a line of text
 MAX_ERROR = 0.5  # shading error (vector norm) at the dark end of the color scale
-EXTREME_FIGURES = 2  # figures with the least and with the largest error
 LIGHTS = 8  # number of lights by which a figure is relit
 PLATE_FIGURES = 6  # test figures on a plate
 NOTE = (
@@ -200,53 +198,63 @@ def _draw_view(
         sheet.put(corner, x + width - corner.width - 5, y + 5)
 
 
-def _inferred_by_network(
-    networks: dict[str, Path],
-    packed: Path,
-    lights: Path,
-    split: Path,
-    condition: Condition,
-    choose: Callable[[list[str], np.ndarray], list[tuple[int, np.ndarray]]],
-) -> Iterator[tuple[str, list[tuple[Subject, Inferred]]]]:
-    """Infers chosen figures by each network, from their pictures under their first light.
+@dataclass(frozen=True)
+class Shown:
+    """What is drawn: networks on a test set.
 
-    Args:
+    Attributes:
         networks: row -> checkpoint.
         packed, lights, split: the data set (.safetensors, .npz, .json).
         condition: the figures and lights to choose from.
-        choose: from the names of the figures and the indices (L,) of the lights, returns the places of figures among
-            the names, each with the indices (N,) of its lights.
-
-    Yields:
-        The row of each network, and the chosen figures with what it infers; nothing if the condition has no figures or
-        lights.
-
-    Raises:
-        UserError: if a file has other contents, or there are no test figures or lights.
     """
-    subjects: list[Subject] = []
-    for row, checkpoint in progress(list(networks.items()), "networks drawn"):
-        network, data = load(checkpoint, packed, lights)
-        figures, light_indices = select_pairs(data, split, condition)
-        if not len(figures) or not len(light_indices):
-            return
-        places = choose([data.names[figure] for figure in figures], light_indices)
-        chosen = [(int(figures[place]), its_lights) for place, its_lights in places]
-        subjects = subjects or [Subject.of(data, *pair) for pair in chosen]
-        inferred = [infer(network, data, figure, its_lights[:1]) for figure, its_lights in chosen]
-        yield row, list(zip(subjects, inferred))
+
+    networks: dict[str, Path]
+    packed: Path
+    lights: Path
+    split: Path
+    condition: Condition
+
+    def inferred(
+        self, choose: Callable[[int, np.ndarray], list[tuple[int, np.ndarray]]]
+    ) -> Iterator[tuple[str, list[tuple[Subject, Inferred]]]]:
+        """Infers chosen figures by each network, from their pictures under their first light.
+
+        Args:
+            choose: from the number of figures and the indices (L,) of the lights, returns the places of figures, each
+                with the indices (N,) of its lights.
+
+        Yields:
+            The row of each network, and the chosen figures with what it infers; nothing if the condition has no figures
+            or lights.
+
+        Raises:
+            UserError: if a file has other contents, or there are no test figures or lights.
+        """
+        subjects: list[Subject] = []
+        for row, checkpoint in progress(list(self.networks.items()), "networks drawn"):
+            network, data = load(checkpoint, self.packed, self.lights)
+            figures, light_indices = select_pairs(data, self.split, self.condition)
+            if not len(figures) or not len(light_indices):
+                return
+            chosen = [(int(figures[place]), its_lights) for place, its_lights in choose(len(figures), light_indices)]
+            subjects = subjects or [Subject.of(data, *pair) for pair in chosen]
+            inferred = [infer(network, data, figure, its_lights[:1]) for figure, its_lights in chosen]
+            yield row, list(zip(subjects, inferred))
+
+    def of_the_middle_figure(self, count: int) -> Iterator[tuple[str, Subject, Inferred]]:
+        """Yields each row, the middle figure under at most `count` lights of all kinds, and what is inferred of it."""
+
+        def middle(figures: int, lights: np.ndarray) -> list[tuple[int, np.ndarray]]:
+            return [(figures // 2, lights[evenly_spaced(len(lights), count)])]
+
+        for row, ((subject, inferred),) in self.inferred(middle):
+            yield row, subject, inferred
 
 
-def _middle_figure(count: int) -> Callable[[list[str], np.ndarray], list[tuple[int, np.ndarray]]]:
-    """Returns the function that chooses the middle figure, and `count` lights of all kinds."""
-    return lambda names, lights: [(len(names) // 2, lights[evenly_spaced(len(lights), count)])]
-
-
-def relit(networks: dict[str, Path], packed: Path, lights: Path, split: Path, condition: Condition, out: Path) -> None:
-    """Draws one figure relit by up to LIGHTS lights: the truth, then each network; arguments are as in `plates`."""
+def relit(shown: Shown, out: Path) -> None:
+    """Draws one figure relit by up to LIGHTS lights: the truth, then each network."""
     lines: list[Line] = []
-    answers = _inferred_by_network(networks, packed, lights, split, condition, _middle_figure(LIGHTS))
-    for row, ((subject, inferred),) in answers:
+    for row, subject, inferred in shown.of_the_middle_figure(LIGHTS):
         if not lines:
             pictures = [subject.picture(light) for light in range(len(subject.truth.lights))]
             lines.append(Line(f"truth {subject.name}", subject, pictures, first=True))
@@ -257,38 +265,20 @@ def relit(networks: dict[str, Path], packed: Path, lights: Path, split: Path, co
     draw(heads, lines, max_error=None, note=NOTE_RELIT).save(out)
 
 
-def plates(
-    networks: dict[str, Path],
-    packed: Path,
-    lights: Path,
-    split: Path,
-    condition: Condition,
-    choose: Callable[[list[str]], list[int]],
-    out: Path,
-) -> None:
+def plates(shown: Shown, out: Path) -> None:
     """Draws test figures: the truth, then each network.
 
     Each figure is seen under one light and relit by the next. Values are displayed sRGB-encoded if the network's color
     model is `photo`, and unchanged if it is `paper`. Maps without a loss are true.
-
-    Args:
-        networks: row -> checkpoint.
-        packed, lights, split: the data set (.safetensors, .npz, .json).
-        condition: the figures and lights to choose from.
-        choose: from the names of the figures, returns the places of those to draw among them.
-        out: the picture (.png).
-
-    Raises:
-        UserError: if a file has other contents, or there are no test figures or lights.
     """
 
-    def with_two_lights(names: list[str], light_indices: np.ndarray) -> list[tuple[int, np.ndarray]]:
-        """Gives each chosen figure two lights, which differ between figures."""
-        count = len(light_indices)
-        return [(place, light_indices[[i % count, (i + 1) % count]]) for i, place in enumerate(choose(names))]
+    def with_two_lights(figures: int, lights: np.ndarray) -> list[tuple[int, np.ndarray]]:
+        """Gives each figure two lights, which differ between figures."""
+        places, count = evenly_spaced(figures, PLATE_FIGURES), len(lights)
+        return [(place, lights[[i % count, (i + 1) % count]]) for i, place in enumerate(places)]
 
     blocks: list[list[Line]] = []
-    for row, answers in _inferred_by_network(networks, packed, lights, split, condition, with_two_lights):
+    for row, answers in shown.inferred(with_two_lights):
         if not blocks:
             blocks = [
                 [Line(f"truth {subject.name}", subject, _true_views(subject), first=True)] for subject, _ in answers
@@ -298,17 +288,10 @@ def plates(
     draw(list(COLUMNS), [line for block in blocks for line in block], MAX_ERROR, NOTE).save(out)
 
 
-def shadings(
-    networks: dict[str, Path], packed: Path, lights: Path, split: Path, condition: Condition, out: Path
-) -> None:
-    """Draws the shading of one figure under the true light: a column per network, and the errors below.
-
-    Arguments are as in `plates`.
-    """
+def shadings(shown: Shown, out: Path) -> None:
+    """Draws the shading of one figure under the true light: a column per network, and the errors below."""
     lines: list[Line] = []
-    for _, ((subject, inferred),) in _inferred_by_network(
-        networks, packed, lights, split, condition, _middle_figure(1)
-    ):
+    for _, subject, inferred in shown.of_the_middle_figure(1):
         true_shading = subject.truth.maps["shading"][0]
         if not lines:
             true_cells = [subject.picture(light=0), Cell(true_shading / subject.white)]
@@ -317,24 +300,7 @@ def shadings(
         shading = shade(transport[0], subject.truth.lights[0])
         lines[0].views.append(Cell(shading / subject.white))
         lines[1].views.append(Cell(error=np.linalg.norm(shading - true_shading, axis=-1)))
-    draw(["picture", "true shading", *map(label, networks)], lines, MAX_ERROR, NOTE_SHADINGS).save(out)
-
-
-def extreme_places(scores: list[Path], names: list[str]) -> list[int]:
-    """Finds the EXTREME_FIGURES with the least and with the largest shading error, as means over networks.
-
-    Args:
-        scores: files of the networks' scores on these figures.
-        names: names of the figures.
-
-    Returns:
-        Their places among the names, from the least to the largest error.
-    """
-    all_scores = [training for trainings in gather(scores).values() for training in trainings]
-    means = np.mean([training.columns["shading_rmse"].mean(1) for training in all_scores], 0)
-    error_of = dict(zip(all_scores[0].figures, means))
-    order = sorted(range(len(names)), key=lambda place: error_of[names[place]])
-    return list(dict.fromkeys([*order[:EXTREME_FIGURES], *order[-EXTREME_FIGURES:]]))
+    draw(["picture", "true shading", *map(label, shown.networks)], lines, MAX_ERROR, NOTE_SHADINGS).save(out)
 
 
 def evenly_spaced(items: int, count: int) -> list[int]:

@@ -12,18 +12,17 @@ from markupsafe import Markup
 from relight.core.errors import UserError
 from relight.core.files import atomic_write
 from relight.evaluation.report import data, own, page, sections
-from relight.evaluation.report.formats import TextTable
-from relight.evaluation.report.provenance import command, costs, provenance
+from relight.evaluation.report.provenance import costs, provenance
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import compare_rows
-from relight.evaluation.scoring.paper import CITATION, CONTENTS
+from relight.evaluation.scoring.paper import CITATION
 from relight.evaluation.scoring.tables import PRINTED, Table
 
 T = TypeVar("T")
 MIN_FIGURES = 5  # test figures, with fewer of which the first lines of the page draw no conclusion
 # Endings of the files of an experiment.
-PICTURES = ("errors", "plates", "relit", "overview", "extremes")
-FILE_ENDS = (".csv", ".md", ".tex", *(f"_{kind}.png" for kind in PICTURES))
+PICTURES = ("errors", "plates", "relit", "overview")
+FILE_ENDS = (".csv", ".md", *(f"_{kind}.png" for kind in PICTURES))
 
 
 @dataclass
@@ -61,11 +60,10 @@ def build_report(results: Results, out: Path) -> None:
     parts += [
         _make("figures", "Figures", "figures.md", lambda: data.figures(results)),
         _make("lights", "Lights", "lights.md", lambda: data.lights(results)),
-        Section("the-paper", "The paper, part by part", page.section("sections/paper.md", grid=_contents(results))),
-        _make("cost-and-settings", "Cost and settings", "costs.md", lambda: data.costs_and_settings(results)),
+        _make("cost", "Cost", "costs.md", lambda: data.cost(results)),
     ]
     failed = sum(part.failed for part in parts)
-    if failed == len(parts) - 2:  # all but the two that need no results
+    if failed == len(parts) - 1:  # all but the one that needs no results
         raise UserError(f"{folder}: no section of the report could be made; the reasons are above")
     html = page.page("page.html", title=f"relight: {name}", head=head(name, results, failed), sections=parts)
     with atomic_write(out) as tmp:
@@ -81,7 +79,7 @@ def remove_outdated(results: Results) -> None:
     """Removes the tables and pictures of earlier runs with other experiments if the data set has changed since."""
     data = [results.data / name for name in ("packed.safetensors", "lights/lights.npz")]
     changed = max((path.stat().st_mtime for path in data if path.exists()), default=0)
-    for table in results.report.glob("*.tex"):
+    for table in results.report.glob("*.md"):
         is_planned = any(f"{table.stem}_".startswith(f"{name}_") for name in results.experiments)
         if not is_planned and table.stat().st_mtime < changed:
             for end in FILE_ENDS:
@@ -112,18 +110,6 @@ def _failed(name: str, heading: str, reason: str) -> Section:
     return Section(name, heading, page.section("sections/failed.md", reason=reason), failed=True)
 
 
-def _contents(results: Results) -> TextTable:
-    """Returns the paper's figures and tables, linked to the sections of this run, and the commands that repeat them."""
-    own_sections = ("figures", "lights", "training")
-    anchors = {*results.experiments, *own_sections[: 2 + bool(results.tables)]}
-    rows = []
-    for what, shows, anchor, words in CONTENTS:
-        link = Markup('<a href="#{}">{}</a>').format(anchor, what) if anchor in anchors else what
-        words = words or command(results.folder, anchor if anchor not in own_sections else "")
-        rows.append([link, shows, Markup("<code>{}</code>").format(words)])
-    return TextTable.of(["the paper's", "shows", "command"], rows)
-
-
 def head(name: str, results: Results, failed: int) -> Markup:
     """Makes the head of the page: the paper, the questions, the outcome, and the provenance.
 
@@ -133,7 +119,6 @@ def head(name: str, results: Results, failed: int) -> Markup:
         failed: number of sections that could not be made.
     """
     tested = _value_or_none(lambda: max(results.table(name).figures for name in results.readable)) or 0
-    settings = results.settings_files()
     stage_costs, wall = costs(results.folder)
     with_plates = [table for table in results.tables if results.experiments[table]["plates"]]
     hero = next((results.report / f"{table}_overview.png" for table in with_plates), results.report / "figures.png")
@@ -145,7 +130,7 @@ def head(name: str, results: Results, failed: int) -> Markup:
         outcome=_value_or_none(lambda: sections.summary(results)) if _has_printed_tables(results) else None,
         answer=_value_or_none(lambda: _answer(results)),
         few=tested if 0 < tested < MIN_FIGURES else None,
-        scans=any(values.get("figures.source") == "scans" for values in settings.values()),
+        scans=results.run["settings"]["figures"]["source"] == "scans",
         left_out=_value_or_none(lambda: len(results.record["left_out"])),
         failed=failed,
         hero=hero if hero.exists() else None,
@@ -153,7 +138,7 @@ def head(name: str, results: Results, failed: int) -> Markup:
         figures=_value_or_none(lambda: len(results.record["figures"]) - len(results.record["left_out"])),
         lights=_value_or_none(lambda: results.lights["lights"]),
         trainings=len(results.trainings),
-        steps=_value_or_none(lambda: sorted({settings[f"train.{name}"]["train.steps"] for name in results.trainings})),
+        steps=_value_or_none(lambda: sorted({results.run["rows"][row]["train"]["steps"] for row in results.rows})),
         origin=provenance(results.folder),
         wall=wall,
         seconds=float(stage_costs.seconds.sum()),

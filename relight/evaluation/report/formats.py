@@ -1,4 +1,4 @@
-"""Formats tables: pandas frames of cells, written as CSV, Markdown, LaTeX and HTML.
+"""Formats tables: pandas frames of cells, written as CSV, Markdown and HTML.
 
 Bold is the best network of a column; n.s. marks values that do not differ significantly from it.
 """
@@ -21,10 +21,6 @@ from relight.evaluation.scoring.tables import Table
 from relight.evaluation.scoring.truth import COLUMNS, READINGS
 
 SIGNS = {Verdict.BETTER: "✓", Verdict.WORSE: "✗", Verdict.EQUIVALENT: "≈", Verdict.OPEN: "?"}
-LATEX: dict[str | int, str | int | None] = {
-    "%": r"\%", "&": r"\&", "_": r"\_", "#": r"\#", "×": r"$\times$", "²": "$^2$", "–": "--", "∞": r"$\infty$",
-    "↓": r"$\downarrow$", "↑": r"$\uparrow$", "≈": r"$\approx$", "✓": "", "✗": "", "−": "$-$",
-}  # fmt: skip
 
 
 @dataclass
@@ -126,37 +122,19 @@ class TextFormat:
             shown = (self.bold if value.best else "{}").format(mean) + self.margin.format(margin)
             return shown + self.not_significant * value.not_significant
         if isinstance(value, Verdict):
-            return self.escape(f"{SIGNS[value]} {value.value}").strip()
+            return f"{SIGNS[value]} {value.value}"
         if isinstance(value, float):
             return self.escape(number(value, digits))
         return self.escape(value if isinstance(value, str) else str(value))
 
 
 MARKDOWN = TextFormat("**{}**", "*{}*", " ± {}", " n.s.", lambda text: text.replace("|", "\\|"))
-TEX = TextFormat(
-    r"\textbf{{{}}}",
-    r"\textit{{{}}}",
-    r"{{\tiny$\pm${}}}",
-    r"$^{\mathrm{n.s.}}$",
-    lambda text: text.translate(str.maketrans(LATEX)),
-)
 HTML = TextFormat("<b>{}</b>", "{}", "<small>±{}</small>", "<i>n.s.</i>", lambda text: str(escape(text)))
 
 
 def to_markdown(grid: TextTable) -> str:
     """Returns a grid as a table in Markdown."""
     return grid.texts(MARKDOWN).to_markdown(disable_numparse=True)
-
-
-def to_latex(grid: TextTable) -> str:
-    """Returns a grid as a tabular (package booktabs), with a rule before baselines and before printed values."""
-    texts = grid.texts(TEX).rename_axis(index=None)
-    lines = texts.to_latex(escape=False, multicolumn_format="c", column_format="l" + "c" * texts.shape[1]).splitlines()
-    body = lines.index(r"\midrule") + 1
-    for place in range(len(grid.kinds) - 1, 0, -1):
-        if grid.kinds[place] != grid.kinds[place - 1]:
-            lines.insert(body + place, r"\midrule")
-    return "\n".join([*lines, ""])
 
 
 def write_tables(
@@ -167,12 +145,12 @@ def write_tables(
     statistics: pd.DataFrame | None = None,
     others: TextTable | None = None,
 ) -> None:
-    """Writes a table as stem.csv, stem.md and stem.tex, each atomically.
+    """Writes a table as stem.csv and stem.md, each atomically.
 
     Args:
         stem: path without suffix.
         title, note: of the table; what explains the numbers. Both are in Markdown.
-        shown: the table; one tabular in LaTeX, a table per block in Markdown.
+        shown: the table; a table per block in Markdown.
         statistics: content of the CSV; by default the statistics of `shown`.
         others: a further grid for the Markdown file.
     """
@@ -180,11 +158,9 @@ def write_tables(
     parts = [f"## {title}", note, *map(to_markdown, shown.blocks())]
     if others is not None:
         parts += ["### Other readings of the same scores", *map(to_markdown, others.blocks())]
-    comments = [f"% {line}" for line in [f"{title}. Needs \\usepackage{{booktabs}}.", *note.splitlines()]]
     texts = {
         ".csv": statistics.to_csv(index=statistics.index.name is not None, lineterminator="\n"),
         ".md": "\n\n".join(parts) + "\n",
-        ".tex": "\n".join([*comments, to_latex(shown)]),
     }
     for suffix, text in texts.items():
         with atomic_write(stem.with_suffix(suffix)) as tmp:

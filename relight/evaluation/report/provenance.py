@@ -51,20 +51,13 @@ def processor() -> str:
         return platform.processor() or platform.machine()
 
 
-def command(folder: Path, experiment: str = "") -> str:
-    """Returns the command that repeats a run in a clone; a sweep is repeated from its record.
-
-    Args:
-        folder: results/<name>, whose run.yaml contains the given settings.
-        experiment: another experiment to run with these settings.
-    """
+def command(folder: Path) -> str:
+    """Returns the command that repeats results/<name> in a clone; a sweep is repeated from its record, run.yaml."""
     record = folder / "run.yaml"
     config = yaml.safe_load(record.read_text()) if record.exists() else {}
-    is_sweep = list(config.get("settings", {}).get("experiments", ())) == ["sweep"]
-    if is_sweep and not experiment:
+    if list(config.get("settings", {}).get("experiments", ())) == ["sweep"]:
         return f"snakemake all --configfile results/{folder.name}/run.yaml"
-    words = [word for word in config.get("overrides", []) if not (experiment and word.startswith("experiment="))]
-    return shlex.join(["relight", "run", *words, *([f"experiment={experiment}"] if experiment else [])])
+    return shlex.join(["relight", "run", *config.get("overrides", [])])
 
 
 def costs(folder: Path) -> tuple[pd.DataFrame, float]:

@@ -16,7 +16,6 @@ from relight.core.files import existing_file
 from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.tables import Rows, Table, columns_of, experiment_table
 from relight.learning.training_name import TrainingName
-from relight.settings import flat
 
 
 class Results:
@@ -136,16 +135,6 @@ class Results:
     def run(self) -> dict[str, Any]:
         """run.yaml: `overrides` as given, the `settings` that all rows share, and those of `rows`."""
         return yaml.safe_load((self.folder / "run.yaml").read_text(encoding="utf-8"))
-
-    def settings_files(self) -> dict[str, dict[str, Any]]:
-        """Returns the settings of the run ("run") and of each training ("train.ours_full.s0"), by dotted names."""
-        groups = ("figures", "bake", "panoramas", "lights")
-        by_part = {"run": flat({key: self.run["settings"][key] for key in groups if key in self.run["settings"]})}
-        for experiment in self.experiments.values():
-            for row, trainings in experiment["trainings"].items():
-                for training in trainings:
-                    by_part[f"train.{training}"] = flat(self.run["rows"][row])
-        return by_part
 
     def _gather(self, paths: Iterable[str]) -> Rows:
         """Reads the scores in files of the results, each set of files once."""

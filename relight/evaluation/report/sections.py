@@ -18,15 +18,13 @@ from relight.evaluation.report.formats import (
     number,
     other_columns,
     p_value,
-    percent,
     score_grid,
     write_tables,
 )
 from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
-from relight.evaluation.scoring.comparisons import Comparison, Ordering, Verdict, compare_rows, correct, orderings
+from relight.evaluation.scoring.comparisons import Comparison, Verdict, compare_rows, correct, orderings
 from relight.evaluation.scoring.labels import column_label, label
-from relight.evaluation.scoring.paper import ARGUMENTS
 from relight.evaluation.scoring.tables import Table
 
 DAGGER = " †"  # marks printed differences that are under MARGIN
@@ -55,26 +53,23 @@ def experiment(results: Results, name: str) -> Numbers:
     if not table.rows:
         return numbers
     usual = None if results.usual(name) else results.table(name, usual=True)
-    best = None if settings["compare"] else _best_row(table)
-    compared = (best["compared"] if best else {}) | _compare_pairs(table, settings, usual)
-    files = {kind: results.report / f"{name}_{kind}.png" for kind in ("errors", "extremes", *PLATES)}
+    compared = _compare_pairs(table, settings, usual)
+    files = {kind: results.report / f"{name}_{kind}.png" for kind in ("errors", *PLATES)}
     charts.plot_errors(table, results.rows, files["errors"])
     return numbers | {
         "scored": table,
         "usual": usual,
-        "best": best,
         "comparisons": comparison_grid(compared),
         "chart": files["errors"],
         "tables": {name: score_grid(table, table.columns)},
         "others": score_grid(table, other_columns(table)),
         "plates": [(files[kind], words) for kind, words in PLATES.items() if settings["plates"]],
-        "extremes": files["extremes"] if settings["plates"] else None,
         **quarters(results, name),
     }
 
 
 def write_score_table(table: Table, title: str, stem: Path) -> None:
-    """Writes the table of an experiment as CSV (all columns), Markdown and LaTeX, to a path without suffix.
+    """Writes the table of an experiment as CSV (all columns) and Markdown, to a path without suffix.
 
     Without rows, as of sitting figures where nobody sits, the files say so.
     """
@@ -102,23 +97,6 @@ def _compare_pairs(table: Table, settings: dict[str, Any], usual: Table | None =
         if usual:
             compared[f"{words} (usual ones)"] = compare_rows(usual, first, second, columns)
     return {words: by_column for words, by_column in compared.items() if by_column}
-
-
-def _best_row(table: Table) -> Numbers | None:
-    """Compares the best network of a table's first column with the others, for experiments that name no pairs.
-
-    Returns:
-        The `column`, the `row`, its `estimate`, and the comparisons in `compared`; None if there is one network.
-    """
-    column = next(iter(table.present(table.columns)))
-    rows = [row for row in table.networks if column in table.rows[row]]
-    best = next((row for row in rows if table.rows[row][column].best), None)
-    if best is None:
-        return None
-    pairs = {row: compare_rows(table, best, row, (column,)) for row in rows if row != best}
-    correct([comparison for by_column in pairs.values() for comparison in by_column.values()])
-    compared = {f"{label(best)} against {label(row)}": by_column for row, by_column in pairs.items()}
-    return {"column": column, "row": best, "estimate": table.rows[best][column], "compared": compared}
 
 
 def quarters(results: Results, name: str) -> Numbers:
@@ -188,28 +166,5 @@ def summary(results: Results) -> Numbers:
         "verdicts": verdicts,
         "small": sum(ordering.below_margin for ordering in tested),
         "trainings": (min(counts, default=0), max(counts, default=0)),
-        "matrix": matrix(tested),
         "listed": TextTable.of(heads, lines),
     }
-
-
-def matrix(tested: list[Ordering]) -> TextTable:
-    """Returns a grid of verdicts and relative gains: a row per pair of ARGUMENTS, a column per quantity."""
-    columns = list(dict.fromkeys(ordering.comparison.column for ordering in tested))
-    lines = []
-    for first, second, _ in ARGUMENTS:
-        of_pair = [ordering for ordering in tested if {ordering.better, ordering.worse} == {first, second}]
-        if of_pair:
-            cells = {ordering.comparison.column: _format_cell(ordering) for ordering in of_pair}
-            lines.append([f"{label(first)} against {label(second)}", *(cells.get(column) for column in columns)])
-    return TextTable.of(["", *map(column_label, columns)], lines)
-
-
-def _format_cell(ordering: Ordering) -> str:
-    """Returns a cell of the matrix: how much better the pair's first row is in this run, in percent.
-
-    It is in brackets if the paper's numbers contradict its argument, and has DAGGER if they differ by less than MARGIN.
-    """
-    gain = percent(ordering.comparison.gain if ordering.argued else -ordering.comparison.gain).removesuffix(" %")
-    words = f"{SIGNS[ordering.comparison.verdict]} {gain}{DAGGER * ordering.below_margin}"
-    return words if ordering.argued else f"({words})"

@@ -24,8 +24,6 @@ LABELS = {
     "self_encoder": "Encoder fine-tuned",
     "self_all": "Everything fine-tuned",
     "ours_rich": "Ours, richer lights",
-    "ours_disjoint": "Ours, person not seen",
-    "ours_siblings": "Ours, person seen",
     "mean_figure": "mean training figure, mean light",
     "mean_light": "true maps, mean training light",
     "nearest_light": "true maps, nearest training light",

@@ -27,26 +27,6 @@ ARGUMENTS = (
     ("ours_full", "no_reconstruction", "the reconstruction losses matter"),
 )
 
-# Figures and tables of the paper: their content, the report's experiment or section that repeats it, and the command if
-# it is not that of the run, with the experiment.
-CONTENTS = (
-    ("Figure 1", "a photograph under new lights", "", "relight photo me.jpg --light room:12"),
-    ("Figure 2", "the network", "training", ""),
-    ("Figure 3", "examples of the figures", "figures", ""),
-    ("Figure 4", "examples of the lights", "lights", ""),
-    ("Table 1", "the four methods", "table1", ""),
-    ("Table 2", "the losses left out by groups", "table2", ""),
-    ("Figures 5, 7", "the methods side by side", "table1", ""),
-    ("Figures 6, 8", "photographs", "", "relight photo me.jpg"),
-    ("Figure 9", "light transfer", "light_transfer", ""),
-    ("Figure 10", "shape from mask", "silhouette", ""),
-    ("Figure 11", "self-supervised learning", "self_supervised", ""),
-    ("Figure 12", "sitting figures", "sitting", ""),
-    ("Figure 13", "unusual lights", "unusual_lights", ""),
-    ("Supplement", "path tracing", "path_traced", ""),
-    ("Sections 4 to 6", "its whole protocol", "", "relight run scale=paper protocol=paper"),
-)
-
 _PRINTED = {  # RMSE of the first six QUANTITIES, then SSIM; None if the paper has N/A or no column
     "sfsnet": (0.299, 0.526, 0.346, None, 0.207, 0.135, 0.884, 0.755, 0.776, None, 0.446, 0.954),
     "sfsnet_ao": (0.293, 0.529, 0.347, 0.083, 0.207, 0.131, 0.890, 0.749, 0.772, 0.946, 0.475, 0.955),
