@@ -31,6 +31,7 @@ from relight.lights.chain import generated_light
 from relight.maps import Maps, read_maps, write_maps
 from relight.maps.square import Crop, crop_around
 from relight.photos.api import Relighter, load
+from relight.photos.person import infer_person
 from relight.sh import basis
 
 SEEDS = range(9000, 9006)
@@ -100,7 +101,9 @@ def truth(maps: Maps, light: np.ndarray, box: Crop) -> Intrinsics:
 def score(relighter: Relighter, maps: Maps, light: np.ndarray) -> dict[str, float]:
     """Returns all rows of the table for one figure under one light (9,3), by name."""
     shots = variants(partial(take_photograph, maps, light), to_bytes(maps.coverage), relighter.network.size)
-    inferred = {name: relighter.infer_person(shot.photo, shot.mask, shot.square) for name, shot in shots.items()}
+    inferred = {
+        name: infer_person(relighter.network, shot.photo, shot.mask, shot.square) for name, shot in shots.items()
+    }
     true = truth(maps, light, shots[""].square)
     return {
         **errors(inferred[""], true),
@@ -144,7 +147,7 @@ def pose_spread(relighter: Relighter, poses: list[Maps], lights: list[np.ndarray
     means, variances = [], []
     for light in progress(lights, f"{name}, poses"):
         shots = ((take_photograph(maps, light), to_bytes(maps.coverage)) for maps in poses)
-        irradiance = np.stack([metrics.irradiance(relighter.infer_person(*shot).light) for shot in shots])
+        irradiance = np.stack([metrics.irradiance(infer_person(relighter.network, *shot).light) for shot in shots])
         means.append(irradiance.mean(0))
         variances.append(((irradiance - means[-1]) ** 2).sum((1, 2)).mean())
     spreads = np.sqrt(variances) / [np.linalg.norm(mean) for mean in means]

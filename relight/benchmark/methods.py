@@ -16,9 +16,9 @@ from relight.core.srgb import LINEAR, decode
 from relight.maps import read_maps
 from relight.maps.square import fill_outside
 from relight.panoramas import project, read_panorama
-from relight.photos.api import Relighter, load
 from relight.photos.color import apply_gain, to_srgb8
-from relight.photos.person import Person
+from relight.photos.network import PhotoNetwork, read_network
+from relight.photos.person import Person, infer_person
 from relight.photos.render import render
 from relight.photos.shading import gain, shading
 
@@ -47,8 +47,8 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
     benchmark, out = BenchmarkSet(folder), writable_folder(out, "--out")
     record = {"set": benchmark.hash, "method": method}
     if method == "network":
-        relighter = load(weights, threads=1)
-        apply, record["weights"] = network(relighter), relighter.network.digest
+        network = read_network(weights, threads=1)
+        apply, record["weights"] = inferred_by(network), network.digest
     else:
         apply = BASELINES[method]()
     check_answers(out, record)
@@ -69,13 +69,13 @@ def check_answers(out: Path, record: dict[str, str]) -> None:
         raise UserError(f"{out} holds answers of another method, network or set: give another folder")
 
 
-def network(relighter: Relighter) -> Method:
+def inferred_by(network: PhotoNetwork) -> Method:
     """Returns the method that infers by a network and relights, like `relight photo`; lights keep their exposure."""
 
     def apply(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
         """Returns albedo, shading and transport (side,side,C), light (9,3), and the relit pictures (N,H,W,3) uint8."""
         shot = entry.shot()
-        person = relighter.infer_person(shot.photo, shot.mask, replace(shot.square, size=relighter.network.size))
+        person = infer_person(network, shot.photo, shot.mask, replace(shot.square, size=network.size))
         inside = square_mask(entry)
         # A network of train.color=paper, whose gamma is not 1, infers coded values.
         albedo = person.albedo if person.gamma == 1 else decode(person.albedo)
@@ -83,7 +83,7 @@ def network(relighter: Relighter) -> Method:
         arrays = {name: resize_to_square(values, person, inside) for name, values in maps.items()}
         arrays["light"] = person.light[:9]
         if entry.new:
-            lights = [project(read_panorama(path), relighter.order).astype(np.float32) for path in entry.panoramas()]
+            lights = [project(read_panorama(path), network.order).astype(np.float32) for path in entry.panoramas()]
             for mode in ("ratio", "full"):
                 arrays[mode] = np.stack([render(shot.photo, [person], light, mode) for light in lights])
         return arrays
@@ -121,7 +121,7 @@ def mean_light() -> Method:
 
     It is the mean of the lights that the package's network was trained on.
     """
-    lights = load().network.lights
+    lights = read_network().lights
     assert lights is not None  # the package's weights hold them
     light = lights[:, :9].mean(0).astype(np.float64)
 

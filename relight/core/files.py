@@ -203,13 +203,6 @@ def _try_lock(handle: int) -> bool:
     return True
 
 
-def remove_folder(folder: Path) -> None:
-    """Removes a folder, and its parent if that is then empty."""
-    shutil.rmtree(folder, ignore_errors=True)
-    with suppress(OSError):
-        folder.parent.rmdir()
-
-
 def is_unsafe_name(path: Path | str) -> bool:
     """Returns whether the workflow cannot handle a file name.
 

@@ -8,14 +8,12 @@ from typing import Unpack
 import numpy as np
 
 from relight.lights import Light, LightOptions
-from relight.maps.square import Crop
 from relight.photos.background import Background
 from relight.photos.look import AUTO, LightGiven, Look
 from relight.photos.network import PhotoNetwork, read_network
-from relight.photos.person import Person, infer_person
+from relight.photos.person import Person
 from relight.photos.picture import Given
 from relight.photos.scene import Scene, SceneOptions, named_light
-from relight.photos.trust import Trust, assess
 
 
 class Relighter:
@@ -29,12 +27,7 @@ class Relighter:
         self.network = network
 
     def __repr__(self) -> str:
-        return f"Relighter({self.network.size} x {self.network.size} pixels, order {self.order})"
-
-    @property
-    def order(self) -> int:
-        """Of the spherical harmonics."""
-        return self.network.order
+        return f"Relighter({self.network.size} x {self.network.size} pixels, order {self.network.order})"
 
     def scene(
         self, image: Given, mask: Given | None = None, size: int | None = None, **options: Unpack[SceneOptions]
@@ -71,10 +64,6 @@ class Relighter:
         scene = self.scene(image, mask, split=split, white_balance=white_balance)
         _warn(scene)
         return list(scene.people)
-
-    def infer_person(self, pixels: np.ndarray, coverage: np.ndarray, crop: Crop | None = None) -> Person:
-        """Infers one person: relight.photos.person.infer_person."""
-        return infer_person(self.network, pixels, coverage, crop)
 
     def read_light(
         self,
@@ -125,10 +114,6 @@ class Relighter:
         scene = self.scene(image, mask, white_balance=white_balance)
         _warn(scene, look.light.notes if look.light else ())
         return scene.relit(look)
-
-    def trust(self, person: Person) -> Trust:
-        """Assesses how far an inference can be trusted."""
-        return assess(person, self.network.lights, self.network.stops)
 
 
 def _warn(scene: Scene, others: Iterable[str] = ()) -> None:

@@ -9,7 +9,6 @@ from relight.evaluation.experiments.occlusion import COLUMNS as OCCLUSION
 from relight.evaluation.experiments.occlusion import (
     HISTOGRAM,
     UNKNOWN,
-    group_occlusion,
     measure_occlusion,
     occlusion,
     read_occlusion,
@@ -49,29 +48,6 @@ def test_measure_occlusion_skips_left_out_figures(world, tmp_path):
     (tmp_path / "other.csv").write_text("name,pixels\na,1\n")
     with pytest.raises(UserError, match="not a table of occlusion"):
         read_occlusion(tmp_path / "other.csv")
-
-
-def figures(*rows):
-    """A table of figures from name, pose, garments and AO."""
-    found = [[*row, 100, ao, 1 - ao, 2 * (1 - ao), *np.full(20, 0.05)] for *row, ao in rows]
-    return pd.DataFrame(found, columns=OCCLUSION)
-
-
-def test_group_occlusion_by_pose_and_by_garment():
-    table = figures(
-        ("a", "sitting", "jeans; shirt", 0.7),
-        ("b", "walking", "jeans; jeans", 0.9),
-        ("c", "walking", "hooded coat", 0.8),
-    )
-    found = group_occlusion(table, "pose")
-    assert list(found.index) == ["sitting", "walking"] and list(found.figures) == [1, 2]
-    assert found.loc["sitting", "ao"] == 0.7
-    walking = found.loc["walking", ["least", "most", "ao", "dark", "lost"]].tolist()
-    assert walking == pytest.approx([0.8, 0.9, 0.85, 0.15, 0.3])
-    assert group_occlusion(table, "all").loc["all figures", ["figures", "ao"]].tolist() == pytest.approx([3, 0.8])
-    counts = {one.Index: (one.figures, round(one.ao, 6)) for one in group_occlusion(table, "garment").itertuples()}
-    assert counts == {"shirt": (1, 0.7), "jeans": (2, 0.8), "hooded coat": (1, 0.8)}
-    assert list(counts) == ["shirt", "hooded coat", "jeans"]  # darkest first, then by name
 
 
 def test_transport_bands_of_an_open_surface_that_faces_the_camera():

@@ -58,7 +58,11 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
         files[kind][""] = [f"evaluate/{'-'.join(on)}/baselines.csv"]
     (folder / "report").mkdir(exist_ok=True)
     run = folder / "run.yaml"
-    told = yaml.safe_load(run.read_text()) if run.exists() else {"overrides": [], "settings": {}, "rows": {}}
+    told = (
+        yaml.safe_load(run.read_text())
+        if run.exists()
+        else {"overrides": [], "settings": {"figures": {"source": "generated"}}, "rows": {}}
+    )
     for row in rows:
         words = dict(word.split("=") for word in one["sweep"]["rows"][row] if "." in word.split("=")[0])
         train = {"part": "train", "steps": int(words.get("train.steps", 1000 + len(row)))}
@@ -151,7 +155,6 @@ def test_experiment_without_pairs_has_its_table_alone(tmp_path):
     found = sections.experiment(made, "table2")
     assert found["comparisons"].frame.empty
     assert [head for _, head in found["tables"]["table2"].frame] == ["Shading", "Shading"]
-    assert build.experiment(made, "table2").html.count("<table") == 3  # two blocks, and other readings
 
 
 def test_pairs_of_rows_that_are_not_trained_are_left_out(tmp_path):
@@ -261,7 +264,7 @@ def test_build_report_is_whole_and_stands_alone(tmp_path):
     assert "8 trainings of 1,005 to 1,017 steps;" in html
     assert "validation/" not in html and "Nothing can be concluded" not in html
     assert f"<dd>{len(FIGURES)} figures, " in html  # not counting the one that was left out
-    for said in ("it is a plane", "its front is a guess", "x.hdr", "bright back", "bright at 36 of 36 headings", "4.0"):
+    for said in ("it is a plane", "its front is a guess", "x.hdr", "bright at 36 of 36 headings", "4.0"):
         assert said in html
 
 

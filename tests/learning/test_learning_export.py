@@ -43,7 +43,7 @@ def test_the_file_infers_the_mean_over_the_mirror_image(exported):
     network, _, path = exported
     image, mask = (values[0].numpy() for values in sample_inputs(1, 128, 128))
     image, mask = np.moveaxis(image, 0, -1), mask[0]
-    one, other = predict(network, image, mask), predict(network, image[:, ::-1], mask[:, ::-1])
+    one, other = predict(network, image, mask), predict(network, image[:, ::-1].copy(), mask[:, ::-1].copy())
     odd = np.ones(9)
     odd[[3, 4, 7]] = -1  # proportional to x: docs/conventions.md
     back = {"albedo": other["albedo"][:, ::-1], "transport": other["transport"][:, ::-1] * odd}

@@ -182,9 +182,9 @@ def test_fit_edge_is_that_of_python(size, kind, automatic):
         assert (np.abs(expected.astype(int) - mask) > 50).sum() > 100
     image = [LINEAR[pixels[..., channel]].ravel().tolist() for channel in range(3)]
     program = """const main = ({ image, mask, width, automatic }) =>
-    $edge.fitEdge(image.map((plane) => Float32Array.from(plane)), Uint8Array.from(mask), width, automatic);"""
+    $edges.fitEdge(image.map((plane) => Float32Array.from(plane)), Uint8Array.from(mask), width, automatic);"""
     values = {"image": image, "mask": mask.ravel().tolist(), "width": mask.shape[1], "automatic": automatic}
-    found = node("edge", program, values)
+    found = node("edges", program, values)
     assert np.abs(found.reshape(mask.shape).astype(int) - expected).max() <= 1
 
 

@@ -70,29 +70,6 @@ def read_occlusion(path: Path) -> pd.DataFrame:
     return read_table(path, "occlusion", COLUMNS, writer="the stage sheets")
 
 
-def group_occlusion(table: pd.DataFrame, by: str) -> pd.DataFrame:
-    """Averages a table of `measure_occlusion` over groups; each figure has the same weight.
-
-    Args:
-        table: of the figures.
-        by: "pose"; "garment", where a figure belongs to the group of each of its garments; or "all", a single group.
-
-    Returns:
-        A row per group, darkest first: number of figures, means of ao, dark and lost, and range of ao.
-    """
-    table = table.assign(all="all figures", garment=table.garments.str.split(SEPARATOR)).explode("garment")
-    groups = table.drop_duplicates(["name", by]).groupby(by)
-    means = groups.agg(
-        figures=("name", "size"),
-        ao=("ao", "mean"),
-        least=("ao", "min"),
-        most=("ao", "max"),
-        dark=("dark", "mean"),
-        lost=("lost", "mean"),
-    )
-    return means.sort_values("ao", kind="stable")
-
-
 def plot_occlusion(table: pd.DataFrame, out: Path) -> None:
     """Draws a histogram of ambient occlusion, and the transport that each figure loses to occlusion.
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pandas as pd
 
-from relight.evaluation.experiments.occlusion import group_occlusion, read_occlusion
+from relight.evaluation.experiments.occlusion import read_occlusion
 from relight.evaluation.pictures import charts
-from relight.evaluation.report.formats import TextTable, number
+from relight.evaluation.report.formats import TextTable
 from relight.evaluation.report.provenance import costs
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.paper import IMPLIED_AO, IMPLIED_LOST
@@ -42,24 +42,11 @@ def figures(results: Results) -> Numbers:
         "left_out": _two_columns(["left out", "reason"], left_out),
         "sheet": results.report / "figures.png",
         "histogram": results.report / "occlusion.png",
-        "every": group_occlusion(table, "all").iloc[0],
+        "occlusion": table,
         "implied": (IMPLIED_AO, IMPLIED_LOST),
-        "by_pose": _group_grid(table, "pose"),
-        "by_garment": _group_grid(table, "garment"),
         "repairs": TextTable.of(["figure", "repairs"], repairs),
         "warnings": warnings,
     }
-
-
-def _group_grid(table: pd.DataFrame, by: str) -> TextTable:
-    """Returns the occlusion of groups of figures by pose or garment, then that of all figures and the paper's scans."""
-    groups = pd.concat([group_occlusion(table, by), group_occlusion(table, "all")])
-    ranges = [f"{number(least, 2)} to {number(most, 2)}" for least, most in zip(groups.least, groups.most)]
-    groups.insert(2, "range", ranges)
-    rows = groups.drop(columns=["least", "most"]).reset_index().to_numpy(object).tolist()
-    rows.append(["the paper, implied", None, IMPLIED_AO, None, None, IMPLIED_LOST])
-    heads = [by, "figures", "mean AO", "range", "AO < .5", "rms lost"]
-    return TextTable.of(heads, rows, kinds=["network"] * (len(groups) - 1) + ["baseline"] * 2)
 
 
 def lights(results: Results) -> Numbers:
@@ -71,18 +58,12 @@ def lights(results: Results) -> Numbers:
         [step["step"], step["in"], step["out"], ", ".join(f"{why} {n}" for why, n in step["why"].items() if n)]
         for step in record["steps"]
     ]
-    turned = [f"{yaw:.0f}" for yaw in chosen.yaw]
-    by_light = [list(map(str, row)) for row in zip(chosen.source, turned, chosen.reason, chosen.split)]
     return {
         "counts": record["lights"],
-        "sources": len({row[0] for row in by_light if row[3] == "test"}),
+        "sources": len(set(chosen.of("test").source)),
         "warnings": record["warnings"],
         "steps": TextTable.of(["step", "lights in", "out", "dropped (a light may have several reasons)"], steps),
         "sheet": results.report / "lights.png",
-        "test": TextTable.of(["test light", "turned by, degrees"], [row[:2] for row in by_light if row[3] == "test"]),
-        "cut": TextTable.of(
-            ["panorama", "turned by, degrees", "reasons", "kept as"], [row for row in by_light if row[2]]
-        ),
         "unlit": _two_columns(["panorama", "rules broken"], record["unlit"]),
         "unreadable": _two_columns(["file", "reason"], record["unreadable"]),
         "repaired": _two_columns(["file", "how"], record["repaired"]),

@@ -11,7 +11,6 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 from PIL import Image
 
-from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.core.progress import duration
 from relight.evaluation.report import formats
@@ -19,7 +18,6 @@ from relight.evaluation.scoring.comparisons import MARGIN, Verdict
 from relight.evaluation.scoring.labels import column_label, label
 from relight.evaluation.scoring.statistics import ALPHA
 
-TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
 LARGE = 400_000  # bytes; larger PNGs are embedded as JPEGs of the same size in pixels
 
 
@@ -71,12 +69,9 @@ def table(grid: formats.TextTable) -> Markup:
 
 
 def picture(path: Path, caption: str) -> Markup:
-    """Embeds a picture (PNG, JPEG, SVG) as HTML, scaled to the page; a click shows it at full size."""
-    kind = TYPES.get(existing_file(path, "picture").suffix.lower())
-    if kind is None:
-        raise UserError(f"{path}: the report takes pictures of the kinds {', '.join(TYPES)}")
-    data = Path(path).read_bytes()
-    if kind == "image/png" and len(data) > LARGE:
+    """Embeds a picture (PNG) as HTML, scaled to the page; a click shows it at full size."""
+    data, kind = existing_file(path, "picture").read_bytes(), "image/png"
+    if len(data) > LARGE:
         buffer = io.BytesIO()
         with Image.open(path) as image:
             image.convert("RGB").save(buffer, "JPEG", quality=90, subsampling=0)

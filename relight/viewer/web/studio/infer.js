@@ -4,8 +4,8 @@
 import { textures } from "../page/figure.js";
 import { CLIPPING, chroma, clippingExcess, estimateForeground, linearPlanes } from "./colors.js";
 import { Crop, MASK_THRESHOLD } from "./crop.js";
-import { fitEdge } from "./edge.js";
-import { Guide } from "./guide.js";
+import { fitEdge } from "./edges.js";
+import { Guide } from "./guided.js";
 import { extent, label, nearest } from "./regions.js";
 
 const OPAQUE = 240; // coverage from which a pixel shows hardly anything but the figure

@@ -2,10 +2,10 @@
 
 import { linearPlanes } from "./colors.js";
 import { MASK_THRESHOLD } from "./crop.js";
-import { fitEdge, hasOutline, isSoft } from "./edge.js";
+import { fitEdge, hasOutline, isSoft } from "./edges.js";
 import { inferFigure } from "./infer.js";
 import { lanczos, resample } from "../page/resample.js";
-import { findPeople } from "./selfie.js";
+import { findPeople } from "./finder.js";
 
 const sessions = {};
 
