@@ -10,7 +10,7 @@ from relight.lab.plan import Plan
 from relight.lab.record import read_record
 from relight.settings import flat
 
-DATA_GROUPS = ("figures", "clean", "align", "bake", "panoramas", "lights")  # that decide a data set
+DATA_GROUPS = ("figures", "align", "bake", "panoramas", "lights")  # that decide a data set
 MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead
 
 
