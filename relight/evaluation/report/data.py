@@ -3,6 +3,7 @@
 Each of them returns the context of a template in templates/sections.
 """
 
+import os
 from typing import Any
 
 import pandas as pd
@@ -64,6 +65,7 @@ def lights(results: Results) -> Numbers:
         "warnings": record["warnings"],
         "steps": TextTable.of(["step", "lights in", "out", "dropped (a light may have several reasons)"], steps),
         "sheet": results.report / "lights.png",
+        "csv": os.path.relpath(results.data / "lights" / "lights.csv", results.report),
         "unlit": _two_columns(["panorama", "rules broken"], record["unlit"]),
         "unreadable": _two_columns(["file", "reason"], record["unreadable"]),
         "repaired": _two_columns(["file", "how"], record["repaired"]),
