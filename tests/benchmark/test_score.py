@@ -203,7 +203,7 @@ def test_comparison_tables_and_command(drawn, truth, tmp_path):
     says = CliRunner().invoke(app, ["benchmark", "report", str(truth), str(tmp_path / "as_it_is"), "-o", str(out)])
     assert says.exit_code == 0 and "| as_it_is " in says.output
     assert {p.name for p in out.iterdir()} == {
-        f"benchmark_{name}.{suffix}" for name in ("pictures", "maps", "invariance") for suffix in ("csv", "md", "tex")
+        f"benchmark_{name}.{suffix}" for name in ("pictures", "maps", "invariance") for suffix in ("csv", "md")
     }
     before = {path.name for path in Path.cwd().iterdir()}
     assert CliRunner().invoke(app, ["benchmark", "report", str(tmp_path / "as_it_is")]).exit_code == 0
