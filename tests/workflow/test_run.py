@@ -133,7 +133,7 @@ def test_remove_outdated_of_experiments_that_are_not_in_the_run(tmp_path, change
     """As after a sweep under the name of earlier results: their tables stay unless the data set has changed since."""
     from relight.evaluation.report.build import remove_outdated
 
-    report, ends = tmp_path / "report", (".csv", ".md", ".tex")
+    report, ends = tmp_path / "report", (".csv", ".md")
     report.mkdir()
     planned = {f"{name}{end}" for name in ("table1", "table1_occlusion", "light_transfer") for end in ends}
     others = {"order_plates.png", *(f"order{end}" for end in ends)}

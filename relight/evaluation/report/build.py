@@ -80,8 +80,9 @@ def remove_outdated(results: Results) -> None:
     data = [results.data / name for name in ("packed.safetensors", "lights/lights.npz")]
     changed = max((path.stat().st_mtime for path in data if path.exists()), default=0)
     for table in results.report.glob("*.md"):
+        is_table = table.with_name(f"{table.stem}.csv").is_file()  # other files of a user stay
         is_planned = any(f"{table.stem}_".startswith(f"{name}_") for name in results.experiments)
-        if not is_planned and table.stat().st_mtime < changed:
+        if is_table and not is_planned and table.stat().st_mtime < changed:
             for end in FILE_ENDS:
                 table.with_name(f"{table.stem}{end}").unlink(missing_ok=True)
 
