@@ -5,7 +5,6 @@ from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.srgb import encode
-from relight.evaluation.experiments.occlusion import COLUMNS as OCCLUSION
 from relight.evaluation.experiments.occlusion import (
     HISTOGRAM,
     UNKNOWN,
