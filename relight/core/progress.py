@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sized
 from typing import TypeVar
 
 T = TypeVar("T")
-TERMINAL_INTERVAL = 0.25  # seconds between updates of the line on a terminal
+TERMINAL_INTERVAL, LOG_INTERVAL = 0.25, 5.0  # seconds between updates of the line on a terminal, and lines in a log
 
 
 def duration(seconds: float) -> str:
@@ -23,15 +23,13 @@ def duration(seconds: float) -> str:
     return f"{seconds // 3600} h {seconds % 3600 // 60:02d} min"
 
 
-def progress(items: Iterable[T], what: str, total: int | None = None, every: float = 5.0) -> Iterator[T]:
+def progress(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
     """Yields `items`, and shows on stderr how many are done and the time left: "figures 12/64, 40 s left".
 
     Args:
         items: to yield.
         what: their name.
         total: number of items; by default their length, if they have one.
-        every: seconds between lines in a log, which stays empty if the whole loop takes less. On a terminal the line is
-            updated every TERMINAL_INTERVAL seconds.
     """
     total = len(items) if total is None and isinstance(items, Sized) else total
     of_total = f"/{total}" if total else ""
@@ -48,7 +46,7 @@ def progress(items: Iterable[T], what: str, total: int | None = None, every: flo
     for done, item in enumerate(items, 1):
         yield item
         now = time.monotonic()
-        if now - last < (TERMINAL_INTERVAL if terminal else every):
+        if now - last < (TERMINAL_INTERVAL if terminal else LOG_INTERVAL):
             continue
         last, shown = now, True
         left = f", {duration((now - start) / done * (total - done))} left" if total else ""

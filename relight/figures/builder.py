@@ -21,7 +21,6 @@ class Builder:
     """
 
     def __init__(self) -> None:
-        """Starts without parts."""
         self.vertices: list[np.ndarray] = []
         self.faces: list[np.ndarray] = []
         self.uv: list[np.ndarray] = []

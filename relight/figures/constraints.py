@@ -39,7 +39,6 @@ class Constraints:
     hair: tuple[str, ...] = ()
 
     def __post_init__(self):
-        """Raises UserError for a share outside [0, 1], and for unknown names."""
         if not 0 <= self.sitting <= 1:
             raise UserError(f"the share of figures that sit must lie in [0, 1], not {self.sitting}")
         for (kind, known), chosen in zip(names().items(), (self.poses, self.garments, self.hair)):
@@ -94,11 +93,9 @@ class Constraints:
         raise UserError(f"no pose of {PEOPLE} that were drawn can be taken in {self._describe()}")
 
     def _has_hair(self, person: Person) -> bool:
-        """Returns whether one of the required styles suits a person."""
         return bool(style_odds(person.female > 0.5, person, self.hair).any())
 
     def _find_outfit(self, rng: np.random.Generator, person: Person) -> Outfit | None:
-        """Returns the first of OUTFITS draws that has the garments, or None."""
         for _ in range(OUTFITS):
             outfit = sample_outfit(rng, person, self.hair)
             if self._has_garments(outfit):
@@ -106,11 +103,9 @@ class Constraints:
         return None
 
     def _has_garments(self, outfit: Outfit) -> bool:
-        """Returns whether all required garments are in an outfit."""
         return {worn.garment.name for worn in outfit.garments}.issuperset(self.garments)
 
     def _describe(self) -> str:
-        """Returns the required garments and styles, for messages."""
         return " and ".join([*self.garments, *([f"{' or '.join(self.hair)} hair"] if self.hair else [])])
 
 

@@ -55,7 +55,6 @@ class Document:
     """
 
     def __init__(self):
-        """Starts an empty document."""
         self.blob = bytearray()
         self.lists: dict[str, list[dict]] = {}
         self._textures: dict[bytes, int] = {}  # index of a texture by its PNG

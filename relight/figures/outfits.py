@@ -62,7 +62,6 @@ def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
     crossed = min(pose.left.wrist[0], pose.right.wrist[0]) < CROSSED  # +x is outward from the shoulder
 
     def stays(garment: Garment) -> bool:
-        """Returns whether a garment suits the pose."""
         long_coat = garment.collar == "lapel" and garment.drop > 0.2
         return not (pose.sitting and long_coat) and not (crossed and garment.kind == "scarf")
 

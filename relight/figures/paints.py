@@ -53,7 +53,6 @@ class GarmentPaint:
         worn, texel = outfit.garments[self.number], 1 / self.atlas.scale
 
         def paint(panel: str, u: np.ndarray, v: np.ndarray, place: tuple[slice, slice]) -> np.ndarray:
-            """Returns the albedo (h,w,3) of a panel at cloth coordinates u and v (h,w), at `place` in the atlas."""
             faces = self.atlas.panel == self.atlas.names.index(panel)
             top = self.atlas.cloth[faces][..., 1].max()  # v of the panel's upper end
             color = woven(worn.fabric, panel, u, v, texel)
@@ -68,7 +67,6 @@ def cord_paint(number: int) -> Paint:
     """Returns the paint of the cords of a hood, paler than the garment with this number."""
 
     def paint(outfit: Outfit) -> Material:
-        """Returns the material of the cords in an outfit."""
         ground = np.array(outfit.garments[number].fabric.first, np.float32)
         return Material(0.5 * (ground + 0.7), name="hood cord")  # half-way to a light grey
 
@@ -79,7 +77,6 @@ def shoe_paint(part: str) -> Paint:
     """Returns the paint of a part of the shoes: upper, sole, lace or cap."""
 
     def paint(outfit: Outfit) -> Material:
-        """Returns the material of the part in an outfit."""
         return Material(footwear.palette(outfit.shoe, outfit.upper, outfit.sole)[part], name=f"shoes: {part}")
 
     return paint
@@ -104,7 +101,6 @@ def accessory_paint(name: str, side: int) -> Paint:
     u, v = cell_centres(side)
 
     def paint(outfit: Outfit) -> Material:
-        """Returns the material of the accessory in an outfit."""
         fabric = fabric_of(outfit)
         assert fabric is not None  # all outfits of a figure have the same clothes
         albedo = woven(fabric, "front", width * u, -0.5 * width * v, texel=width / side)

@@ -186,7 +186,6 @@ def loop(faces: np.ndarray, n: int) -> tuple[sparse.csr_matrix, np.ndarray]:
     rows, columns, values = [], [], []
 
     def add(row: np.ndarray, column: np.ndarray, value: float | np.ndarray) -> None:
-        """Adds entries of the matrix: new vertex, old vertex, and its weight."""
         rows.append(row)
         columns.append(column)
         values.append(np.broadcast_to(value, row.shape))

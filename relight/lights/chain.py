@@ -13,7 +13,7 @@ import numpy as np
 from relight.core.errors import UserError
 from relight.core.files import require_safe_name
 from relight.core.processes import count_cores, end_with_parent, has_semaphores
-from relight.core.progress import progress as show_progress
+from relight.core.progress import progress
 from relight.lights.select import select_lights
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import LightSet
@@ -42,16 +42,13 @@ MIN_PARALLEL = 48  # panoramas; for fewer, starting worker processes takes longe
 MAX_NAMED = 8  # panoramas that a warning lists
 
 
-def build_light_set(
-    panoramas: Panoramas, lights: Lights, order: int, progress: bool = True
-) -> tuple[LightSet, dict[str, Any]]:
+def build_light_set(panoramas: Panoramas, lights: Lights, order: int) -> tuple[LightSet, dict[str, Any]]:
     """Builds the light set that the settings describe.
 
     Args:
         panoramas: which panoramas are generated or read.
         lights: how lights are selected.
         order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
-        progress: whether the remaining time is shown.
 
     Returns:
         The light set, and the record of `select_lights` with two more entries: `unreadable` has the error of each file
@@ -60,7 +57,7 @@ def build_light_set(
     Raises:
         UserError: if the settings name no panorama, if none can be read, or if no light can be selected.
     """
-    sources, coefficients, unreadable, repaired = project_panoramas(panoramas, order, progress)
+    sources, coefficients, unreadable, repaired = project_panoramas(panoramas, order)
     selected, record = select_lights(coefficients, sources, lights)
     if panoramas.source == "folder":
         warnings = [*warn_unlit(record["unlit"], len(sources)), *warn_below(sources, coefficients, panoramas)]
@@ -114,15 +111,12 @@ def warn_below(sources: list[str], coefficients: np.ndarray, panoramas: Panorama
     ]
 
 
-def project_panoramas(
-    panoramas: Panoramas, order: int, progress: bool = True
-) -> tuple[list[str], np.ndarray, dict[str, str], dict[str, str]]:
+def project_panoramas(panoramas: Panoramas, order: int) -> tuple[list[str], np.ndarray, dict[str, str], dict[str, str]]:
     """Projects all panoramas that the settings name.
 
     Args:
         panoramas: a folder, or the numbers of generated rooms, skies and studios.
         order: of the spherical harmonics.
-        progress: whether to show a bar.
 
     Returns:
         The sources of the N panoramas that could be read; their lights (N,K,3); the errors of the others, by source;
@@ -144,8 +138,7 @@ def project_panoramas(
     projected: dict[str, np.ndarray] = {}
     unreadable: dict[str, str] = {}
     repaired: dict[str, str] = {}
-    results = parallel_map(light_of, sources)
-    for source, result in zip(sources, show_progress(results, "panoramas", len(sources)) if progress else results):
+    for source, result in zip(sources, progress(parallel_map(light_of, sources), "panoramas", len(sources))):
         if isinstance(result, str):
             unreadable[source] = result
             log.warning(result)

@@ -191,11 +191,6 @@ def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, seed: int) -> 
     )
 
 
-def counted(count: int, what: str) -> str:
-    """Returns a number with its noun, in the plural except for one."""
-    return f"{count} {what}{'' if count == 1 else 's'}"
-
-
 def broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
     """Tests lights by the rules that replace the authors' removal of unusual lights by hand.
 
@@ -225,17 +220,6 @@ def _broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
     }
 
 
-def joined_names(broken: dict[str, np.ndarray]) -> np.ndarray:
-    """Returns the names of the rules that each light breaks, separated by spaces, as (N,) str.
-
-    Args:
-        broken: (N,) bool by the name of the rule.
-    """
-    names = np.array(list(broken), dtype=object)
-    table = np.stack(list(broken.values()), -1)
-    return np.array([" ".join(names[row]) for row in table], dtype=str)
-
-
 def split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -> tuple[LightSet, LightSet]:
     """Splits lights into usual and unusual ones, and writes the broken rules to their `reason`.
 
@@ -263,7 +247,8 @@ def split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -
             f"every light breaks at least {broken_count.min()} of the rules for unusual lights; kept the "
             f"{usual.sum()} that break no more"
         )
-    copies.reason[:] = joined_names(broken)
+    names = np.array(list(broken), dtype=object)
+    copies.reason[:] = [" ".join(names[row]) for row in np.stack(list(broken.values()), -1)]
     reasons = {name: int((rule & ~usual).sum()) for name, rule in broken.items()}
     record_step(record, "unusual", len(copies), int(usual.sum()), reasons)
     return darkened(copies.rows(usual)), darkened(copies.rows(~usual & ~broken["dark"]))
@@ -370,7 +355,8 @@ def split_warnings(lights: LightSet, settings: Lights) -> list[str]:
         )
     if len(test_sources) < len(lights.of("test")):
         warnings.append(
-            f"the {len(lights.of('test'))} test lights come from {counted(len(test_sources), 'panorama')}, the "
+            f"the {len(lights.of('test'))} test lights come from {len(test_sources)} "
+            f"panorama{'s' * (len(test_sources) != 1)}, the "
             f"{len(lights.of('train'))} training lights from {len(train_sources)}: lights of one panorama differ in "
             "heading and brightness alone"
         )

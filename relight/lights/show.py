@@ -213,12 +213,10 @@ def draw_cell(figure: "Figure", light: LightSet, x: float, y: float, width: floa
     """
 
     def add_axes(left: float, bottom: float, box_width: float, box_height: float) -> "Axes":
-        """Adds axes at a box in the cell, inches."""
         box = ((x + left) / width, (y + bottom) / height, box_width / width, box_height / height)
         return figure.add_axes(box)
 
     def add_text(bottom: float, words: str, size: float, color: str) -> None:
-        """Writes words in the middle of the cell; `bottom` in inches, `size` in points."""
         place = (x + CELL / 2) / width, (y + bottom) / height
         figure.text(*place, words, fontsize=size, color=color, ha="center", va="center")
 

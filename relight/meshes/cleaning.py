@@ -202,7 +202,6 @@ def _split_non_manifold_edges(mesh: pymeshlab.Mesh) -> pymeshlab.MeshSet:
 
 
 def _non_manifold_edges(faces: np.ndarray) -> int:
-    """Returns how many edges of faces (F,3) have more than two faces."""
     uses = edge_uses(faces)
     return round((1 / uses[uses > 2]).sum())  # an edge with n faces is there n times
 
@@ -281,5 +280,4 @@ def _without_floating(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
 
 
 def _name(mesh: Mesh) -> str:
-    """Returns the name of a mesh for error messages."""
     return str(mesh.info.get("name", "the mesh"))

@@ -298,7 +298,6 @@ def _surface(gltf: Gltf, number: int | None, notes: list[str]) -> Surface:
 
 
 def _legacy_base(extension: dict[str, Any]) -> dict[str, Any]:
-    """Returns diffuse color and texture of the older extension under the names of pbrMetallicRoughness."""
     names = {"diffuseFactor": "baseColorFactor", "diffuseTexture": "baseColorTexture"}
     return {new: extension[old] for old, new in names.items() if old in extension}
 

@@ -63,7 +63,6 @@ def read_ply(path: Path) -> RawMesh:
 
 
 def _normals(vertex: Block) -> np.ndarray | None:
-    """Returns the normals (V,3) of vertices, or None if their columns are not there."""
     names = ("nx", "ny", "nz")
     if not vertex.keys() >= {*names} or any(isinstance(vertex[name], ListColumn) for name in names):
         return None

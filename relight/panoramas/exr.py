@@ -267,5 +267,4 @@ def _to_display_window(path: Path, header: Header, pixels: np.ndarray, repairs: 
 
 
 def _one_line(error: Exception) -> str:
-    """Returns the message of an exception on one line, or its type if it has none."""
     return " ".join(str(error).split())[:200] or type(error).__name__

@@ -286,14 +286,12 @@ def _fingerprint(files: tuple[Path | None, ...], *parts: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Returns a value that JSON has: the hash of an array, the attributes of an object, or else its text."""
     if isinstance(value, np.ndarray):
         return hashlib.sha256(value.tobytes()).hexdigest()
     return vars(value) if hasattr(value, "__dict__") else str(value)
 
 
 def _recorded(out: Path) -> str | None:
-    """Returns the fingerprint in the record of a folder of results, or None if there is none."""
     try:
         return json.loads((out / RECORD).read_text()).get("fingerprint")
     except (OSError, ValueError, AttributeError):

@@ -31,7 +31,6 @@ class Camera:
     pose: Pose | None = None
 
     def __post_init__(self) -> None:
-        """Raises UserError if size or distance are not positive."""
         if self.size < 1:
             raise UserError(f"image size {self.size}: it must be at least 1 pixel")
         if not self.distance > 0:

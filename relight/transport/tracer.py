@@ -93,7 +93,6 @@ class PathTracer:
             self.shapes[f"material{number}"] = shape
 
     def _diffuse(self, mesh: Mesh, number: int) -> dict[str, Any]:
-        """Returns Mitsuba's settings for the diffuse part of material `number`."""
         material = mesh.materials[number]
         if mesh.color is not None:
             reflectance: dict[str, Any] = {"type": "mesh_attribute", "name": "vertex_color"}
@@ -149,13 +148,13 @@ class PathTracer:
                     },
                     "sampler": {"type": "multijitter", "sample_count": samples},
                 },
-                "integrator": path_integrator(bounces),
+                # A path of depth 2 goes from the eye over one surface to the sky; roulette would only add noise.
+                "integrator": {"type": "path", "max_depth": 2 + bounces, "rr_depth": 100, "hide_emitters": True},
             }
         )
         return np.array(self.mi.render(scene, seed=seed))
 
     def _sensor(self) -> dict[str, Any]:
-        """Returns Mitsuba's settings for the camera, in its own frame."""
         eye = self.camera.distance if self.camera.perspective else max(MIN_EYE_DISTANCE, self.front + 1)
         to_world = self.mi.ScalarTransform4f().look_at(origin=[0, 0, eye], target=[0, 0, 0], up=[0, 1, 0])
         if not self.camera.perspective:
@@ -166,12 +165,6 @@ class PathTracer:
             "near_clip": 1e-3,  # in units of the camera's frame
             "to_world": to_world,
         }
-
-
-def path_integrator(bounces: int) -> dict[str, Any]:
-    """Returns Mitsuba's settings for paths of up to `bounces` bounces; the sky itself is invisible."""
-    # A path of depth 2 goes from the eye over one surface to the sky; Russian roulette would only add noise.
-    return {"type": "path", "max_depth": 2 + bounces, "rr_depth": 100, "hide_emitters": True}
 
 
 def sky_directions() -> np.ndarray:

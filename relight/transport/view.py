@@ -108,7 +108,10 @@ def place_mesh(view: View, vertices: np.ndarray) -> Pose:
     scale = side / extent
     if (distance := view.distance) is not None:
         x, y, depth = points.T  # across and down are independent: in each, the eye sees points (x, z) or (y, z)
-        eye_z = max(eye_distance(lateral, depth, side / 2, distance) for lateral in (x, y))
+        eye_z = max(
+            edge_crossing(depth, lateral, 2 * distance / side, *extreme_points(lateral, depth, side / 2, distance))
+            for lateral in (x, y)
+        )
         if eye_z - high[2] < MIN_EYE_DISTANCE * side:
             raise UserError(f"focal length {view.focal:g}: the eye would touch the figure; choose a longer one")
         shift[:2] = [eye_offset(lateral, depth, distance, eye_z) for lateral in (x, y)]
@@ -135,19 +138,6 @@ def extreme_points(lateral: np.ndarray, depth: np.ndarray, half_width: float, di
     return int((half_width * depth + distance * lateral).argmax()), int(
         (half_width * depth - distance * lateral).argmax()
     )
-
-
-def eye_distance(lateral: np.ndarray, depth: np.ndarray, half_width: float, distance: float) -> float:
-    """Returns the z of an eye from which points fill +-half_width of the image.
-
-    Args:
-        lateral: (V,) x, or y, of the points.
-        depth: (V,) z of the points.
-        half_width: half the width that the points fill in the image.
-        distance: from the eye to its image plane.
-    """
-    right, left = extreme_points(lateral, depth, half_width, distance)
-    return edge_crossing(depth, lateral, distance / half_width, right, left)
 
 
 def eye_offset(lateral: np.ndarray, depth: np.ndarray, distance: float, eye_z: float) -> float:

@@ -51,7 +51,6 @@ class Figure:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self):
-        """Raises UserError if the mask is empty, or a shape does not fit the maps."""
         height, width = self.maps.mask.shape
         if not self.maps.mask.any():
             raise UserError(f"figure '{self.title}': its mask is empty; a mask with the figure in it would be right")

@@ -120,7 +120,7 @@ def test_a_single_lamp_from_behind_makes_a_light_set_with_a_warning(caplog):
 
 
 def test_strong_lights_are_those_of_all_kinds_exposed_as_a_camera_would():
-    sources, coefficients, *_ = project_panoramas(replace(GENERATED, count=1, skies=3, lamps=12), 2, progress=False)
+    sources, coefficients, *_ = project_panoramas(replace(GENERATED, count=1, skies=3, lamps=12), 2)
     assert sources == ["room:0", "sky:0", "sky:1", "sky:2", *(f"lamps:{seed}" for seed in range(12))]
     lights, _ = select_lights(coefficients, sources, replace(SETTINGS, rules="strong"))
     normals, _ = sphere_quadrature(24)
@@ -254,11 +254,11 @@ def test_broken_files_of_a_folder_are_skipped_and_recorded(tmp_path):
     (tmp_path / "c.hdr").write_bytes(b"<html>")
     (tmp_path / "notes.txt").write_text("not a panorama")
     folder = replace(GENERATED, source="folder", folder=str(tmp_path))
-    lights, record = build_light_set(folder, replace(SETTINGS, clusters=6, test=2), 2, progress=False)
+    lights, record = build_light_set(folder, replace(SETTINGS, clusters=6, test=2), 2)
     assert set(lights.source) == {"a.pfm", "deep/b.pfm"}
     assert list(record["unreadable"]) == ["c.hdr", "nan.pfm"] and record["steps"][0]["why"] == {"unreadable": 2}
     assert "1 of 512 pixels are not finite" in record["unreadable"]["nan.pfm"] and record["repaired"] == {}
-    _, record = build_light_set(replace(folder, repair=True), replace(SETTINGS, clusters=6, test=2), 2, progress=False)
+    _, record = build_light_set(replace(folder, repair=True), replace(SETTINGS, clusters=6, test=2), 2)
     assert list(record["unreadable"]) == ["c.hdr"] and list(record["repaired"]) == ["nan.pfm"]
     with pytest.raises(UserError, match="no such folder"):
         build_light_set(replace(folder, folder=str(tmp_path / "nowhere")), SETTINGS, 2)
@@ -272,7 +272,7 @@ def test_what_a_folder_does_not_give_is_said(tmp_path):
     for name, pixels in {"a": sky, "b": sky[:, ::-1] ** 1.3, "blue": blue, "down": sky[::-1]}.items():
         (tmp_path / f"{name}.pfm").write_bytes(b"PF\n32 16\n-1.0\n" + pixels[::-1].astype("<f4").tobytes())
     folder = replace(GENERATED, source="folder", folder=str(tmp_path))
-    lights, record = build_light_set(folder, replace(SETTINGS, clusters=8, test=3), 2, progress=False)
+    lights, record = build_light_set(folder, replace(SETTINGS, clusters=8, test=3), 2)
     assert record["unlit"] == {"blue.pfm": "dim at 36 of 36 headings, color at 36 of 36 headings"}
     assert "blue.pfm" not in lights.of("train").source
     told = " | ".join(record["warnings"])

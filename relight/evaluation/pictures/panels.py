@@ -317,7 +317,6 @@ def _true_views(subject: Subject) -> list[Cell]:
 
 
 def _views(subject: Subject, inferred: Inferred) -> list[Cell]:
-    """Returns the views of COLUMNS of what was inferred under the subject's first light."""
     (albedo, *_), (transport, *_), (light, *_) = subject.truth.complete(inferred)
     normal, ao = inferred.normal, inferred.ao
     shading = shade(transport, light)

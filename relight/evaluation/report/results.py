@@ -31,7 +31,6 @@ class Results:
     """
 
     def __init__(self, folder: Path, experiments: dict[str, dict[str, Any]], data: Path | None = None):
-        """Takes the experiments of a run; files are read when they are asked for."""
         self.folder, self.experiments, self.data = folder, experiments, data or folder
         self._tables: dict[tuple[str, bool], Table] = {}
         self._scores: dict[tuple[str, ...], Rows] = {}

@@ -143,7 +143,6 @@ def estimates(rows: Rows, column: str, pool: Rows, fixed: Iterable[str] = ()) ->
     """
 
     def values(trainings: list[Scores]) -> np.ndarray | None:
-        """Returns the scores (S,F,L), or None if a training lacks the column."""
         given = [scores.columns[column] for scores in trainings if column in scores.columns]
         return np.stack(given) if len(given) == len(trainings) else None
 

@@ -247,7 +247,6 @@ def paint_eye(iris: np.ndarray, side: int, seed: int) -> np.ndarray:
     rays = 0.7 + 0.6 * lattice(np.floor(angle * 20), np.zeros_like(from_centre), seed)[..., None]
 
     def disc(radius: float) -> np.ndarray:
-        """Returns 1 inside a disc and 0 outside (side,side,1), with a soft edge."""
         return np.clip((radius - from_centre) / 0.03 + 0.5, 0, 1)[..., None]
 
     iris_disc, dark_ring, pupil = disc(0.48), disc(0.50) - disc(0.44), disc(0.20)

@@ -130,7 +130,6 @@ def plant_roots(
     weights = np.stack([1 - a, a * (1 - b), a * b], -1)
 
     def at(values: np.ndarray) -> np.ndarray:
-        """Returns the values (n,3) at the samples from those (V,3) at the vertices."""
         return np.einsum("nk,nkd->nd", weights, values[chosen])
 
     point = at(base)

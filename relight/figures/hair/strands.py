@@ -23,7 +23,6 @@ def line_frames(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np
     """
 
     def unit(vectors: np.ndarray) -> np.ndarray:
-        """Scales vectors (...,3) to length 1."""
         return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
 
     along = unit(np.gradient(points, axis=1))

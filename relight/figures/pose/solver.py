@@ -95,7 +95,6 @@ class PoseSolver:
     """
 
     def __init__(self, body: Body):
-        """Starts from the body's rest pose."""
         self.joints, self.rig = body.joints, makehuman.rig()
         self.local: dict[str, Rotation] = {}
         self.shift = np.zeros(3)

@@ -114,7 +114,6 @@ def varied(pose: Pose, rng: np.random.Generator) -> Pose:
         return float(x), float(y), float(z)
 
     def mirrored(angles: Triple) -> Triple:
-        """Returns the angles about x, y and z of the mirror image."""
         return angles[0], -angles[1], -angles[2]
 
     if rng.random() < 0.5:  # hands and feet are given outward from their side, so they only change sides

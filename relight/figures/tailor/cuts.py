@@ -105,11 +105,9 @@ def cuts(body: Body, garment: Garment) -> list[Callable[[Fields], np.ndarray]]:
     """
 
     def above_hem(fields: Fields) -> np.ndarray:
-        """Returns the metres (n,) above the hem."""
         return fields["y"] - hem_height(body, garment)
 
     def below_waist(fields: Fields) -> np.ndarray:
-        """Returns the metres (n,) below the upper edge of trousers or a skirt."""
         return body.heights["waist"] + garment.waist - fields["y"]
 
     def above_cuffs(fields: Fields) -> np.ndarray:

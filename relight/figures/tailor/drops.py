@@ -117,7 +117,6 @@ def drop_rows(
     wave = wave_profile(garment, angle)
 
     def length(outline: np.ndarray) -> float:
-        """Returns the length of an outline (m,2), metres."""
         sides = np.linalg.norm(np.roll(outline, -1, 0) - outline, axis=1)
         return float(sides[: len(top) - (not closed)].sum())  # an open outline has no last side
 

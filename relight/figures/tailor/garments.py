@@ -96,7 +96,6 @@ class Garment:
     fabrics: tuple[str, ...] = ("plain", "stripes", "print", "melange")
 
     def __post_init__(self) -> None:
-        """Raises ValueError if an ease has not one number for each place, or a fabric is unknown."""
         for name, places in (("torso_ease", TORSO_AT), ("arm_ease", ARM_AT), ("leg_ease", LEG_AT)):
             if len(getattr(self, name)) != len(places):
                 raise ValueError(f"{name} must have {len(places)} numbers, not {len(getattr(self, name))}")
