@@ -86,7 +86,8 @@ def write_movie(
     scene, fps = Scene.of(path, mask, network, size=size, **options), fps or FPS
     count = max(1, round((seconds or SECONDS) * fps))
     turn = 2 * np.pi * (1.0 if turns is None else turns) / count
-    frames = map(on_white, scene.turned(look, *scene.exposed(look), [turn * i for i in range(count)]))
+    exposed = scene.exposed(look, turning=turn != 0)
+    frames = map(on_white, scene.turned(look, *exposed, [turn * i for i in range(count)]))
     write_video(out, progress(frames, "frames", total=count), fps)
     return light_notes + scene.notes + white_notes(scene.picture, look)
 
@@ -133,7 +134,7 @@ def relight_clip(
         pictures = (frame.downscaled(size) for frame in with_masks(path, frames, masks, options.get("mask_model")))
         exposed = None
         for i, scene in enumerate(smooth_over_time(pictures, network.size, infer)):
-            exposed = exposed or scene.exposed(look)
+            exposed = exposed or scene.exposed(look, turning=turns != 0)
             turn = 2 * np.pi * turns * i / (count or UNKNOWN_LENGTH)
             yield from map(on_white, scene.turned(look, *exposed, [turn]))
 

@@ -126,14 +126,15 @@ class Scene:
         """Returns the relit picture, (H,W,3) of its type, or (H,W,4) if the background is transparent."""
         return next(self.turned(look, *self.exposed(look)))
 
-    def exposed(self, look: Look) -> tuple[np.ndarray, Background]:
+    def exposed(self, look: Look, turning: bool = False) -> tuple[np.ndarray, Background]:
         """Returns the light (K,3) of a look in the picture's exposure, not yet turned, and the background with it.
 
-        The exposure is the geometric mean over the people.
+        The exposure is the geometric mean over the people. If the light is `turning`, it suits all headings.
         """
         look = look if look.light else look.lit_by(load_light(self.lamp, self.order), windowed=True)
         light = look.coefficients(self.order)
-        factors = [exposure_factor(each.light, light, each.transport, each.mask) for each in self.people]
+        shown = rotate_y(light, np.radians(look.turn)).astype(np.float32)
+        factors = [exposure_factor(each.light, shown, each.transport, each.mask, turning) for each in self.people]
         needed = float(np.exp(np.mean(np.log(factors))))
         factor = needed if look.match else 1.0
         light = light * np.float32(factor)

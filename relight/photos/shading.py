@@ -83,18 +83,24 @@ def max_luminance(transport: np.ndarray, light: np.ndarray) -> float:
     return float((phases * weights * np.where(np.arange(len(weights)), 2, 1)).sum(1).real.max())
 
 
-def exposure_factor(old: np.ndarray, new: np.ndarray, transport: np.ndarray, mask: np.ndarray) -> float:
+def exposure_factor(
+    old: np.ndarray, new: np.ndarray, transport: np.ndarray, mask: np.ndarray, turning: bool = False
+) -> float:
     """Returns the factor for a new light that keeps the brightness that a person has under the old one.
 
-    Brightness is the mean luminance of the shading at the heading of the light where it is largest. So the exposure
-    does not change while a light turns, and the factor of a light to itself is 1.
+    Brightness is the mean luminance of the shading. The factor of a light to itself is 1.
 
     Args:
         old: (K,3) the photo's light.
         new: (K,3) the light to be scaled.
         transport: (S,S,K) of the person.
         mask: (S,S) bool, the person's pixels.
+        turning: whether the light turns: its brightness is then that at the heading where it is largest, so that the
+            exposure does not change.
     """
-    mean = transport[mask].mean(0).astype(np.float64)
-    before, after = max_luminance(mean, old), max_luminance(mean, new)
+    if turning:
+        mean = transport[mask].mean(0).astype(np.float64)
+        before, after = max_luminance(mean, old), max_luminance(mean, new)
+    else:
+        before, after = (float(luminance(shading(transport[mask], light)).mean()) for light in (old, new))
     return before / after if after > 1e-6 and before > 1e-6 else 1.0

@@ -67,7 +67,7 @@ def test_a_failed_movie_leaves_the_old_one(tmp_path):
 
 def turned(scene, look, count):
     """Frames of a whole turn of the light."""
-    return list(scene.turned(look, *scene.exposed(look), 2 * np.pi * np.arange(count) / count))
+    return list(scene.turned(look, *scene.exposed(look, turning=True), 2 * np.pi * np.arange(count) / count))
 
 
 @pytest.mark.slow
@@ -75,7 +75,7 @@ def test_turning_light_closes_and_keeps_its_exposure(relighter, draw):
     pixels, mask = draw()
     scene = relighter.scene(pixels, mask)
     cover = scene.people[0].coverage
-    light, _ = scene.exposed(Look("room:2"))
+    light, _ = scene.exposed(Look("room:2"), turning=True)
     frames = turned(scene, Look("room:2"), 8)
     assert len(frames) == 8
     assert np.array_equal(frames[0], scene.relit(Look(light, match=False)))

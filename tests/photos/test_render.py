@@ -10,6 +10,7 @@ from scipy.ndimage import gaussian_filter
 from relight.core.errors import UserError
 from relight.core.srgb import LINEAR, LUMINANCE, encode, to_linear
 from relight.maps.square import Crop, crop_around
+from relight.panoramas import luminance
 from relight.photos import render as rendering
 from relight.photos.background import Background, read_background
 from relight.photos.color import apply_gain, to_codes, to_srgb8
@@ -171,7 +172,11 @@ def test_exposure_matches_itself_and_does_not_turn():
     assert exposure_factor(LIGHT, LIGHT, figure.transport, mask) == pytest.approx(1)
     assert exposure_factor(LIGHT, 5 * LIGHT, figure.transport, mask) == pytest.approx(0.2)
     turned = [rotate_y(OTHER, angle).astype(np.float32) for angle in (0, 1, 2.51)]
-    factors = [exposure_factor(LIGHT, light, figure.transport, mask) for light in turned]
+    had = luminance(shading(figure.transport, LIGHT))[mask].mean()
+    for light in turned:  # as bright as before at the heading that is shown
+        factor = exposure_factor(LIGHT, light, figure.transport, mask)
+        assert luminance(shading(figure.transport, factor * light))[mask].mean() == pytest.approx(had, rel=1e-5)
+    factors = [exposure_factor(LIGHT, light, figure.transport, mask, turning=True) for light in turned]
     assert np.ptp(factors) < 3e-3 * factors[0]
     # over a whole turn no figure gets brighter than it could be under the photo's own light
     turns = np.arange(90) * np.pi / 45

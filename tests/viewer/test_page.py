@@ -177,7 +177,7 @@ def test_ratio_keeps_the_photo_and_relights_it(page, photo_html, maps, lights, p
     np.testing.assert_array_equal(page.pixels(**state)[..., :3], photo)  # under its own light: itself, everywhere
     np.testing.assert_array_equal(page.pixels(**state | {"view": "photo", "yaw": 50})[..., :3], photo)
     for index, name in enumerate(lights, 1):
-        new = lights[name] * exposure_factor(own, lights[name], maps.transport, maps.mask)
+        new = lights[name] * exposure_factor(own, lights[name], maps.transport, maps.mask, turning=True)
         lit = relit_shading(maps, turned(new, 40, 10))
         above = clipping_excess(LINEAR[photo], chroma(LINEAR[photo], maps.mask))
         factor = gain(maps.transport, maps.mask, own, turned(new, 40, 10))
@@ -201,7 +201,9 @@ def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photo
     square = Crop(0, 0, size, (0, size), (0, size), size)
     light = own.astype(np.float32)
     figure = Inferred(square, coverage, maps.mask, LINEAR[photo], maps.albedo, maps.transport, light)
-    new = turned(lights["Behind"] * exposure_factor(light, lights["Behind"], maps.transport, maps.mask), -60, 20)
+    new = turned(
+        lights["Behind"] * exposure_factor(light, lights["Behind"], maps.transport, maps.mask, turning=True), -60, 20
+    )
     state = START | {"light": 3, "yaw": -60, "tilt": 20, "stops": 0.5, "color": "#4080c0"}
     color = Background("color", color=np.array([0x40, 0x80, 0xC0], np.uint8), shadow=False)
     for mode in ("ratio", "full"):
@@ -263,7 +265,7 @@ def test_a_dropped_panorama_lights_the_figure(balls, maps, lights, panorama):
         "(async () => { while (relight.lights().length < 4) await new Promise((done) => setTimeout(done, 20)); })()"
     )
     light = project(Panorama(values(panorama).astype(np.float32)))
-    light = light * exposure_factor(lights["Window"], light, maps.transport, maps.mask)
+    light = light * exposure_factor(lights["Window"], light, maps.transport, maps.mask, turning=True)
     expected = codes(maps.albedo * relit_shading(maps, turned(light, 25, 0)))
     assert farthest(balls.pixels(**START | {"light": 3, "yaw": 25}), expected, maps.mask) <= 2
     assert "kitchen" in balls.run("document.getElementById('light-list').innerText")
@@ -278,7 +280,7 @@ def test_a_panorama_is_seen_behind_the_figure(balls, maps, lights):
         **START | {"light": 3, "background": "light", "yaw": 40, "tilt": 20, "room": 0.5, "stops": 0.3}
     )
     light = project(Panorama(values(blocks).astype(np.float32)))
-    gain = exposure_factor(lights["Window"], light, maps.transport, maps.mask)
+    gain = exposure_factor(lights["Window"], light, maps.transport, maps.mask, turning=True)
     size = len(maps.mask)
     grid = np.tan(np.radians(25)) * ((2 * np.arange(size) + 1) / size - 1)
     x, y = np.meshgrid(grid, -grid)
@@ -558,7 +560,7 @@ def test_a_place_lights_the_figure_before_its_picture_as_in_python(page, photo_h
     photo, own = photograph
     before = page.run("relight.state.background")
     light = deringed(place_light(street))
-    light = light * exposure_factor(own, light, maps.transport, maps.mask)
+    light = light * exposure_factor(own, light, maps.transport, maps.mask, turning=True)
     alone = opened_place(page, street, False)
     np.testing.assert_allclose(np.reshape(alone["values"], (9, 3)), light, rtol=1e-4, atol=1e-5 * light.max())
     assert alone["name"] == "street" and alone["background"] == before
