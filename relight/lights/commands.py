@@ -28,7 +28,7 @@ UPSIDE_DOWN = Annotated[bool, typer.Option("--upside-down", help="The panorama's
 EXPOSURE = Annotated[float, typer.Option(help="Factor by which the light is multiplied.")]
 REPAIR = Annotated[
     bool,
-    typer.Option("--repair", help="Replace non-finite pixels by the mean of their neighbours."),
+    typer.Option("--repair", help="Replace non-finite pixels; rebuild a sun without red."),
 ]
 CONVENTION = Annotated[
     str | None,

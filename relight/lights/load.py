@@ -7,6 +7,7 @@ from numbers import Integral, Real
 from pathlib import Path
 
 import numpy as np
+from PIL import ImageColor
 
 from relight import extensions
 from relight.core.errors import UserError
@@ -24,8 +25,10 @@ from relight.sh.conventions import as_table
 
 GENERATED = re.compile(r"(room|sky|lamps):(\d{1,9})(?::([-+.0-9]+))?")
 KIND = re.compile(r"([a-z]{2,}):")  # Windows has drives of one letter
-COLOR = re.compile(r"[0-9a-fA-F]{6}")
+HEXADECIMAL = re.compile(r"[0-9a-fA-F]{6}")  # the only color that needs no #
 IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})")
+TURNED = re.compile(r"([a-z]+):([-+.0-9]+)")  # a panorama of Poly Haven
+EVEN = "even"
 FILL = 0.2  # default irradiance of the fill, relative to the key light's
 MAX_BYTES = 1 << 20  # of a file of coefficients
 
@@ -44,10 +47,11 @@ def load_light(
     """Loads the light that `text` names. Its brightness is not normalised.
 
     kitchen.hdr, .exr, .pfm         a panorama
-    hall, park, sunset ...          a panorama of Poly Haven, after `relight light setup` (relight.panoramas.polyhaven)
+    hall, park, sunset:90 ...       a panorama of Poly Haven, after `relight light setup` (relight.panoramas.polyhaven)
     probe.npy, .txt, .csv, .json    coefficients
     lights.npz:12                   row 12 of a light set
     room:7, sky:3, lamps:5, room:7:40  a generated panorama, the last one rotated by 40 degrees
+    even                            light without a direction, of irradiance 1
     key:#ffeedd@45,30,0.2           a distant lamp of this sRGB color, 45 degrees to the right of the camera and 30
                                     degrees up, with a constant fill of 0.2 times its irradiance (at least 0)
     place:street.jpg                an estimate from a photograph of a place (relight.photos.place)
@@ -63,7 +67,8 @@ def load_light(
         exposure: factor on the radiance.
         convention: of a file of coefficients; by default the one in its JSON or its name (lights.kanamori2018.npy),
             else relight's.
-        repair: whether non-finite pixels of a panorama's file are replaced; otherwise they are an error.
+        repair: whether non-finite pixels of a panorama's file are replaced, which otherwise are an error, and a sun
+            that has lost its red is rebuilt.
         upside_down: whether the rows of a panorama's file run from the bottom up.
 
     Returns:
@@ -87,6 +92,10 @@ def load_light(
     if len(parts := parts_of(text)) > 1:
         options = (order, layout, yaw, flip, exposure, convention, repair, upside_down)
         return total([load_light(part, *options) for part in parts], text)
+    if (match := TURNED.fullmatch(text)) and match[1] in polyhaven.NAMES and not GENERATED.fullmatch(text):
+        turned = yaw + parse_number(match[2], text)
+        light = load_light(match[1], order, layout, turned, flip, exposure, convention, repair, upside_down)
+        return replace(light, source=text)
     kind = None  # of the file, by which options have an effect
     if match := GENERATED.fullmatch(text):
         pixels = GENERATORS[match[1]](int(match[2])) * np.float32(exposure)
@@ -94,6 +103,8 @@ def load_light(
         light = Light(project(panorama, order), text, panorama)
     elif text.startswith("key:"):
         light = Light(key_light(*parse_key(text), order), text)
+    elif text == EVEN:
+        light = Light(np.eye((order + 1) ** 2, 1) * np.full(3, np.sqrt(4 * np.pi) / np.pi), text)
     elif (match := IN_SET.fullmatch(text)) and not Path(text).exists():
         light = read_row(match[1], int(match[2]))
     elif ":" in text and (name := text.partition(":")[0]) in (*extensions.OWN, *extensions.names()):
@@ -121,7 +132,7 @@ def load_light(
             yaw=yaw,
             flip=flip,
             exposure=exposure,
-            repair=repair,
+            repair=repair or path != text,
             upside_down=upside_down,
         )
         coefficients = project(panorama, order)
@@ -175,14 +186,16 @@ def parse_key(text: str) -> tuple[str, float, float, float]:
     Raises:
         UserError: if a part is missing or malformed; `key_light` checks the ranges.
     """
-    color, _, numbers = text.removeprefix("key:").removeprefix("#").partition("@")
-    if not COLOR.fullmatch(color):
-        raise UserError(f"{text}: the color {color!r} must have six hexadecimal digits, as #ffeedd has")
+    color, _, numbers = text.removeprefix("key:").partition("@")
+    try:
+        codes = ImageColor.getrgb(f"#{color}" if HEXADECIMAL.fullmatch(color) else color)[:3]
+    except ValueError:
+        raise UserError(f"{text}: {color!r} is no color: give #ffeedd, or a name such as red") from None
     parts = numbers.split(",")
     if len(parts) not in (2, 3):
         raise UserError(f"{text}: after the @ must come azimuth, elevation and perhaps fill, such as @45,30,{FILL}")
     azimuth, elevation, fill = (parse_number(part, text) for part in (*parts, str(FILL))[:3])
-    return color, azimuth, elevation, fill
+    return bytes(codes).hex(), azimuth, elevation, fill
 
 
 def parse_number(part: str, text: str) -> float:

@@ -8,6 +8,8 @@ from pathlib import Path
 from relight.core.download import Package, fetch
 from relight.core.errors import UserError
 from relight.core.files import atomic_folder, data_folder
+from relight.panoramas.panorama import Panorama
+from relight.panoramas.read import read_panorama
 
 INTEGRITY = "zHmKNS+3Jvu9K3zJBQfYQKT9Pn9IQt8s0q/eJC3CXKpWpyg6IBa+ivN9NgDn+fDT2AVjUh2YRZ//GXUueuAdCg=="
 PACKAGE = Package("@pmndrs/assets", "1.7.0", INTEGRITY, "relight light setup")
@@ -60,6 +62,15 @@ def _decode(module: bytes) -> bytes:
     if not found:
         raise ValueError("a panorama holds no data")
     return base64.b64decode(data.rstrip(b"'\"; \n"), validate=True)
+
+
+def read(name: str) -> Panorama:
+    """Reads a panorama of NAMES. The suns of park and sunrise, which the package stores without red, are rebuilt.
+
+    Raises:
+        UserError: if the panoramas are not set up.
+    """
+    return read_panorama(panorama_file(name), repair=True)
 
 
 def panorama_file(name: str) -> Path:

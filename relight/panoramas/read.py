@@ -11,7 +11,7 @@ from relight.panoramas.exr import read_exr
 from relight.panoramas.hdr import read_hdr
 from relight.panoramas.panorama import LAYOUTS, Panorama
 from relight.panoramas.pfm import read_pfm
-from relight.panoramas.repair import repair_pixels
+from relight.panoramas.repair import repair_pixels, repair_sun
 
 SUFFIXES = (".hdr", ".pic", ".rgbe", ".xyze", ".exr", ".pfm")
 # First bytes of files that are not panoramas, and an error message for each.
@@ -45,7 +45,8 @@ def read_panorama(
         yaw: degrees by which the light is rotated about the vertical, from +z toward +x.
         flip: whether left and right are mirrored.
         exposure: factor on the pixels.
-        repair: whether non-finite pixels are replaced by the mean of their neighbours (`repair_pixels`).
+        repair: whether non-finite pixels are replaced by the mean of their neighbours (`repair_pixels`), and a sun
+            without red is rebuilt (`repair_sun`).
         upside_down: whether the file's rows run from the bottom up, against its format.
 
     Returns:
@@ -65,7 +66,7 @@ def read_panorama(
     pixels = np.ascontiguousarray(pixels[::-1] if upside_down else pixels)
     if exposure != 1.0:
         pixels *= np.float32(exposure)
-    repairs += repair_pixels(path, pixels, repair) + clip_negatives(path, pixels)
+    repairs += repair_pixels(path, pixels, repair) + clip_negatives(path, pixels) + repair_sun(path, pixels, repair)
     front = "+z" if has_attribute and resolved == "latlong" else "-z"
     return Panorama(pixels, resolved, has_attribute, flip, yaw, front, str(path), repairs)
 

@@ -1,13 +1,14 @@
-"""Repair of pixels that are not finite."""
+"""Repair of pixels that are not finite, and of suns whose red and green are lost."""
 
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import convolve
+from scipy.ndimage import binary_dilation, convolve, label
 
 from relight.core.errors import UserError
 
 ROWS = 64  # rows that are tested at a time
+LOST = 1e-3  # of the mean red: a pixel with less has none
 MAX_SHARE = 0.01  # of the pixels; a picture with more is broken
 
 
@@ -54,3 +55,29 @@ def repair_pixels(path: Path, pixels: np.ndarray, repair: bool) -> list[str]:
             pixels[rim, channel] = convolve(pixels[..., channel], np.ones((3, 3)), mode="constant")[rim] / weight[rim]
         known |= rim
     return [f"{count}; they were replaced by the mean of their neighbours"]
+
+
+def repair_sun(path: Path, pixels: np.ndarray, repair: bool) -> list[str]:
+    """Rebuilds a sun that has blue and no red, in place: its blue, at least that of the rim, in the color of the rim.
+
+    Red and green of a sun can be too bright for the floats of a file while blue is not. Left so, it lights in violet.
+
+    Args:
+        path: for the note.
+        pixels: (H,W,3).
+        repair: whether to rebuild it.
+
+    Returns:
+        The repair, or what is wrong, as one sentence; an empty list if the brightest pixel has red.
+    """
+    brightest = np.unravel_index(pixels[..., 2].argmax(), pixels.shape[:2])
+    lost = pixels[..., 0] <= LOST * pixels[..., 0].mean()
+    if not lost[brightest] or pixels[brightest][2] < pixels.max():
+        return []
+    if not repair:
+        return [f"{path}: the brightest pixel has blue and no red, like a sun whose red is lost: --repair rebuilds it"]
+    parts, _ = label(lost, np.ones((3, 3)))
+    block = parts == parts[brightest]
+    rim = pixels[binary_dilation(block, np.ones((3, 3))) & ~block].mean(0)
+    pixels[block] = np.maximum(pixels[block][:, 2:], rim[2]) * (rim / rim[2])
+    return [f"a sun of {block.sum()} pixels had lost its red and green; it was rebuilt in the color of its rim"]

@@ -27,6 +27,7 @@ Lights, for --light:
   key:#ffd9a0@70,20,0.15  a lamp: color, degrees to the right and up, fill;
                           left and below are negative; quote it in a shell
   hall  park  ...         a real panorama, after `relight light setup`
+  even                    light without a direction
   place:street.jpg        the light of a place; @-60,40 says where it is from
   room:7  sky:3  lamps:5  generated surroundings, each number another one;
                           room:7:40 is turned by 40 degrees

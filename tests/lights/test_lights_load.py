@@ -73,6 +73,13 @@ def test_a_key_light_comes_from_the_given_direction():
     np.testing.assert_allclose(e[0], 1.0625 * np.array([1, 0.2158605, 0]), atol=1e-6)
     assert e[0, 0] > 4 * e[1:, 0].max()
     assert irradiance(load_light("key:ffffff@0,90,0.3").coefficients, [0, 1, 0])[0] == pytest.approx(1.3625)
+    for same in ("key:#f00@45,30", "key:red@45,30"):
+        np.testing.assert_array_equal(load_light(same).coefficients, load_light("key:#ff0000@45,30").coefficients)
+
+
+def test_even_light_has_no_direction():
+    directions = np.eye(3) - [[0, 0, 0], [0, 2, 0], [0, 0, 0]]
+    np.testing.assert_allclose(irradiance(load_light("even", 3).coefficients, directions), 1, atol=1e-12)
 
 
 def test_lights_add_up(tmp_path):
@@ -82,7 +89,7 @@ def test_lights_add_up(tmp_path):
     np.testing.assert_allclose(both.coefficients, apart[0].coefficients + apart[1].coefficients)
     np.testing.assert_array_equal(both.panorama.pixels, apart[0].panorama.pixels)
     assert load_light(" + ".join(parts)).panorama is None, "neither of two shows the whole light"
-    with pytest.raises(UserError, match=r"^key:#ff@1,2: the color 'ff'"):
+    with pytest.raises(UserError, match=r"^key:#ff@1,2: '#ff' is no color"):
         load_light("room:7 + key:#ff@1,2")
     file = tmp_path / "a + b.json"
     write_light(apart[1], file)
@@ -268,9 +275,9 @@ def test_load_light_reads_json_of_every_code_page(tmp_path, page):
 
 
 KEYS = {
-    "key:red@0,0": "color 'red' must have six hexadecimal digits",
-    "key:#fff@45,30": "color 'fff' must have six",
-    "key:": "color '' must have six",
+    "key:rad@0,0": "'rad' is no color: give #ffeedd, or a name such as red",
+    "key:#ff@45,30": "'#ff' is no color",
+    "key:": "'' is no color",
     "key:#ffffff": "after the @ must come azimuth, elevation and perhaps fill",
     "key:#ffffff@45": "after the @ must come azimuth",
     "key:#ffffff@45,30,1,2": "after the @ must come azimuth",

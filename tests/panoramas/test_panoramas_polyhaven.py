@@ -62,6 +62,7 @@ def test_setup_makes_names_of_lights(package):
     assert (hall[0], park[0]) == ("hall", "park")
     turned = load_light("hall", yaw=90)
     assert turned.source == "hall" and turned.panorama.yaw == 90
+    np.testing.assert_array_equal(load_light("hall:90").coefficients, turned.coefficients)
 
 
 def test_load_light_prefers_a_file_and_lists_the_names(package, tmp_path, monkeypatch):

@@ -194,3 +194,20 @@ def test_a_folder_lists_panoramas_only(tmp_path):
     (tmp_path / "nothing").mkdir()
     with pytest.raises(UserError, match="no panorama"):
         list_panoramas(tmp_path / "nothing")
+
+
+def test_a_sun_that_has_lost_its_red_is_told_and_rebuilt(tmp_path):
+    """Its power in blue stays; it becomes as red as the sky around it."""
+    sky = np.full((16, 32, 3), [1.4, 1.2, 1.0], np.float32)
+    sky[5:8, 10:13] = [0, 0, 300]
+    exr(tmp_path / "sun.exr", {"RGB": sky})
+    told = read_panorama(tmp_path / "sun.exr")
+    assert "blue and no red" in told.repairs[0] and np.array_equal(told.pixels, sky)
+    rebuilt = read_panorama(tmp_path / "sun.exr", repair=True)
+    assert "9 pixels had lost its red and green" in rebuilt.repairs[0]
+    np.testing.assert_allclose(rebuilt.pixels[5:8, 10:13], np.broadcast_to([420, 360, 300], (3, 3, 3)), rtol=1e-5)
+    sky[5:8, 10:13] = 1.4, 1.2, 1.0
+    assert np.array_equal(np.delete(rebuilt.pixels, np.s_[5:8], 0), np.delete(sky, np.s_[5:8], 0))
+    sky[5:8, 10:13] = [300, 0, 0]  # a red lamp
+    exr(tmp_path / "lamp.exr", {"RGB": sky})
+    assert read_panorama(tmp_path / "lamp.exr").repairs == []

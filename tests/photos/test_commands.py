@@ -159,7 +159,7 @@ def bad(tmp_path, weights):
     yield [me, "--background", tmp_path / "none.png"], r"background: there is no file .*none\.png"
     yield [me, "--background", tmp_path / "none.png", "--light", "room:3"], "background: there is no file"
     yield [me, "--light", "key:#ffeedd@45,95"], "elevation 95 must be in -90"
-    yield [me, "--light", "key:red@45,30"], "color 'red' must have six hexadecimal digits"
+    yield [me, "--light", "key:rad@45,30"], "'rad' is no color"
     yield [me, "--layout", "foo"], "the light auto takes no layout"
     yield [me, "--convention", "foo", "--light", "room:3"], "convention 'foo': must be one of relight"
     yield [me, "--blur", "3"], "a panorama or a picture behind can be blurred, not the background keep"
@@ -282,10 +282,10 @@ def test_photo_writes_the_photo_beside_the_result(photo_files, weights, tmp_path
 def test_opposite_lamp_is_on_the_side_from_which_no_light_comes(relighter, draw):
     pixels, mask = draw()
     scene = relighter.scene(pixels, mask)
-    for x, side in ((0.5, -65), (-0.5, 65)):
+    for x, side in ((0.5, -60), (-0.5, 60)):
         light = np.zeros((9, 3), np.float32)
         light[0], light[3] = 1, x
         turned = replace(scene, people=[replace(scene.people[0], light=light)])
-        assert turned.lamp == f"key:#ffc890@{side},20,0.08"
+        assert turned.lamp == f"key:#ffdcb4@{side},25,0.2"
     named = relighter.relight(pixels, mask, scene.lamp)
     np.testing.assert_array_equal(relighter.relight(pixels, mask), named)
