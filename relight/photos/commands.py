@@ -63,6 +63,7 @@ OPTIONS: dict[str, tuple[str, str | None, str | None, str]] = {
         "WORD",
         "ratio: photo times new over old shading, keeps detail; full: albedo times new.",
     ),
+    "lit_by": ("--lit-by", LIGHT, "LIGHT", "The photo's own light, if you know it: a panorama of the set, a lamp ..."),
     "white_balance": ("--white-balance", LIGHT, "WORD", "keep: the photo's light is white; scene: as it is inferred."),
     "background": ("--background -b", BEHIND, "WORD", "keep, transparent, panorama, a color (#334455) or a picture."),
     "blur": ("--blur", BEHIND, "DEGREES", "Blur of the panorama or picture behind, degrees."),
@@ -95,6 +96,7 @@ class Words:
     """The options that `photo` and `movie` share, as a user types them."""
 
     light: list[str] | None = None
+    lit_by: str | None = None
     mode: str = "ratio"
     white_balance: str = "keep"
     background: str = "keep"
@@ -126,7 +128,8 @@ class Words:
 
     def scene(self, together: bool = False) -> "SceneOptions":
         """The options of `Scene.of`."""
-        return {"mask_model": self.mask_model, "white_balance": self.white_balance, "split": not together}
+        words: SceneOptions = {"mask_model": self.mask_model, "white_balance": self.white_balance}
+        return {**words, "split": not together, "lit_by": self.lit_by}
 
 
 def with_options(examples: str = "") -> Callable[[Callable], Callable]:
@@ -235,7 +238,7 @@ def transfer(
     from relight.photos.network import read_network
     from relight.photos.transfer import swap_lights
 
-    words = Words(None, mode, white_balance, background, shadow=shadow, stops=stops, mask_model=mask_model)
+    words = Words(None, None, mode, white_balance, background, shadow=shadow, stops=stops, mask_model=mask_model)
     network = read_network(weights)
     paths, masks = (first, second), (first_mask, second_mask)
     pictures, notes = swap_lights(network, paths, masks, out, words.look(network), **words.scene())

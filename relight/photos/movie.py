@@ -120,6 +120,8 @@ def relight_clip(
     Returns:
         The frames (H,W,3) uint8, their number if it is known, and frames per second.
     """
+    if options.get("lit_by"):
+        raise UserError("the light of a clip is inferred in each frame: --lit-by is for photos")
     white_balance = options.get("white_balance", "keep")
     require_white_balance(white_balance)
     frames, count, fps = read_frames(path)

@@ -12,7 +12,7 @@ from relight.panoramas import luminance
 from relight.photos.color import chroma
 from relight.photos.guide import FittedMap, Guide, fit_map, luma, square_root
 from relight.photos.network import PhotoNetwork
-from relight.photos.shading import gain, shading, steady
+from relight.photos.shading import exposure_factor, gain, shading, steady
 
 OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the person
 LEAST_CHANNEL = 0.2  # of the luminance: lower bound of the channels of `Person.white`, which lights are divided by
@@ -174,6 +174,20 @@ def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple
     for channel in range(3):  # one at a time: an 8k photo in float32 is 800 MB
         image[..., channel] = crop.extract(to_linear(pixels[..., channel]) * coverage) / np.maximum(share, 1e-3)
     return np.clip(image * mask[..., None], 0, 1), mask
+
+
+def with_light(person: Person, light: np.ndarray) -> Person:
+    """Returns a person whose light is known: it replaces the inferred one, in the exposure of this one.
+
+    The product of albedo and shading stays.
+
+    Args:
+        person: as inferred.
+        light: (K,3) in any exposure.
+    """
+    known = light * np.float32(exposure_factor(person.light, light, person.transport, person.mask))
+    factor = gain(person.transport, person.mask, known, person.light)
+    return replace(person, albedo=np.clip(person.albedo * factor, 0, 1), light=known)
 
 
 def balanced(people: Sequence[Person]) -> list[Person]:

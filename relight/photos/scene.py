@@ -16,13 +16,13 @@ from relight.photos.look import AUTO, Look
 from relight.photos.mask.find import AUTOMATIC, masked
 from relight.photos.mask.people import mask_warnings, split_people
 from relight.photos.network import PhotoNetwork, read_network
-from relight.photos.person import Person, balanced, infer_person
+from relight.photos.person import Person, balanced, infer_person, with_light
 from relight.photos.picture import Given, Picture
 from relight.photos.place import PREFIX, is_of_person
 from relight.photos.render import frames
 from relight.photos.shading import exposure_factor
 from relight.photos.trust import Trust, assess
-from relight.sh import order_of, rotate_y
+from relight.sh import deringed, order_of, rotate_y
 
 WHITE_BALANCES = ("keep", "scene")
 
@@ -33,6 +33,7 @@ class SceneOptions(TypedDict, total=False):
     mask_model: Path | str | None
     split: bool
     white_balance: str
+    lit_by: Light | str | None
 
 
 @dataclass(repr=False)
@@ -43,11 +44,13 @@ class Scene:
         picture: with its `coverage`.
         people: as inferred from it, from left to right.
         network: that inferred them; None if they are known otherwise.
+        own_notes: what a user should know beside the notes on the picture, its mask and the inference.
     """
 
     picture: Picture
     people: Sequence[Person]
     network: PhotoNetwork | None = None
+    own_notes: Sequence[str] = ()
 
     def __repr__(self) -> str:
         return f"Scene({self.picture!r}, {len(self.people)} people)"
@@ -62,6 +65,7 @@ class Scene:
         split: bool = True,
         white_balance: str = "keep",
         size: int | None = None,
+        lit_by: Light | str | None = None,
     ) -> "Scene":
         """Finds the people in a picture, and infers the light, albedo and transport of each.
 
@@ -74,6 +78,8 @@ class Scene:
             white_balance: `keep` takes the light to be white on average (`balanced`), `scene` to have the color that
                 the network infers.
             size: pixels that the longer side is scaled down to, with 8 bits; None keeps the picture as it is.
+            lit_by: the light of the picture, if it is known, or its name (`named_light`); it replaces the inferred one,
+                in the exposure of that.
 
         Raises:
             UserError: if an argument is none of these, or the mask is empty.
@@ -86,8 +92,13 @@ class Scene:
         assert picture.coverage is not None  # it is `masked`
         network = network or read_network()
         coverages = split_people(picture.coverage) if split else [picture.coverage]
-        people = [infer_person(network, picture.pixels, coverage) for coverage in coverages]
-        return cls(picture, balanced(people) if white_balance == "keep" else people, network)
+        people, notes = [infer_person(network, picture.pixels, coverage) for coverage in coverages], []
+        if light := named_light(network, lit_by) if isinstance(lit_by, str) else lit_by:
+            known = deringed(light.at_order(network.order).coefficients).astype(np.float32)
+            apart = np.mean([degrees_apart(person.light, known) for person in people])
+            notes = [f"the photo's light as given, {light.source}, is {apart:.0f} degrees from the inferred one"]
+            people = [with_light(person, known) for person in people]
+        return cls(picture, balanced(people) if white_balance == "keep" else people, network, notes)
 
     @cached_property
     def light(self) -> np.ndarray:
@@ -111,7 +122,7 @@ class Scene:
     @property
     def notes(self) -> list[str]:
         """What a user should know about the picture, its mask and the inference, one sentence each."""
-        notes = self.picture.notes + mask_warnings([person.coverage for person in self.people])
+        notes = [*self.own_notes, *self.picture.notes] + mask_warnings([person.coverage for person in self.people])
         for number, trust in enumerate(self.trust, 1):
             who = f"person {number}: " if len(self.people) > 1 else ""
             notes += [f"{who}{warning}" for warning in trust.warnings]
@@ -150,6 +161,13 @@ class Scene:
         angles = [np.radians(look.turn) + turn for turn in turns]
         lights = [(rotate_y(light, angle).astype(np.float32), angle) for angle in angles]
         return frames(self.picture.pixels, self.people, lights, look.mode, background, look.stops, self.picture.alpha)
+
+
+def degrees_apart(one: np.ndarray, other: np.ndarray) -> float:
+    """Returns the angle in degrees between the main directions of two lights (K,3), those of their bands of order 1."""
+    first, second = (luminance(light[1:4].astype(np.float64)) for light in (one, other))
+    cosine = first @ second / max(np.linalg.norm(first) * np.linalg.norm(second), 1e-9)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def require_white_balance(white_balance: str) -> None:
