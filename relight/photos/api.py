@@ -112,7 +112,7 @@ class Relighter:
             light = self.read_light(light, white_balance=white_balance)
         look = Look(light, mode, background, turn, stops, match)
         scene = self.scene(image, mask, white_balance=white_balance)
-        _warn(scene, look.light.notes if look.light else ())
+        _warn(scene, scene.notes_on(look))
         return scene.relit(look)
 
 

@@ -99,7 +99,7 @@ def relight_file(
         "size": picture.shape[::-1],
         "options": {**look.words, "maps": maps, **options},
         "shading_png": {"stops": DISPLAY_STOPS, "straight_to": KNEE},
-        "notes": scene.notes + (look.light.notes if look.light else []),
+        "notes": scene.notes + scene.notes_on(look),
         "people": [
             {
                 "square": [round(v, 2) for v in (person.crop.left, person.crop.top, person.crop.side)],

@@ -24,6 +24,8 @@ from relight.photos.shading import exposure_factor
 from relight.photos.trust import Trust, assess
 from relight.sh import deringed, order_of, rotate_y
 
+BEHIND = 110  # degrees from the front
+DIRECTED = 0.5  # horizontal part of the first band over the mean: 1.7 for a lamp, less for an even light
 WHITE_BALANCES = ("keep", "scene")
 
 
@@ -150,6 +152,17 @@ class Scene:
         factor = needed if look.match else 1.0
         light = light * np.float32(factor)
         return light, look.background.matched(light, factor, factor / needed)
+
+    def notes_on(self, look: Look) -> list[str]:
+        """What a user should know about the light of a look: its own notes, and whether it comes from behind."""
+        if look.light is None:
+            return []
+        level, _, z, x = luminance(look.light.at_order(1).coefficients)
+        heading = np.degrees(np.arctan2(x, z))
+        turned = abs((heading + look.turn + 180) % 360 - 180)
+        note = f"most of this light comes from behind: --turn {-heading:.0f} brings it to the front"
+        is_behind = turned > BEHIND and np.hypot(x, z) > DIRECTED * level
+        return look.light.notes + ([note] if is_behind else [])
 
     def turned(
         self, look: Look, light: np.ndarray, background: Background, turns: Sequence[float] = (0.0,)

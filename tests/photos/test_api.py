@@ -1,5 +1,7 @@
 """The Python interface takes arrays, Pillow's images and files alike, and its results show themselves."""
 
+import re
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -7,7 +9,10 @@ from PIL import Image
 import relight
 from relight.core.errors import UserError
 from relight.lights import Light, load_light
+from relight.panoramas import luminance
 from relight.photos.look import Look
+from relight.photos.scene import degrees_apart
+from relight.sh import deringed
 
 LIGHT = "key:#ffeedd@60,20"
 
@@ -152,3 +157,36 @@ def test_white_balance(relighter, photo_files):
     assert (relighter.relight(me, None, LIGHT) != relighter.relight(me, None, LIGHT, white_balance="scene")).any()
     with pytest.raises(UserError, match="'auto' is neither keep nor scene"):
         relighter.infer(me, white_balance="auto")
+
+
+@pytest.mark.slow
+def test_a_known_light_takes_the_place_of_the_inferred_one(relighter, photo_files):
+    """In its exposure, and with the same product of albedo and shading; its own picture comes back."""
+    me = photo_files[0]
+    inferred = relighter.scene(me, white_balance="scene")
+    scene = relighter.scene(me, white_balance="scene", lit_by="key:#ffffff@40,30,0.4")
+    (before,), (person,) = inferred.people, scene.people
+    lamp = deringed(load_light("key:#ffffff@40,30,0.4").coefficients)
+    np.testing.assert_allclose(person.light / person.light[0, 0], lamp / lamp[0, 0], rtol=1e-4, atol=1e-5)
+    shades = [luminance(each.shading)[each.mask].mean() for each in (before, person)]
+    assert shades[0] == pytest.approx(shades[1], rel=1e-4)
+    bright = person.mask & (before.shading.min(-1) > 0.3) & (person.shading.min(-1) > 0.3) & (person.albedo.max(-1) < 1)
+    products = [(each.albedo * each.shading)[bright] for each in (before, person)]
+    np.testing.assert_allclose(*products, rtol=0.02)
+    assert re.match(r"the photo's light as given, key:#ffffff@40,30,0\.4, is \d+ degrees from", scene.notes[0])
+    again = scene.relit(Look(Light(person.light, "its own"), match=False))
+    assert np.abs(again.astype(int) - inferred.picture.pixels).max() <= 1
+
+
+def test_degrees_apart():
+    lamps = [load_light(f"key:#ffffff@{azimuth},0,0").coefficients for azimuth in (0, 25, 180)]
+    assert [round(degrees_apart(lamps[0], lamp)) for lamp in lamps] == [0, 25, 180]
+
+
+@pytest.mark.slow
+def test_a_light_from_behind_is_told_with_the_turn_that_mends_it(relighter, photo_files):
+    scene = relighter.scene(photo_files[0])
+    (note,) = scene.notes_on(Look("key:#ffffff@-150,10"))
+    assert note == "most of this light comes from behind: --turn 150 brings it to the front"
+    for light, turn in (("key:#ffffff@-150,10", 150.0), ("key:#ffffff@80,10", 0.0), ("even", 180.0)):
+        assert scene.notes_on(Look(light, turn=turn)) == []
