@@ -35,7 +35,7 @@ class Relighter:
         """Finds the people in a photo, and infers the light, albedo and transport of each.
 
         Args:
-            image: a file, an image of Pillow, or (H,W,3) uint8 or uint16 sRGB.
+            image: as `Picture.of` takes it: a file, an image of Pillow, or an array.
             mask: a file, an image of Pillow, or (H,W) bool, uint8 of 0 to 255 or float in [0,1]. By default the file
                 beside the photo, its alpha, or an automatic mask.
             size: pixels that the longer side is scaled down to; None keeps the photo as it is.
@@ -103,7 +103,7 @@ class Relighter:
             white_balance: of the photo, and of one that `light` names.
 
         Returns:
-            (H,W,3) of the photo's type, or (H,W,4) for a transparent background; linear floats for OpenEXR.
+            (H,W,3) of the photo's type, linear if it is of floats; (H,W,4) if the background, or the photo, is transparent.
 
         Raises:
             UserError: if an argument is none of these.

@@ -19,8 +19,10 @@ TOO_LARGE = f"at most {MAX_PIXELS // 10**6} million pixels are read"
 MAX_BYTES = 500_000_000
 FREE_PIXELS, MOST_PACKED = 2**22, 2**13  # pixels that are believed of any file, and of each of its bytes
 HEIC = (".heic", ".heif")
-RAW = (".dng", ".nef", ".nrw", ".arw", ".cr2", ".cr3", ".raf", ".orf", ".rw2", ".pef", ".srw", ".raw")  # of cameras
-DNG_VERSION = 50706  # tag of a RAW file that may be called .tif; its first picture is a thumbnail
+CAMERAS = "3fr arw cr2 cr3 crw dcr dng erf fff gpr iiq kdc mef mos mrw nef nrw orf pef raf raw rw2 rwl sr2 srf srw x3f"
+RAW = tuple(f".{name}" for name in CAMERAS.split())  # files of cameras
+DEVELOP = "the RAW file of a camera: develop it first, and save it as JPEG, or as TIFF of 16 bits"
+DNG_VERSION, SUB_DIRECTORIES = 50706, 330  # tags of RAW files that may be called .tif; their first picture is a preview
 NUMBER = re.compile(r"(\d+)")
 ANIMATIONS = ("GIF", "WEBP", "PNG", "AVIF")  # formats whose further pictures are frames; in others they are previews
 REDUCED, TRANSPARENCY = 1, 4  # bits of a TIFF page's NewSubfileType: a preview, a mask
@@ -44,9 +46,8 @@ def open_picture(path: Path, what: str) -> Image.Image:
         except ImportError:
             raise UserError(f"{what} is HEIC, which needs pi-heif: pip install '.[heic]', or save it as JPEG") from None
         register_heif_opener()
-    raw = f"{what} is the RAW file of a camera: develop it first, and save it as JPEG, or as TIFF of 16 bits"
     if path.suffix.lower() in RAW:
-        raise UserError(raw)
+        raise UserError(f"{what} is {DEVELOP}")
     try:
         with warnings.catch_warnings(action="ignore"):  # Pillow only warns of large pictures; here they are an error
             image = Image.open(path)
@@ -57,9 +58,7 @@ def open_picture(path: Path, what: str) -> Image.Image:
         raise UserError(f"{what} cannot be read as a picture: give {forms}") from None
     (width, height), stored = image.size, path.stat().st_size
     reason = ""
-    if isinstance(image, TiffImagePlugin.TiffImageFile) and DNG_VERSION in image.tag_v2:
-        reason = raw
-    elif width * height > MAX_PIXELS:
+    if width * height > MAX_PIXELS:
         reason = f"{what} is too large, {width}x{height}: {TOO_LARGE}"
     elif width * height > max(FREE_PIXELS, MOST_PACKED * stored):
         reason = f"{what} is damaged: it promises {width}x{height} pixels in {stored} bytes"
@@ -85,21 +84,23 @@ def decoding_errors(what: str) -> Iterator[None]:
 
 
 def require_still(image: Image.Image, what: str) -> None:
-    """Goes to the first picture of a file that is no preview; raises UserError if the file is a film or has pages."""
+    """Goes to the first picture of a file that is no preview; raises UserError for films, pages, and previews alone."""
     count = getattr(image, "n_frames", 1)
-    if count == 1:
-        return
-    if image.format in ANIMATIONS:
+    if count > 1 and image.format in ANIMATIONS:
         raise UserError(f"{what} is animated ({count} frames): save one, or use `relight movie`")
     if isinstance(image, TiffImagePlugin.TiffImageFile):
         pages = []
         for page in range(count):
             image.seek(page)
+            if DNG_VERSION in image.tag_v2:
+                raise UserError(f"{what} is {DEVELOP}")
             if not image.tag_v2.get(254, 0) & (REDUCED | TRANSPARENCY):
                 pages.append(page)
         if len(pages) > 1:
             raise UserError(f"{what} has {len(pages)} pages: save one of them")
         image.seek(pages[0] if pages else 0)
+        if not pages and SUB_DIRECTORIES in image.tag_v2:
+            raise UserError(f"{what} holds a preview of another picture, as RAW files do: save the picture itself")
 
 
 def orientation_of(image: Image.Image) -> int:

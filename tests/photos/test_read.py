@@ -207,6 +207,39 @@ def test_raw_files_are_refused_before_their_thumbnail_is_taken(name, tmp_path):
         Picture.of(tmp_path / name)
 
 
+def tiff(path, *pages):
+    """A TIFF of pages, each of a NewSubfileType and whether a picture of a sensor is under it."""
+    with tifffile.TiffWriter(path) as file:
+        for kind, has_more in pages:
+            file.write(RGB[::2, ::2].copy(), photometric="rgb", subfiletype=kind, subifds=int(has_more))
+            if has_more:
+                cells = [(33421, "H", 2, (2, 2), True), (33422, "B", 4, bytes([0, 1, 1, 2]), True)]
+                file.write(np.kron(RGB[..., 0], np.ones((9, 9), np.uint16)), photometric="cfa", extratags=cells)
+
+
+PREVIEWS = {
+    "a preview of a sensor's picture": ([(1, True)], "preview of another picture"),
+    "two of them": ([(1, True), (1, False)], "preview of another picture"),
+    "a preview and a picture": ([(1, True), (0, False)], ""),
+    "a picture, and a sensor's": ([(0, True)], ""),
+    "a picture that is called reduced": ([(1, False)], ""),
+}
+
+
+@pytest.mark.parametrize("kind", ["photo", "mask", "image"])
+@pytest.mark.parametrize("name", PREVIEWS)
+def test_a_preview_is_no_picture(tmp_path, name, kind):
+    pages, says = PREVIEWS[name]
+    tiff(tmp_path / "a.tif", *pages)
+    read = {"photo": Picture.of, "mask": lambda path: read_mask(path, (20, 15)), "image": Picture.of}[kind]
+    given = Image.open(tmp_path / "a.tif") if kind == "image" else tmp_path / "a.tif"
+    if says or kind == "mask":
+        with pytest.raises(UserError, match=says or "several colors"):
+            read(given)
+    else:
+        np.testing.assert_array_equal(read(given).pixels, RGB[::2, ::2])
+
+
 def test_heic_needs_its_reader(tmp_path, monkeypatch):
     (tmp_path / "a.heic").write_bytes(b"....ftypheic")
     monkeypatch.setitem(sys.modules, "pi_heif", None)  # as if it were not installed
