@@ -220,7 +220,7 @@ def panorama_light(self, panorama, encoding):
     if pixels.shape[1] != 2 * pixels.shape[0]:
         raise ValueError(f"the panorama is {pixels.shape[1]} x {pixels.shape[0]}: give one twice as wide as high")
     panorama = Panorama(pixels, source="panorama of ComfyUI")
-    return (Light(project(panorama, relighter().order), panorama.source, panorama),)
+    return (Light(project(panorama, relighter().network.order), panorama.source, panorama),)
 
 
 @node(

@@ -103,7 +103,7 @@ class Relighter:
             white_balance: of the photo, and of one that `light` names.
 
         Returns:
-            (H,W,3) of the photo's type, linear if it is of floats; (H,W,4) if the background, or the photo, is transparent.
+            (H,W,3) of the photo's type; (H,W,4) if the background, or the photo, is transparent.
 
         Raises:
             UserError: if an argument is none of these.
