@@ -55,27 +55,21 @@ class Entry:
 
     def shot(self) -> Shot:
         """Reads the photograph with its mask and square. Raises UserError if a file is missing or broken."""
-        photo, mask = (read_picture(self.folder / f"{name}.png") for name in ("photo", "mask"))
-        return Shot(photo, mask, make_square(mask, self.square, self.side))
+        photo, mask = (_read_picture(self.folder / f"{name}.png") for name in ("photo", "mask"))
+        return Shot(photo, mask, _make_square(mask, self.square, self.side))
 
     def panoramas(self) -> list[Path]:
         """Returns the files of the new lights."""
         return [self.folder / f"new_{number}.exr" for number in range(self.new)]
 
 
-def make_square(mask: np.ndarray, square: tuple[float, float, float], side: int) -> Crop:
-    """Returns a square of a photograph, with the range of pixels that the person covers.
-
-    Args:
-        mask: (H,W) uint8 of the person.
-        square: top, left and side in the photograph, pixels.
-        side: pixels with which it is sampled.
-    """
+def _make_square(mask: np.ndarray, square: tuple[float, float, float], side: int) -> Crop:
+    """Returns a square (top, left, side; pixels of the photograph) with the range of pixels that the person covers."""
     top, left, length = square
     return replace(crop_around(mask, side), top=top, left=left, side=length)
 
 
-def read_picture(path: Path) -> np.ndarray:
+def _read_picture(path: Path) -> np.ndarray:
     """Reads the pixels of a picture file. Raises UserError if it is missing or damaged."""
     try:
         return np.asarray(Image.open(existing_file(path, "benchmark")))

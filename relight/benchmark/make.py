@@ -65,23 +65,15 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
     if kind == REAL:
         panorama_file(NAMES[0])  # fails before the first figure is drawn
     writable_folder(folder, "--out", int(BYTES_PER_PICTURE * len(wanted) * (settings.size / 512) ** 2))
-    check_plan(folder, {"format": FORMAT, "set": kind, "settings": asdict(settings)})
+    _check_plan(folder, {"format": FORMAT, "set": kind, "settings": asdict(settings)})
     missing = [recipe for recipe in wanted if not (folder / "inputs" / recipe.name).is_dir()]
-    for _ in progress(render_missing(missing, folder, settings), "pictures", total=len(missing)):
+    for _ in progress(_render_missing(missing, folder, settings), "pictures", total=len(missing)):
         pass
     return write_index(folder, kind, [recipe.name for recipe in wanted], asdict(settings))
 
 
-def check_plan(folder: Path, plan: dict) -> None:
-    """Writes plan.json to a folder, so that its set is not continued with other settings.
-
-    Args:
-        folder: of the set.
-        plan: JSON values on which all pictures of the set depend.
-
-    Raises:
-        UserError: if the folder holds another plan.
-    """
+def _check_plan(folder: Path, plan: dict) -> None:
+    """Writes plan.json, or raises UserError if the folder holds another: a set is not continued with other settings."""
     path = folder / "plan.json"
     if not path.is_file():
         with atomic_write(path) as tmp:
@@ -90,16 +82,10 @@ def check_plan(folder: Path, plan: dict) -> None:
         raise UserError(f"{folder} holds another set, or one with other settings ({path}): give another --out")
 
 
-def render_missing(missing: list[PictureRecipe], folder: Path, settings: Settings) -> Iterator[PictureRecipe]:
-    """Renders and saves pictures.
+def _render_missing(missing: list[PictureRecipe], folder: Path, settings: Settings) -> Iterator[PictureRecipe]:
+    """Renders and saves pictures, and yields the recipe of each when it is saved.
 
-    Args:
-        missing: recipes, those of a figure one after the other, so that its mesh is made once.
-        folder: of the set.
-        settings: of the pictures.
-
-    Yields:
-        Each recipe when its picture is saved.
+    Recipes of one figure must follow each other, so that its mesh is made once.
     """
     for seed, group in groupby(missing, lambda recipe: recipe.seed):
         mesh = with_gloss(make_mesh(seed, settings), seed)

@@ -48,10 +48,10 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
     record = {"set": benchmark.hash, "method": method}
     if method == "network":
         network = read_network(weights, threads=1)
-        apply, record["weights"] = inferred_by(network), network.digest
+        apply, record["weights"] = _inferred_by(network), network.digest
     else:
         apply = BASELINES[method]()
-    check_answers(out, record)
+    _check_answers(out, record)
     wanted = [entry for entry in benchmark.entries if method == "network" or not entry.of]
     missing = [entry for entry in wanted if not (out / f"{entry.name}.npz").is_file()]
     for entry in progress(missing, f"answers of {out.name}"):
@@ -59,7 +59,7 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
     return len(missing)
 
 
-def check_answers(out: Path, record: dict[str, str]) -> None:
+def _check_answers(out: Path, record: dict[str, str]) -> None:
     """Writes what made the answers of a folder, or raises UserError if something else made those that it holds."""
     path = out / RECORD
     if not path.is_file() and not any(out.glob("*.npz")):
@@ -69,7 +69,7 @@ def check_answers(out: Path, record: dict[str, str]) -> None:
         raise UserError(f"{out} holds answers of another method, network or set: give another folder")
 
 
-def inferred_by(network: PhotoNetwork) -> Method:
+def _inferred_by(network: PhotoNetwork) -> Method:
     """Returns the method that infers by a network and relights, like `relight photo`; lights keep their exposure."""
 
     def apply(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
@@ -80,7 +80,7 @@ def inferred_by(network: PhotoNetwork) -> Method:
         # A network of train.color=paper, whose gamma is not 1, infers coded values.
         albedo = person.albedo if person.gamma == 1 else decode(person.albedo)
         maps = {"albedo": albedo, "shading": person.shading**person.gamma, "transport": person.transport[..., :9]}
-        arrays = {name: resize_to_square(values, person, inside) for name, values in maps.items()}
+        arrays = {name: _resize_to_square(values, person, inside) for name, values in maps.items()}
         arrays["light"] = person.light[:9]
         if entry.new:
             lights = [project(read_panorama(path), network.order).astype(np.float32) for path in entry.panoramas()]
@@ -91,16 +91,10 @@ def inferred_by(network: PhotoNetwork) -> Method:
     return apply
 
 
-def resize_to_square(values: np.ndarray, person: Person, inside: np.ndarray) -> np.ndarray:
-    """Resamples maps of a network's square to the square on which the benchmark compares maps.
+def _resize_to_square(values: np.ndarray, person: Person, inside: np.ndarray) -> np.ndarray:
+    """Resamples maps (S,S,C) of a network's square, known where the mask of `person` is.
 
-    Args:
-        values: (S,S,C) of the network's square.
-        person: whose mask (S,S) tells where they are known.
-        inside: (side,side) bool, the mask on the benchmark's square.
-
-    Returns:
-        (side,side,C) float32, zero outside the mask.
+    Returns (side,side,C) float32 on the square of the benchmark, zero outside its mask `inside`.
     """
     side = len(inside)
     if side != len(values):
@@ -127,7 +121,7 @@ def mean_light() -> Method:
 
     def apply(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
         """Returns the mean light (9,3), the shading by it (S,S,3), and the relit pictures (N,H,W,3) uint8."""
-        ratio = relight_by_ratio(benchmark, entry, light)
+        ratio = _relight_by_ratio(benchmark, entry, light)
         truth, _ = benchmark.truth(entry)
         assert truth.transport is not None  # a set with true maps has it
         return {"light": light, "shading": shading(truth.transport, light), "ratio": ratio}
@@ -155,7 +149,7 @@ def true_maps() -> Method:
             "light": truth.light,
             "shading": shading(truth.transport, truth.light),
             "full": np.stack(full),
-            "ratio": relight_by_ratio(benchmark, entry, truth.light),
+            "ratio": _relight_by_ratio(benchmark, entry, truth.light),
         }
 
     return apply
@@ -166,16 +160,10 @@ def new_lights(entry: Entry) -> list[np.ndarray]:
     return [project(read_panorama(path), order=2) for path in entry.panoramas()]
 
 
-def relight_by_ratio(benchmark: BenchmarkSet, entry: Entry, light: np.ndarray) -> np.ndarray:
-    """Relights a photograph by the ratio of new to old shading, both by true transport.
+def _relight_by_ratio(benchmark: BenchmarkSet, entry: Entry, light: np.ndarray) -> np.ndarray:
+    """Relights a photograph by the ratio of new to old shading, both by true transport: (N,H,W,3) uint8.
 
-    Args:
-        benchmark: the set, whose true maps are read.
-        entry: the picture.
-        light: (9,3) radiance coefficients that are taken for the light of the photograph.
-
-    Returns:
-        (N,H,W,3) uint8, in each new light.
+    `light` (9,3) is taken for that of the photograph.
     """
     maps, linear = read_maps(benchmark.maps(entry)), LINEAR[entry.shot().photo]
     gains = (gain(maps.transport, maps.mask, light, new) for new in new_lights(entry))

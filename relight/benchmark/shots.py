@@ -32,14 +32,8 @@ class Shot:
     square: Crop
 
 
-def shift_and_scale(box: Crop, down: float, right: float, scale: float = 1.0) -> Crop:
-    """Returns a square that is moved and scaled.
-
-    Args:
-        box: the square.
-        down, right: shift, in pixels of the square.
-        scale: factor on its side, about its centre.
-    """
+def _shift_and_scale(box: Crop, down: float, right: float, scale: float = 1.0) -> Crop:
+    """Moves a square by pixels of its own, and scales its side about its centre."""
     pixel, side = box.side / box.size, box.side * scale
     offset = (box.side - side) / 2
     return replace(box, top=box.top + down * pixel + offset, left=box.left + right * pixel + offset, side=side)
@@ -61,10 +55,10 @@ def variants(expose: Callable[[np.ndarray | float], np.ndarray], mask: np.ndarra
     photo, box = expose(1.0), crop_around(mask, size)  # a gain of 1
     shots = {"": Shot(photo, mask, box)}
     for pixels in SHIFTS:
-        shots[f"down_{pixels}"] = Shot(photo, mask, shift_and_scale(box, down=pixels, right=0))
-        shots[f"right_{pixels}"] = Shot(photo, mask, shift_and_scale(box, down=0, right=pixels))
+        shots[f"down_{pixels}"] = Shot(photo, mask, _shift_and_scale(box, down=pixels, right=0))
+        shots[f"right_{pixels}"] = Shot(photo, mask, _shift_and_scale(box, down=0, right=pixels))
     for name, factor in (("larger", LARGER), ("smaller", SMALLER)):
-        shots[name] = Shot(photo, mask, shift_and_scale(box, down=0, right=0, scale=factor))
+        shots[name] = Shot(photo, mask, _shift_and_scale(box, down=0, right=0, scale=factor))
     pixel_of_square = max(1, round(box.side / size))  # in pixels of the photo
     for name, change in (("fatter", binary_dilation), ("thinner", binary_erosion)):
         changed = change(mask >= MASK_THRESHOLD, iterations=pixel_of_square)

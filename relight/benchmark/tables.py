@@ -67,14 +67,14 @@ class MethodComparison:
             heads: column -> its head.
             words: first sentence of the note, about the unit of the numbers.
         """
-        grid = columns_with_cells(heads, {name: self.cells(scores, heads) for name, scores in self.scores.items()})
+        grid = _columns_with_cells(heads, {name: self.cells(scores, heads) for name, scores in self.scores.items()})
         return ComparisonTable(title, f"{words} All are {self.counted(self.scores, heads)} {self.sample} {STAR}", grid)
 
     def differences(self) -> ComparisonTable:
         """Returns the differences of the other methods from the reference, paired by picture."""
         reference = self.scores[self.reference]
         others = {name: scores - reference for name, scores in self.scores.items() if name != self.reference}
-        grid = columns_with_cells(
+        grid = _columns_with_cells(
             ERROR_HEADS, {name: self.cells(scores, ERROR_HEADS) for name, scores in others.items()}
         )
         heads = [name for name, head in ERROR_HEADS.items() if head in grid.frame]
@@ -112,13 +112,8 @@ class MethodComparison:
         return f"means over {count(len(scored), 'picture')} of {count(figures, 'figure')}"
 
 
-def columns_with_cells(heads: dict[str, str], rows: dict[str, dict[str, Estimate | None]]) -> TextTable:
-    """Returns a grid of estimates, a row per method, without empty rows and columns.
-
-    Args:
-        heads: column of the scores -> its head.
-        rows: method -> column of the scores -> estimate, or None.
-    """
+def _columns_with_cells(heads: dict[str, str], rows: dict[str, dict[str, Estimate | None]]) -> TextTable:
+    """Returns a grid, a row per method and a head per column of the scores, without empty rows and columns."""
     shown = {name: head for name, head in heads.items() if any(cells[name] for cells in rows.values())}
     lines = [[method, *(cells[name] for name in shown)] for method, cells in rows.items()]
     return TextTable.of(["method", *shown.values()], [line for line in lines if any(line[1:])], digits=DIGITS)

@@ -77,7 +77,7 @@ def pick(rng: np.random.Generator, *draws: str) -> Garment:
     return tailored(rng, wardrobe()[str(rng.choice(names))])
 
 
-def sample_base_garments(rng: np.random.Generator, woman: bool) -> list[Garment]:
+def _sample_base_garments(rng: np.random.Generator, woman: bool) -> list[Garment]:
     """Draws the garments below jackets and scarves, from the skin outward.
 
     2.5 % of people wear a robe; of women 20 % a dress, 20 % a skirt and 8 % leggings; the others trousers and a top,
@@ -98,24 +98,17 @@ def sample_base_garments(rng: np.random.Generator, woman: bool) -> list[Garment]
     return tucked(top, trousers) if is_tucked else [trousers, top]
 
 
-def innermost_top(worn: list[Garment]) -> Garment:
+def _innermost_top(worn: list[Garment]) -> Garment:
     """Returns the first top of the garments, or the only garment."""
     return worn[0] if len(worn) == 1 else next(g for g in worn if g.kind == "top")
 
 
-def add_outer_layers(rng: np.random.Generator, worn: list[Garment]) -> list[Garment]:
+def _add_outer_layers(rng: np.random.Generator, worn: list[Garment]) -> list[Garment]:
     """Adds a jacket or coat in 40 % of cases, for whose sake the top below is cut closer, and at times a scarf.
 
-    Nothing is worn over sweaters, hoodies, robes and dresses with a seam.
-
-    Args:
-        rng: random generator.
-        worn: the garments so far, from the skin outward.
-
-    Returns:
-        All garments, from the skin outward.
+    Garments are listed from the skin outward. Nothing is worn over sweaters, hoodies, robes and dresses with a seam.
     """
-    worn, top = list(worn), innermost_top(worn)
+    worn, top = list(worn), _innermost_top(worn)
     is_dress = top.seam is not None  # of tops, only dresses have one
     if top.name in ("sweater", "hoodie", "robe") or is_dress or rng.random() >= 0.40:
         return worn
@@ -141,9 +134,9 @@ def sample_outfit(rng: np.random.Generator, person: Person, hair: Collection[str
         hair: names of the styles to draw from, at least one of which suits the person; empty for all.
     """
     woman = person.female > 0.5
-    worn = add_outer_layers(rng, sample_base_garments(rng, woman))
+    worn = _add_outer_layers(rng, _sample_base_garments(rng, woman))
     names = {g.name for g in worn}
-    top = innermost_top(worn)
+    top = _innermost_top(worn)
     can_wear_tie = "shirt" in names and not woman and not names & {"scarf", "wrapped scarf", "shorts"}
     has_tie = can_wear_tie and rng.random() < (0.85 if names & {"blazer", "waistcoat"} else 0.3)
     # The loops of trousers show where a top is tucked in; dresses and robes are belted without loops.
@@ -152,9 +145,9 @@ def sample_outfit(rng: np.random.Generator, person: Person, hair: Collection[str
     has_belt = rng.random() < (0.6 if has_loops else 0.35 if is_dress else 0.4 * (top.name == "robe"))
     if has_belt and not has_loops:
         worn[0] = replace(top, belt_height=BELT if top.seam is None else top.seam + ABOVE_SEAM)
-    garments = [in_fabric(rng, garment) for garment in worn]
+    garments = [_in_fabric(rng, garment) for garment in worn]
     shoe = shoes()[int(rng.choice(len(shoes()), p=shoe_odds(woman, worn)))]
-    upper = shoe_color(rng, shoe)
+    upper = _shoe_color(rng, shoe)
     has_pale_sole = "sneaker" in shoe.name and rng.random() < 0.75
     style = list(styles().values())[int(rng.choice(len(styles()), p=style_odds(woman, person, hair)))]
     return Outfit(
@@ -177,21 +170,21 @@ def in_other_fabrics(outfit: Outfit, rng: np.random.Generator) -> Outfit:
     """Returns the same clothes in other fabrics and colors."""
     return replace(
         outfit,
-        garments=[in_fabric(rng, worn.garment) for worn in outfit.garments],
-        upper=shoe_color(rng, outfit.shoe),
+        garments=[_in_fabric(rng, worn.garment) for worn in outfit.garments],
+        upper=_shoe_color(rng, outfit.shoe),
         hat=fabrics.sample_fabric(rng, (outfit.hat.kind,), muted=False),
         tie=None if outfit.tie is None else fabrics.sample_fabric(rng, TIES, muted=False),
         belt=None if outfit.belt is None else fabrics.sample_fabric(rng, ("leather",), muted=True),
     )
 
 
-def in_fabric(rng: np.random.Generator, garment: Garment) -> Worn:
+def _in_fabric(rng: np.random.Generator, garment: Garment) -> Worn:
     """Draws the fabric of a garment; trousers and outer garments are mostly of neutral colors."""
     muted = garment.kind == "trousers" or garment.name in group("outer")
     return Worn(garment, fabrics.sample_fabric(rng, garment.fabrics, muted))
 
 
-def shoe_color(rng: np.random.Generator, shoe: Shoe) -> Color:
+def _shoe_color(rng: np.random.Generator, shoe: Shoe) -> Color:
     """Draws the color of a shoe's upper."""
     kind = "plain" if "sneaker" in shoe.name else "leather"
     return fabrics.sample_fabric(rng, (kind,), muted=True).first

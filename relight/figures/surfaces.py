@@ -79,13 +79,13 @@ def clip(
     """
     n, field = matrix.shape[0], field.astype(float).copy()
     edge, face_edge, count = edges(faces)
-    vertex, other, share = snapped_vertices(edge, count == 1, field, snap)
+    vertex, other, share = _snapped_vertices(edge, count == 1, field, snap)
     move = sparse.eye(n, format="lil")
     move[vertex, vertex] = 1 - share
     move[vertex, other] = share
     matrix = move.tocsr() @ matrix
     field[vertex] = 0
-    crossing, share = zero_crossings(edge, field)
+    crossing, share = _zero_crossings(edge, field)
     rows = np.arange(len(crossing))
     ends = np.r_[edge[crossing, 0], edge[crossing, 1]]
     cut = sparse.csr_matrix((np.r_[1 - share, share], (np.r_[rows, rows], ends)), shape=(len(crossing), n))
@@ -108,30 +108,22 @@ def clip(
     return compacted(matrix, np.concatenate(kept).astype(np.int64))
 
 
-def zero_crossings(edge: np.ndarray, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _zero_crossings(edge: np.ndarray, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the indices (c,) of edges (E,2) on which a field (n,) changes its sign, and where, from 0 to 1 (c,)."""
     first, second = field[edge[:, 0]], field[edge[:, 1]]
     crossing = np.flatnonzero(first * second < 0)
     return crossing, first[crossing] / (first[crossing] - second[crossing])
 
 
-def snapped_vertices(
+def _snapped_vertices(
     edge: np.ndarray, is_border: np.ndarray, field: np.ndarray, snap: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Finds the vertices that move onto the zero line of a field, each along the edge on which the line is nearest.
 
-    Vertices of the border move along the border only.
-
-    Args:
-        edge: (E,2) vertices.
-        is_border: (E,) whether an edge belongs to one face only.
-        field: (n,) at the vertices.
-        snap: largest distance from the line, over the length of the edge.
-
-    Returns:
-        The vertices (m,), ascending; the other ends (m,) of their edges; the shares (m,) of the way there.
+    Vertices of the border move along the border only, and none by more than `snap` of the edge. Returns the vertices
+    (m,), ascending; the other ends (m,) of their edges; the shares (m,) of the way there.
     """
-    crossing, position = zero_crossings(edge, field)
+    crossing, position = _zero_crossings(edge, field)
     vertex, other = edge[crossing].T.ravel(), edge[crossing][:, ::-1].T.ravel()  # both ends of each edge
     share = np.concatenate([position, 1 - position])
     at_border = np.zeros(len(field), bool)

@@ -37,7 +37,7 @@ def noise(x: np.ndarray, y: np.ndarray, seed: int = 0) -> np.ndarray:
         seed: random seed of the values.
     """
     if x.ndim == 2 and x.strides[0] == 0 and y.strides[1] == 0:
-        return grid_noise(x[0], y[:, 0], seed)
+        return _grid_noise(x[0], y[:, 0], seed)
     i, j = np.floor(x), np.floor(y)
     a, b = smoothstep(x - i), smoothstep(y - j)
     low = lattice(i, j, seed) * (1 - a) + lattice(i + 1, j, seed) * a
@@ -50,14 +50,8 @@ def smoothstep(t: np.ndarray) -> np.ndarray:
     return t * t * (3 - 2 * t)
 
 
-def grid_noise(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
-    """Returns `noise` (h,w) on a grid, whose lattice points are hashed once instead of four times for each sample.
-
-    Args:
-        x: (w,) coordinates of the columns.
-        y: (h,) coordinates of the rows.
-        seed: random seed of the values.
-    """
+def _grid_noise(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
+    """Returns `noise` (h,w) at columns x (w,) and rows y (h,), with one hash for each lattice point."""
     i, j = np.floor(x).astype(int), np.floor(y).astype(int)
     a, b = smoothstep((x - i).astype(x.dtype)), smoothstep((y - j).astype(y.dtype))[:, None]
     columns, rows = np.arange(i.min(), i.max() + 2), np.arange(j.min(), j.max() + 2)

@@ -49,7 +49,7 @@ def split_figures(
     subjects = [subject for name, subject in zip(names, subjects) if name not in sitting]
     names = [name for name in names if name not in sitting]
     unit_of = dict(zip(names, subjects if split.kind == "subject" else names))
-    train, test = subject_split(unit_of, split)
+    train, test = _subject_split(unit_of, split)
     wanted = min(MAX_VALIDATION, VALIDATION * len(train))
     held_out = draw(
         {name: unit_of[name] for name in train}, wanted, np.random.default_rng([split.seed, VALIDATION_DRAWS])
@@ -101,18 +101,10 @@ def draw(unit_of: Mapping[str, str], wanted: float, rng: np.random.Generator) ->
     return [name for name, unit in unit_of.items() if unit in drawn]
 
 
-def subject_split(unit_of: Mapping[str, str], split: Split) -> tuple[list[str], list[str]]:
-    """Splits figures at random by their units (kinds `subject` and `paper` of the split).
+def _subject_split(unit_of: Mapping[str, str], split: Split) -> tuple[list[str], list[str]]:
+    """Splits figures at random by their units into those for training and those for the test.
 
-    Args:
-        unit_of: by figure, what stays together: its subject for the kind `subject`, itself for `paper`.
-        split: share `test` of the test figures, seed and kind.
-
-    Returns:
-        Names of the figures for training, and of those for the test.
-
-    Raises:
-        UserError: if there are fewer than two units.
+    The unit of a figure is its subject for the kind `subject`, itself for `paper`. Raises UserError for less than two.
     """
     if len(set(unit_of.values())) < 2:
         what = "subjects" if split.kind == "subject" else "figures"

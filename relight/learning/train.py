@@ -133,7 +133,7 @@ def train(
         figures, lights = select_training_data(data, inputs.split, settings)
 
         torch.manual_seed(settings.seed)
-        network = initial_network(recipe, data, inputs.packed).to(device)
+        network = _initial_network(recipe, data, inputs.packed).to(device)
         average = copy.deepcopy(network) if settings.average else None
         optimizers = make_optimizers(network, settings)
         parts: dict[str, nn.Module | torch.optim.Optimizer] = {"network": network, **optimizers}
@@ -142,9 +142,9 @@ def train(
         digest = fingerprint(recipe, inputs)
         first, history, message = restore_state(state, digest, parts, device)
         if message and rank == 0:
-            print_line(message)
-        if settings.precision == "bf16" and not multiplies_bfloat16(device) and rank == 0:
-            print_line("this CPU has no instructions for bfloat16: train.precision=f32 is several times as fast here")
+            _print_line(message)
+        if settings.precision == "bf16" and not _multiplies_bfloat16(device) and rank == 0:
+            _print_line("this CPU has no instructions for bfloat16: train.precision=f32 is several times as fast here")
 
         forward: Callable[..., dict[str, Tensor]] = network
         if world > 1:
@@ -179,7 +179,7 @@ def train(
                 continue
             seconds = (time.monotonic() - began) / (done - first)
             line = f"step {done}/{settings.steps}, loss {means['loss']:.4f}, {1e3 * seconds:.0f} ms a step"
-            print_line(f"{line}, {duration(seconds * (settings.steps - done))} left")
+            _print_line(f"{line}, {duration(seconds * (settings.steps - done))} left")
             validated, picture = validation(average or network, drawn=show is not None)
             values = {**means, "lr": learning_rate(settings, step)}
             values |= {f"validation/{name}": value for name, value in validated.items()}
@@ -212,7 +212,7 @@ def torch_context(device: torch.device) -> Iterator[None]:
         torch.backends.cudnn.benchmark = benchmark
 
 
-def multiplies_bfloat16(device: torch.device) -> bool:
+def _multiplies_bfloat16(device: torch.device) -> bool:
     """Returns whether a device multiplies bfloat16 in hardware: a GPU, or a CPU with AMX, AVX-512 BF16 or Arm's."""
     capabilities = torch.cpu.get_capabilities()
     return device.type != "cpu" or any(capabilities.get(name) for name in ("amx_bf16", "avx512_bf16", "bf16"))
@@ -271,24 +271,17 @@ def select_training_data(data: RelitSet, split: Path, train: Train) -> tuple[np.
         )
     if train.figures:
         if train.figures > len(figures):
-            print_line(f"train.figures={train.figures}, but there are {len(figures)} figures: training on all of them")
+            _print_line(f"train.figures={train.figures}, but there are {len(figures)} figures: training on all of them")
         first = generator(train.seed, 0, SUBSET).permutation(len(figures))[: train.figures]
         figures = figures[np.sort(first)]
     return np.concatenate([figures, data.other_views(figures)]), lights
 
 
-def initial_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
+def _initial_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
     """Returns the network at step 0, in training mode: a new one, or that of `train.start`.
 
-    With `train.only=encoder` all parts except the encoder are frozen, including their running statistics.
-
-    Args:
-        recipe: all settings.
-        data: gives the size of the images if `train.size` is 0.
-        packed: file of the data, for messages.
-
-    Raises:
-        UserError: if the size is larger than that of the maps, or `train.start` has other model settings.
+    With `train.only=encoder` all parts except the encoder are frozen, including their running statistics. Raises
+    UserError if the size is larger than that of the maps, or `train.start` has other model settings.
     """
     settings = recipe.train
     size = settings.size or data.size
@@ -438,7 +431,7 @@ class Meter:
         return dict(zip(names, means))
 
 
-def print_line(line: str) -> None:
+def _print_line(line: str) -> None:
     """Prints a line to stderr, which the logs of jobs contain."""
     print(line, file=sys.stderr, flush=True)
 

@@ -60,7 +60,7 @@ def build_light_set(panoramas: Panoramas, lights: Lights, order: int) -> tuple[L
     sources, coefficients, unreadable, repaired = project_panoramas(panoramas, order)
     selected, record = select_lights(coefficients, sources, lights)
     if panoramas.source == "folder":
-        warnings = [*warn_unlit(record["unlit"], len(sources)), *warn_below(sources, coefficients, panoramas)]
+        warnings = [*_warn_unlit(record["unlit"], len(sources)), *_warn_below(sources, coefficients, panoramas)]
         record["warnings"] += warnings
         for warning in warnings:
             log.warning(warning)
@@ -75,13 +75,8 @@ def build_light_set(panoramas: Panoramas, lights: Lights, order: int) -> tuple[L
     return selected, record
 
 
-def warn_unlit(unlit: dict[str, str], total: int) -> list[str]:
-    """Returns a warning about panoramas without usual lights, or an empty list.
-
-    Args:
-        unlit: as in the record of `select_lights`.
-        total: number of panoramas.
-    """
+def _warn_unlit(unlit: dict[str, str], total: int) -> list[str]:
+    """Returns a warning about panoramas without usual lights, of `total` ones, or an empty list."""
     if not unlit:
         return []
     named = "; ".join(f"{source}: {reason}" for source, reason in list(unlit.items())[:MAX_NAMED])
@@ -92,14 +87,8 @@ def warn_unlit(unlit: dict[str, str], total: int) -> list[str]:
     ]
 
 
-def warn_below(sources: list[str], coefficients: np.ndarray, panoramas: Panoramas) -> list[str]:
-    """Returns a warning about panoramas that are brighter from below than from above, or an empty list.
-
-    Args:
-        sources: N names of the panoramas.
-        coefficients: (N,K,3) of their lights.
-        panoramas: settings by which they were read.
-    """
+def _warn_below(sources: list[str], coefficients: np.ndarray, panoramas: Panoramas) -> list[str]:
+    """Returns a warning about panoramas that are brighter from below than from above, or an empty list."""
     below = [source for source, is_below in zip(sources, is_lit_from_below(measure(coefficients))) if is_below]
     if not below:
         return []

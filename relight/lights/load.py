@@ -102,11 +102,11 @@ def load_light(
         panorama = Panorama(pixels, flip=flip, yaw=yaw + parse_number(match[3] or "0", text), source=text)
         light = Light(project(panorama, order), text, panorama)
     elif text.startswith("key:"):
-        light = Light(key_light(*parse_key(text), order), text)
+        light = Light(key_light(*_parse_key(text), order), text)
     elif text == EVEN:
         light = Light(np.eye((order + 1) ** 2, 1) * np.full(3, np.sqrt(4 * np.pi) / np.pi), text)
     elif (match := IN_SET.fullmatch(text)) and not Path(text).exists():
-        light = read_row(match[1], int(match[2]))
+        light = _read_row(match[1], int(match[2]))
     elif ":" in text and (name := text.partition(":")[0]) in (*extensions.OWN, *extensions.names()):
         answer = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
         light = answer if isinstance(answer, Light) else Light(as_table(answer, text), text)
@@ -120,12 +120,12 @@ def load_light(
         raise UserError(f"{text}: there is neither such a file nor a kind of light {match[1]!r}; kinds are {kinds}")
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):
         kind = "coefficients"
-        light = read_coefficients(existing_file(text, "light"), convention)
+        light = _read_coefficients(existing_file(text, "light"), convention)
     elif Path(text).suffix.lower() == ".npz":
         raise UserError(f"{text} is a set of lights: name one of them, such as {text}:0")
     else:
         kind = "a panorama"
-        path = find_panorama(text)
+        path = _find_panorama(text)
         panorama = read_panorama(
             path,
             layout=layout,
@@ -137,7 +137,7 @@ def load_light(
         )
         coefficients = project(panorama, order)
         repairs = panorama.repairs if path == text else []  # docs/lab/lights.md tells those of Poly Haven's
-        light = Light(coefficients, text, panorama, repairs + notes_below(text, coefficients, upside_down))
+        light = Light(coefficients, text, panorama, repairs + _notes_below(text, coefficients, upside_down))
     given = {"layout": layout != "auto", "upside_down": upside_down, "repair": repair, "convention": convention}
     for name, is_given in given.items():
         needed = "coefficients" if name == "convention" else "a panorama"
@@ -153,7 +153,7 @@ def load_light(
     return light.checked().at_order(order)
 
 
-def find_panorama(text: str) -> str | Path:
+def _find_panorama(text: str) -> str | Path:
     """Returns the file of a panorama that `text` names: a file of the user's, else one of those by Poly Haven.
 
     Raises:
@@ -166,21 +166,15 @@ def find_panorama(text: str) -> str | Path:
     return polyhaven.panorama_file(text)
 
 
-def notes_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[str]:
-    """Returns a note if the light of a panorama is brighter from below than from above, or an empty list.
-
-    Args:
-        text: name of the light in the note.
-        coefficients: (K,3) of the panorama.
-        upside_down: whether its rows were read from the bottom up; the note advises the opposite.
-    """
+def _notes_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[str]:
+    """Returns a note if the light of a panorama is brighter from below than from above, or an empty list."""
     if not is_lit_from_below(measure(coefficients[None]))[0]:
         return []
     option = "without --upside-down" if upside_down else "with --upside-down, if its rows run from the bottom up"
     return [f"{text}: brighter from below than from above; read it {option}"]
 
 
-def parse_key(text: str) -> tuple[str, float, float, float]:
+def _parse_key(text: str) -> tuple[str, float, float, float]:
     """Parses the name of a key light: color (six digits), azimuth, elevation, and fill, which may be left out.
 
     Raises:
@@ -228,7 +222,7 @@ def key_light(color: str, azimuth: float, elevation: float, fill: float, order: 
     return coefficients
 
 
-def read_row(path: str, row: int) -> Light:
+def _read_row(path: str, row: int) -> Light:
     """Returns the light in a row, counted from 0, of a light set's file; raises UserError if there is no such row."""
     lights = read_light_set(path)
     if row >= len(lights):
@@ -237,7 +231,7 @@ def read_row(path: str, row: int) -> Light:
     return Light(lights.coefficients[row].astype(np.float64), source)
 
 
-def read_coefficients(path: Path, convention: str | None) -> Light:
+def _read_coefficients(path: Path, convention: str | None) -> Light:
     """Reads a file of coefficients.
 
     Args:
@@ -257,10 +251,10 @@ def read_coefficients(path: Path, convention: str | None) -> Light:
             array: object = read_npy(path)
         elif path.suffix.lower() == ".json":
             content = json.loads(read_text(path))
-            array, declared_convention = (content, None) if isinstance(content, list) else parse_json(path, content)
+            array, declared_convention = (content, None) if isinstance(content, list) else _parse_json(path, content)
             named_convention = declared_convention or named_convention
         else:
-            array = parse_rows(read_text(path))
+            array = _parse_rows(read_text(path))
     except (ValueError, TypeError, OverflowError, EOFError, RecursionError) as error:
         raise UserError(f"{path} is not a table of coefficients ({str(error).splitlines()[0][:120]})") from error
     notes = []
@@ -270,7 +264,7 @@ def read_coefficients(path: Path, convention: str | None) -> Light:
     return Light(coefficients, str(path), notes=notes)
 
 
-def parse_rows(text: str) -> np.ndarray:
+def _parse_rows(text: str) -> np.ndarray:
     """Parses rows of numbers between blanks, commas or semicolons; beside semicolons and tabs a comma is a point.
 
     Raises:
@@ -281,7 +275,7 @@ def parse_rows(text: str) -> np.ndarray:
     return np.array([[float(word) for word in line.split()] for line in lines if line.strip()])
 
 
-def parse_json(path: Path, content: object) -> tuple[object, str | None]:
+def _parse_json(path: Path, content: object) -> tuple[object, str | None]:
     """Returns coefficients and convention of the JSON of relight or of a three.js LightProbe.
 
     Raises:

@@ -80,29 +80,29 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     if len(coefficients) != len(sources) or not sources:
         raise UserError(f"lights: {len(coefficients)} lights of {len(sources)} panoramas; at least one is needed")
     record: dict[str, Any] = {"order": settings.order, "steps": [], "warnings": [], "unlit": {}}
-    kept = above_threshold(coefficients, record)
-    copies = rotated_copies(coefficients[kept], np.asarray(sources)[kept], settings.seed)
-    record_step(record, "rotate and scale", len(kept), len(copies), {})
+    kept = _above_threshold(coefficients, record)
+    copies = _rotated_copies(coefficients[kept], np.asarray(sources)[kept], settings.seed)
+    _record_step(record, "rotate and scale", len(kept), len(copies), {})
     if settings.order == "paper":
         # Twice as many clusters, since the authors removed about half of their lights by hand.
         copies = cluster(copies, 2 * settings.clusters, settings.seed, record)
-        candidates, unusual = split_by_rules(copies, settings, record)
+        candidates, unusual = _split_by_rules(copies, settings, record)
         usual = candidates.rows(
             np.sort(np.random.default_rng(settings.seed).permutation(len(candidates))[: settings.clusters])
         )
     else:
-        candidates, unusual = split_by_rules(copies, settings, record)
-        record["unlit"] = unlit_panoramas(sources, copies, candidates)
+        candidates, unusual = _split_by_rules(copies, settings, record)
+        record["unlit"] = _unlit_panoramas(sources, copies, candidates)
         usual = cluster(candidates, settings.clusters, settings.seed, record)
     test = choose_test_lights(usual.coefficients, usual.source, settings)
     usual.split[test] = "test"
-    record["warnings"] += split_warnings(usual, settings)
+    record["warnings"] += _split_warnings(usual, settings)
     if len(unusual):
         unusual = cluster(unusual, min(MAX_UNUSUAL, len(unusual)), settings.seed)
-        unusual.split[:] = split_unusual(unusual, usual)
+        unusual.split[:] = _split_unusual(unusual, usual)
     lights = concatenate(usual, unusual)
     if settings.extra_test:
-        extra = extra_test_lights(candidates, lights, settings)
+        extra = _extra_test_lights(candidates, lights, settings)
         lights = concatenate(lights, extra)
         if len(extra) < settings.extra_test:
             record["warnings"].append(
@@ -118,28 +118,16 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     return lights, record
 
 
-def record_step(record: dict[str, Any], step: str, before: int, after: int, reasons: dict[str, int]) -> None:
-    """Adds a step of the selection to the record.
-
-    Args:
-        record: its list `steps` is extended.
-        step: name.
-        before: number of lights before it.
-        after: number of lights that it kept.
-        reasons: numbers of lights that it removed, by reason; a light may have several.
-    """
+def _record_step(record: dict[str, Any], step: str, before: int, after: int, reasons: dict[str, int]) -> None:
+    """Adds a step to the record: the numbers of lights before and after it, and of those removed, by reason."""
     record["steps"].append({"step": step, "in": before, "out": after, "why": reasons})
 
 
-def above_threshold(coefficients: np.ndarray, record: dict[str, Any]) -> np.ndarray:
-    """Returns the indices of the lights whose reference brightness reaches MIN_BRIGHTNESS.
+def _above_threshold(coefficients: np.ndarray, record: dict[str, Any]) -> np.ndarray:
+    """Returns the indices of the lights (N,K,3) whose reference brightness reaches MIN_BRIGHTNESS.
 
     The threshold is in the files' units and assumes one exposure for all panoramas. If it would remove more than half
     of them, they must be in other units: all are kept, with a warning.
-
-    Args:
-        coefficients: (N,K,3).
-        record: gets the step and the warning.
     """
     brightness = reference_brightness(coefficients)
     bright = brightness >= MIN_BRIGHTNESS
@@ -150,23 +138,16 @@ def above_threshold(coefficients: np.ndarray, record: dict[str, Any]) -> np.ndar
         )
         bright[:] = True
     reasons = {"dark": int((~bright).sum())} if not bright.all() else {}
-    record_step(record, "threshold", len(bright), int(bright.sum()), reasons)
+    _record_step(record, "threshold", len(bright), int(bright.sum()), reasons)
     return np.flatnonzero(bright)
 
 
-def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, seed: int) -> LightSet:
+def _rotated_copies(coefficients: np.ndarray, sources: np.ndarray, seed: int) -> LightSet:
     """Rotates every light about the vertical in equal steps and scales each copy to a random reference brightness.
 
     The reference brightness is uniform in its range, with a seed that depends only on the panorama's index and on
-    the step. A copy without light on its front gets scale 0 and is removed later.
-
-    Args:
-        coefficients: (N,K,3) of the panoramas.
-        sources: (N,) their names.
-        seed: random seed of the brightness.
-
-    Returns:
-        N * ROTATIONS lights, all in the training split.
+    the step. A copy without light on its front gets scale 0 and is removed later. Returns N * ROTATIONS lights, all in
+    the training split.
     """
     n, steps = len(coefficients), ROTATIONS
     order = order_of(coefficients.shape[1])
@@ -220,21 +201,11 @@ def _broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
     }
 
 
-def split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -> tuple[LightSet, LightSet]:
+def _split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -> tuple[LightSet, LightSet]:
     """Splits lights into usual and unusual ones, and writes the broken rules to their `reason`.
 
-    If every light breaks a rule, those that break the fewest rules are usual. Lights of scale 0 are neither.
-
-    Args:
-        copies: the lights of all panoramas at all headings; its `reason` is changed.
-        settings: `rules` names the set of rules.
-        record: of the selection; gets this step, and a warning if every light breaks a rule.
-
-    Returns:
-        The usual lights and the unusual ones, none too bright for a camera (`darkened`).
-
-    Raises:
-        UserError: if all lights have scale 0.
+    If every light breaks a rule, those that break the fewest rules are usual. Lights of scale 0 are neither; raises
+    UserError if all are. None of the lights is too bright for a camera (`darkened`).
     """
     broken = broken_rules(copies.coefficients, RULES[settings.rules])
     broken = {"dark": copies.scale == 0, **{name: rule & (copies.scale > 0) for name, rule in broken.items()}}
@@ -250,20 +221,14 @@ def split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -
     names = np.array(list(broken), dtype=object)
     copies.reason[:] = [" ".join(names[row]) for row in np.stack(list(broken.values()), -1)]
     reasons = {name: int((rule & ~usual).sum()) for name, rule in broken.items()}
-    record_step(record, "unusual", len(copies), int(usual.sum()), reasons)
+    _record_step(record, "unusual", len(copies), int(usual.sum()), reasons)
     return darkened(copies.rows(usual)), darkened(copies.rows(~usual & ~broken["dark"]))
 
 
-def unlit_panoramas(sources: list[str], copies: LightSet, usual: LightSet) -> dict[str, str]:
+def _unlit_panoramas(sources: list[str], copies: LightSet, usual: LightSet) -> dict[str, str]:
     """Returns the panoramas without a usual light at any heading, with the rules that their copies break.
 
-    Args:
-        sources: all panoramas.
-        copies: their lights at all headings, with `reason`.
-        usual: those of `copies` that are kept.
-
-    Returns:
-        Reasons by panorama, such as "bright at 3 of 12 headings, color at 1 of 12 headings".
+    Reasons are such as "bright at 3 of 12 headings, color at 1 of 12 headings".
     """
     left = set(sources) - set(usual.source.tolist())
     reasons = {}
@@ -299,7 +264,7 @@ def cluster(lights: LightSet, clusters: int, seed: int, record: dict[str, Any] |
     selected = lights.rows(chosen)
     selected.cluster[:] = label
     if record is not None:
-        record_step(record, "cluster", len(lights), len(selected), {})
+        _record_step(record, "cluster", len(lights), len(selected), {})
         if len(selected) < clusters:
             record["warnings"].append(
                 f"lights.clusters: {clusters} were asked for and {len(selected)} found among {len(lights)} lights of "
@@ -308,7 +273,7 @@ def cluster(lights: LightSet, clusters: int, seed: int, record: dict[str, Any] |
     return selected
 
 
-def split_unusual(unusual: LightSet, usual: LightSet) -> np.ndarray:
+def _split_unusual(unusual: LightSet, usual: LightSet) -> np.ndarray:
     """Splits unusual lights by panorama into `unusual`, for tests, and `rich`, for training.
 
     A panorama with a training light is `rich`, one with only test lights is `unusual`, so no panorama is on both sides.
@@ -327,16 +292,10 @@ def split_unusual(unusual: LightSet, usual: LightSet) -> np.ndarray:
     return np.array([splits[room] for room in unusual.source.tolist()])
 
 
-def extra_test_lights(candidates: LightSet, lights: LightSet, settings: Lights) -> LightSet:
+def _extra_test_lights(candidates: LightSet, lights: LightSet, settings: Lights) -> LightSet:
     """Selects `settings.extra_test` further test lights, without any effect on the training lights.
 
-    Args:
-        candidates: usual lights before the clustering.
-        lights: the set before.
-        settings: extra_test and seed.
-
-    Returns:
-        Medoids of the candidates from panoramas that have no training, test or rich light.
+    They are medoids of the candidates from panoramas that have no training, test or rich light.
     """
     used = np.isin(candidates.source, lights.source[np.isin(lights.split, ("train", "test", "rich"))])
     free = candidates.rows(~used)
@@ -345,7 +304,7 @@ def extra_test_lights(candidates: LightSet, lights: LightSet, settings: Lights) 
     return extra
 
 
-def split_warnings(lights: LightSet, settings: Lights) -> list[str]:
+def _split_warnings(lights: LightSet, settings: Lights) -> list[str]:
     """Returns warnings about test lights that are not independent of the training lights or of each other."""
     train_sources, test_sources = (set(lights.of(split).source.tolist()) for split in ("train", "test"))
     shared, warnings = train_sources & test_sources, []

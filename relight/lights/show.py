@@ -102,13 +102,13 @@ def write_light_picture(light: Light, path: Path | str) -> None:
     if light.panorama is not None:
         is_reoriented = light.panorama.yaw % 360 or light.panorama.flip or light.panorama.front == "+z"
         name = "Panorama, as turned" if is_reoriented else "Panorama"
-        panes.insert(0, (name, tone_mapped(lookup(light.panorama, latlong_directions(256, 512)))))
+        panes.insert(0, (name, _tone_mapped(lookup(light.panorama, latlong_directions(256, 512)))))
     # Boxes of axes are left, bottom, width and height in shares of the figure.
     for i, (name, picture) in enumerate(panes):
         axes = figure.add_axes((0.03, 0.51 - 0.45 * i, 0.36, 0.335))
         axes.imshow(picture, aspect="auto", interpolation="bilinear")
         axes.set_title(name, fontsize=9, color=MUTED_TEXT, loc="left", pad=4)
-        label_directions(axes, picture.shape)
+        _label_directions(axes, picture.shape)
     background = figure.add_axes((0.415, 0.06, 0.30, 0.785), facecolor=DARK)
     background.set(xticks=[], yticks=[])
     background.set_title("Matt ball, from the camera", fontsize=9, color=MUTED_TEXT, loc="left", pad=4)
@@ -126,13 +126,8 @@ def write_light_picture(light: Light, path: Path | str) -> None:
         figure.savefig(temporary, format="png")
 
 
-def label_directions(axes: "Axes", shape: tuple[int, ...]) -> None:
-    """Labels the directions below a lat-long picture with -z at the centre.
-
-    Args:
-        axes: that show the picture.
-        shape: (height, width, channels) of the picture.
-    """
+def _label_directions(axes: "Axes", shape: tuple[int, ...]) -> None:
+    """Labels the directions below a lat-long picture with -z at the centre."""
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
     for i, name in enumerate(("camera", "left", "away", "right", "camera")):
@@ -140,7 +135,7 @@ def label_directions(axes: "Axes", shape: tuple[int, ...]) -> None:
         axes.text(shape[1] * i / 4 - 0.5, shape[0] * 1.075, name, fontsize=7, color=MUTED_TEXT, ha=align)
 
 
-def tone_mapped(pixels: np.ndarray) -> np.ndarray:
+def _tone_mapped(pixels: np.ndarray) -> np.ndarray:
     """Tone-maps linear pixels (h,w,3) to sRGB codes in [0,1]; the 60th percentile sets the exposure."""
     pixels = pixels.astype(np.float64)
     exposed = pixels * 0.35 / max(float(np.percentile(pixels.mean(-1), 60)), 1e-9)
@@ -196,20 +191,16 @@ def write_contact_sheet(lights: LightSet, path: Path | str) -> None:
         top -= HEAD
         for i in range(len(part)):
             row, column = divmod(i, COLUMNS)
-            draw_cell(figure, part.rows(np.array([i])), 0.2 + column * CELL, top - (row + 1) * ROW, width, height)
+            _draw_cell(figure, part.rows(np.array([i])), 0.2 + column * CELL, top - (row + 1) * ROW, width, height)
         top -= row_count * ROW
     with atomic_write(path) as temporary:
         figure.savefig(temporary, format="png")
 
 
-def draw_cell(figure: "Figure", light: LightSet, x: float, y: float, width: float, height: float) -> None:
+def _draw_cell(figure: "Figure", light: LightSet, x: float, y: float, width: float, height: float) -> None:
     """Draws one light of a contact sheet: ball and horizon on a dark ground, its source and heading, and the reason.
 
-    Args:
-        figure: the contact sheet.
-        light: a light set of one row.
-        x, y: lower left corner of the cell, inches.
-        width, height: of the figure, inches.
+    `x` and `y` are the lower left corner of the cell, and `width` and `height` those of the figure, inches.
     """
 
     def add_axes(left: float, bottom: float, box_width: float, box_height: float) -> "Axes":

@@ -17,17 +17,11 @@ RED, BLUE = np.array([0.70, 0.09, 0.17]), np.array([0.13, 0.40, 0.67])  # of pos
 BACKGROUND = 0.2  # grey, on which white albedo and zero coefficients are visible
 
 
-def draw_maps(maps: Maps) -> np.ndarray:
-    """Draws maps in two rows, cropped to the figure.
+def _draw_maps(maps: Maps) -> np.ndarray:
+    """Draws maps in two rows, cropped to the figure: (height,width,3) uint8 sRGB.
 
     The first row shows albedo, normal, AO and a shaded view, the second up to nine transport coefficients (all of order
     2), red where positive and blue where negative.
-
-    Args:
-        maps: to be drawn; its mask must not be empty.
-
-    Returns:
-        (height,width,3) uint8 sRGB.
     """
     margin = max(1, len(maps.mask) // 50)  # pixels around the figure: 2 % of the image
     window = tuple(slice(max(0, first - margin), last + margin) for first, last in extent(maps.mask))
@@ -64,6 +58,6 @@ def shading_light(coefficients: int) -> np.ndarray:
 
 
 def write_maps_picture(path: Path | str, maps: Maps) -> None:
-    """Writes the picture of `draw_maps` as PNG, whole or not at all."""
+    """Writes the picture of `_draw_maps` as PNG, whole or not at all."""
     with atomic_write(path) as temporary:
-        Image.fromarray(draw_maps(maps)).save(temporary)
+        Image.fromarray(_draw_maps(maps)).save(temporary)

@@ -49,15 +49,15 @@ def project(panorama: Panorama, order: int = 2) -> np.ndarray:
     pixels, corners = panorama.pixels, panorama.corners
     match panorama.layout:
         case "latlong":
-            light = project_latlong(pixels, order, corners)
+            light = _project_latlong(pixels, order, corners)
             if panorama.front == "+z":
                 light = rotate_y(light, np.pi)
         case "angular":
-            light = project_plane(pixels, angular_to_sphere, order, corners, disc=True)
+            light = _project_plane(pixels, _angular_to_sphere, order, corners, disc=True)
         case "ball":
-            light = project_plane(pixels, ball_to_sphere, order, corners, disc=True)
+            light = _project_plane(pixels, _ball_to_sphere, order, corners, disc=True)
         case _:
-            light = project_cube(cut_faces(pixels, panorama.layout), order, corners)
+            light = _project_cube(cut_faces(pixels, panorama.layout), order, corners)
     return orient(light, panorama.yaw, panorama.flip)
 
 
@@ -68,28 +68,20 @@ def orient(light: np.ndarray, yaw: float = 0.0, flip: bool = False) -> np.ndarra
     return rotate_y(light, np.radians(yaw)) if yaw else light
 
 
-def gauss_legendre(nodes: int) -> tuple[np.ndarray, np.ndarray]:
+def _gauss_legendre(nodes: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns Gauss-Legendre nodes (nodes,) and weights (nodes,) on [0,1]."""
     x, w = np.polynomial.legendre.leggauss(nodes)
     return (x + 1) / 2, w / 2
 
 
-def profile_integrals(function: Callable[[np.ndarray], np.ndarray], samples: int, corners: bool) -> np.ndarray:
-    """Integrates a function over [0,1] times the basis function of each sample of a row or column.
+def _profile_integrals(function: Callable[[np.ndarray], np.ndarray], samples: int, corners: bool) -> np.ndarray:
+    """Returns the integrals (samples,K) over [0,1] of a function times the basis function of each sample in a line.
 
     The basis function is the box of a pixel or, if samples lie on the corners, the hat between the neighbours. Sixteen
     nodes per cell are exact to rounding for low orders, even with a single cell from pole to pole.
-
-    Args:
-        function: from positions (N,) in [0,1] along the row or column to values (N,K).
-        samples: number of samples.
-        corners: whether the first and last sample lie at 0 and 1.
-
-    Returns:
-        (samples,K) integrals.
     """
     cells = samples - 1 if corners else samples
-    x, w = gauss_legendre(16)
+    x, w = _gauss_legendre(16)
     values = function(((np.arange(cells)[:, None] + x) / cells).ravel()).reshape(cells, len(x), -1) / cells
     if not corners:
         return np.einsum("cnk,n->ck", values, w)
@@ -99,19 +91,11 @@ def profile_integrals(function: Callable[[np.ndarray], np.ndarray], samples: int
     return integrals
 
 
-def project_latlong(pixels: np.ndarray, order: int, corners: bool = False) -> np.ndarray:
-    """Projects a lat-long image to spherical harmonics.
+def _project_latlong(pixels: np.ndarray, order: int, corners: bool = False) -> np.ndarray:
+    """Returns the coefficients (K,C) of a lat-long image (H,W,C), with -z at the centre and +x to the right.
 
     In the frame of the image's pole, Y_lm separates into a function of the row and cos or sin of m times the azimuth.
     The columns are therefore reduced to 2 order + 1 first; a fixed rotation then takes the pole to z.
-
-    Args:
-        pixels: (H,W,C) with -z at the centre and +x to the right.
-        order: of the spherical harmonics.
-        corners: as in `Panorama`.
-
-    Returns:
-        Coefficients (K,C).
     """
     height, width = pixels.shape[:2]
 
@@ -126,7 +110,7 @@ def project_latlong(pixels: np.ndarray, order: int, corners: bool = False) -> np
         phi, m = 2 * np.pi * (t[:, None] - 0.5), np.arange(order + 1)
         return 2 * np.pi * np.concatenate([np.cos(m * phi), np.sin(m[1:] * phi)], -1)
 
-    row, column = profile_integrals(rows, height, corners), profile_integrals(columns, width, corners)
+    row, column = _profile_integrals(rows, height, corners), _profile_integrals(columns, width, corners)
     harmonic = np.empty((height, 2 * order + 1, pixels.shape[2]))
     for start in range(0, height, 64):  # in slices, since the product is in double precision
         part = pixels[start : start + 64]
@@ -152,24 +136,18 @@ def latlong_solid_angles(height: int, width: int) -> np.ndarray:
     return -np.diff(np.cos(np.arange(height + 1) / height * np.pi)) * 2 * np.pi / width
 
 
-def project_plane(
+def _project_plane(
     pixels: np.ndarray, to_sphere: ToSphere, order: int, corners: bool = False, disc: bool = False
 ) -> np.ndarray:
-    """Projects a square image to spherical harmonics, by Gauss-Legendre quadrature in each pixel.
+    """Returns the coefficients (K,C) of a square image (n,n,C), by Gauss-Legendre quadrature in each pixel.
 
-    Args:
-        pixels: (n,n,C).
-        to_sphere: maps (u,v) in [-1,1], u right and v down, to directions (...,3) and solid angle per area (...).
-        order: of the spherical harmonics.
-        corners: whether the outermost samples lie on the edges of the image.
-        disc: whether only the part of each pixel inside the unit circle counts; not supported with `corners`.
-
-    Returns:
-        Coefficients (K,C).
+    `to_sphere` maps (u,v) in [-1,1], u right and v down, to directions (...,3) and solid angle per area (...). With
+    `corners`, the outermost samples lie on the edges of the image; with `disc`, and without `corners`, only the part of
+    each pixel inside the unit circle counts.
     """
     n = pixels.shape[0]
     cells = n - 1 if corners else n
-    nodes, node_weights = gauss_legendre(int(np.clip(1024 // n, 2, 8)))
+    nodes, node_weights = _gauss_legendre(int(np.clip(1024 // n, 2, 8)))
     edges = 2 * np.arange(cells + 1) / cells - 1
     rows = np.arcsin(edges) if disc else edges
     total = np.zeros((coefficient_count(order), pixels.shape[2]))
@@ -202,48 +180,24 @@ def project_plane(
     return total
 
 
-def angular_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Maps an angular map (Debevec) to the sphere: -z is at the centre, the angle to -z is pi times the radius.
-
-    Args:
-        u: column in [-1,1], to the right.
-        v: row in [-1,1], down; broadcasts with `u`.
-
-    Returns:
-        Unit directions (...,3), and the solid angle (...) in steradian per unit of area of the image plane.
-    """
+def _angular_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Maps an angular map (Debevec) to the sphere: -z is at the centre, the angle to -z is pi times the radius."""
     r = np.hypot(u, v)
     sinc = np.sinc(r)  # sin(pi r) / (pi r)
     direction = np.stack([np.pi * u * sinc, -np.pi * v * sinc, -np.cos(np.pi * r)], -1)
     return direction, np.pi**2 * sinc
 
 
-def ball_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Maps an orthographic photo of a mirror ball to the sphere: the centre reflects +z, the rim -z.
-
-    Args:
-        u: column in [-1,1], to the right.
-        v: row in [-1,1], down; broadcasts with `u`.
-
-    Returns:
-        Unit directions (...,3), and the solid angle (...) in steradian per unit of area of the image plane.
-    """
+def _ball_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Maps an orthographic photo of a mirror ball to the sphere: the centre reflects +z, the rim -z."""
     r2 = np.minimum(u * u + v * v, 1.0)
     forward = 2 * np.sqrt(1 - r2)  # reflection of +z about the normal (u, -v, sqrt(1 - r2))
     direction = np.stack([u * forward, -v * forward, 1 - 2 * r2], -1)
     return direction, np.full(r2.shape, 4.0)
 
 
-def face_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Maps the face of a cube at +z to the sphere, image right along +x and image down along -y.
-
-    Args:
-        u: column in [-1,1], to the right.
-        v: row in [-1,1], down; broadcasts with `u`.
-
-    Returns:
-        Unit directions (...,3), and the solid angle (...) in steradian per unit of area of the image plane.
-    """
+def _face_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Maps the face of a cube at +z to the sphere, image right along +x and image down along -y."""
     u, v = np.broadcast_arrays(u, v)
     length = np.sqrt(1 + u * u + v * v)
     return np.stack([u, -v, np.ones_like(u)], -1) / length[..., None], length**-3
@@ -273,19 +227,10 @@ def cut_faces(pixels: np.ndarray, layout: str) -> dict[str, np.ndarray]:
     return faces
 
 
-def project_cube(faces: dict[str, np.ndarray], order: int, corners: bool = False) -> np.ndarray:
-    """Projects the faces of a cube to spherical harmonics: each as the face at +z, then rotated to its axis.
-
-    Args:
-        faces: six images (n,n,C) by the keys of CUBE_FACES.
-        order: of the spherical harmonics.
-        corners: whether the outermost samples lie on the edges of the image, as in OpenEXR environment maps.
-
-    Returns:
-        Coefficients (K,C).
-    """
+def _project_cube(faces: dict[str, np.ndarray], order: int, corners: bool = False) -> np.ndarray:
+    """Projects the faces of a cube, images (n,n,C) by the keys of CUBE_FACES: each as that at +z, then rotated."""
     channels = next(iter(faces.values())).shape[2]
-    stacked = project_plane(np.concatenate(list(faces.values()), -1), face_to_sphere, order, corners)
+    stacked = _project_plane(np.concatenate(list(faces.values()), -1), _face_to_sphere, order, corners)
     total = np.zeros((stacked.shape[0], channels))
     for i, face in enumerate(faces):
         axis, right, down = np.array(CUBE_FACES[face], float)

@@ -191,20 +191,13 @@ def intersect_walls(size: np.ndarray, origin: np.ndarray, direction: np.ndarray)
     return np.take_along_axis(distance, pick, 1)[:, 0], 2 * axis + side
 
 
-def intersect_boxes(
+def _intersect_boxes(
     low: np.ndarray, high: np.ndarray, origin: np.ndarray, direction: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Intersects rays with boxes by the slab method (Kay and Kajiya 1986).
+    """Intersects rays (...,3) with boxes (B,3) by the slab method (Kay and Kajiya 1986).
 
-    Args:
-        low: (B,3) corners of the boxes.
-        high: (B,3) opposite corners.
-        origin: (...,3) of the rays.
-        direction: (...,3) of the rays.
-
-    Returns:
-        Ray parameters (...,B) of entry and exit, in units of `direction`, and the axis (...,B) of the face that is
-        entered. A ray misses a box where entry > exit.
+    Returns ray parameters (...,B) of entry and exit, in units of `direction`, and the axis (...,B) of the face that is
+    entered. A ray misses a box where entry > exit.
     """
     t_enter, t_exit, axis = np.array(-np.inf), np.array(np.inf), np.array(0)
     for a in range(3):
@@ -218,26 +211,20 @@ def intersect_boxes(
     return t_enter, t_exit, axis
 
 
-def is_occluded(room: Room, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Returns whether furniture intersects the segments from `origin` to `origin + direction`, (...) bool.
-
-    Args:
-        room: with any furniture.
-        origin: (...,3) metres.
-        direction: (...,3) metres, not normalised.
-    """
+def _is_occluded(room: Room, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Returns whether furniture intersects the segments from `origin` (...,3) to `origin + direction`, (...) bool."""
     if not room.boxes:
         return np.zeros(np.broadcast_shapes(origin.shape, direction.shape)[:-1], bool)
-    t_enter, t_exit, _ = intersect_boxes(*box_bounds(room), origin, direction)
+    t_enter, t_exit, _ = _intersect_boxes(*_box_bounds(room), origin, direction)
     return np.any((t_enter <= t_exit) & (t_exit > 1e-3) & (t_enter < 1 - 1e-3), axis=-1)
 
 
-def box_bounds(room: Room) -> tuple[np.ndarray, np.ndarray]:
+def _box_bounds(room: Room) -> tuple[np.ndarray, np.ndarray]:
     """Returns the corners `low` and `high` (B,3) of the furniture."""
     return np.array([box.low for box in room.boxes]), np.array([box.high for box in room.boxes])
 
 
-def sample_emitters(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _sample_emitters(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Samples the emitters of a room: large area lights at 2 x 2 points, others at the centre.
 
     Returns:
@@ -275,7 +262,7 @@ def direct_irradiance(room: Room, position: np.ndarray, normal: np.ndarray) -> n
         position: (N,3) metres, receiving points.
         normal: (N,3) unit normals of the points.
     """
-    points, normals, areas, radiances = sample_emitters(room)
+    points, normals, areas, radiances = _sample_emitters(room)
     toward = points[None] - (position + 1e-3 * normal)[:, None]
     distance2 = (toward**2).sum(-1) + 0.05  # m^2: bounds the irradiance near lamps, since a cell is not a point
     receiver_cosine = np.maximum(np.einsum("nsk,nk->ns", toward, normal), 0)
@@ -284,7 +271,7 @@ def direct_irradiance(room: Room, position: np.ndarray, normal: np.ndarray) -> n
     emitter_cosine[:, is_lamp] = np.sqrt(distance2[:, is_lamp])
     geometry = receiver_cosine * emitter_cosine * areas / distance2**2
     n, s = np.nonzero(geometry > 0)
-    geometry[n, s] *= ~is_occluded(room, (position + 1e-3 * normal)[n], toward[n, s])
+    geometry[n, s] *= ~_is_occluded(room, (position + 1e-3 * normal)[n], toward[n, s])
     return geometry @ radiances
 
 
@@ -309,7 +296,7 @@ def is_sunlit(room: Room, sun: Sun, point: np.ndarray) -> np.ndarray:
             plane = list(IN_PLANE[light.wall // 2])
             passes_window |= (wall == light.wall) & inside[:, plane].all(1)
     to_window = toward[passes_window] * distance[passes_window, None]
-    passes_window[passes_window] = ~is_occluded(room, point[passes_window], to_window)
+    passes_window[passes_window] = ~_is_occluded(room, point[passes_window], to_window)
     return passes_window
 
 
@@ -402,24 +389,19 @@ def render_room(room: Room) -> np.ndarray:
         inside = (point >= light.low - 1e-6) & (point <= light.high + 1e-6)
         image[(wall == light.wall) & inside[:, list(IN_PLANE[light.wall // 2])].all(1)] = light.radiance
     if room.boxes:
-        render_boxes(room, walls, total, image, depth)
-    render_lamps(room, image, depth)
+        _render_boxes(room, walls, total, image, depth)
+    _render_lamps(room, image, depth)
     return image.reshape(HEIGHT, WIDTH, 3)
 
 
-def render_boxes(room: Room, walls: Grid, radiosity: np.ndarray, image: np.ndarray, depth: np.ndarray) -> None:
-    """Renders the furniture into an image of the room, in place.
+def _render_boxes(room: Room, walls: Grid, radiosity: np.ndarray, image: np.ndarray, depth: np.ndarray) -> None:
+    """Renders the furniture into an image (N,3) of the room in `view_directions`, in place.
 
-    Args:
-        room: with furniture.
-        walls: cells of the walls.
-        radiosity: (cells,3) of the walls.
-        image: (N,3) linear radiance in `view_directions`.
-        depth: (N,) metres from the camera to the visible surface; updated.
+    `radiosity` (cells,3) is that of the walls, and `depth` (N,) the metres to the visible surface, which are updated.
     """
     direction = view_directions()
-    low, high = box_bounds(room)
-    t_enter, t_exit, axis = intersect_boxes(low, high, room.camera[None], direction)
+    low, high = _box_bounds(room)
+    t_enter, t_exit, axis = _intersect_boxes(low, high, room.camera[None], direction)
     distance = np.where((t_enter <= t_exit) & (t_enter > 0), t_enter, np.inf)
     box = distance.argmin(1)
     row = np.arange(len(box))
@@ -438,14 +420,8 @@ def render_boxes(room: Room, walls: Grid, radiosity: np.ndarray, image: np.ndarr
     image[hit] = albedo / np.pi * grid.interpolate(irradiance, face, point)
 
 
-def render_lamps(room: Room, image: np.ndarray, depth: np.ndarray) -> None:
-    """Renders visible lamps into `image` (N,3), in place; a lamp covers whole pixels with the flux of its solid angle.
-
-    Args:
-        room: with any lamps.
-        image: (N,3) linear radiance in `view_directions`.
-        depth: (N,) metres from the camera to the visible surface.
-    """
+def _render_lamps(room: Room, image: np.ndarray, depth: np.ndarray) -> None:
+    """Renders visible lamps into `image` (N,3), in place; a lamp fills whole pixels with its flux."""
     direction = view_directions()
     weight = pixel_solid_angles()
     for lamp in room.lamps:

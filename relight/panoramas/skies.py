@@ -34,9 +34,9 @@ def generate_sky(seed: int) -> np.ndarray:
     solid_angle = pixel_solid_angles()
     elevation, azimuth = np.radians(rng.uniform(3, 70)), rng.uniform(0, 2 * np.pi)
     sun = np.array([np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)])
-    image = sky_radiance(rng, kind, direction, sun)
-    sun_irradiance = draw_sun_irradiance(rng, kind, elevation)
-    skyline_height = draw_skyline(rng, direction)
+    image = _sky_radiance(rng, kind, direction, sun)
+    sun_irradiance = _draw_sun_irradiance(rng, kind, elevation)
+    skyline_height = _draw_skyline(rng, direction)
 
     above = direction[:, 1] > 0
     sky_irradiance = (image * (np.maximum(direction[:, 1], 0) * solid_angle * above)[:, None]).sum(0)
@@ -59,14 +59,10 @@ def generate_sky(seed: int) -> np.ndarray:
     return (image * exposure).reshape(HEIGHT, WIDTH, 3).astype(np.float32)
 
 
-def sky_radiance(rng: np.random.Generator, kind: str, direction: np.ndarray, sun: np.ndarray) -> np.ndarray:
+def _sky_radiance(rng: np.random.Generator, kind: str, direction: np.ndarray, sun: np.ndarray) -> np.ndarray:
     """Returns the radiance (N,3) of the sky without the sun, for an illuminance of 1 on the ground before clouds.
 
-    Args:
-        rng: for the clouds of broken skies.
-        kind: a key of SKIES.
-        direction: (N,3) unit vectors, those of `view_directions`.
-        sun: (3,) unit vector toward the sun.
+    `kind` is a key of SKIES, and `direction` (N,3) that of `view_directions`.
     """
     a, b, c, d, e = SKIES[kind]
     sine = np.maximum(direction[:, 1], 0.02)  # of the elevation
@@ -76,7 +72,7 @@ def sky_radiance(rng: np.random.Generator, kind: str, direction: np.ndarray, sun
     radiance = np.maximum(gradation * scattering, 0.02)
     radiance /= (radiance * sine * pixel_solid_angles())[direction[:, 1] > 0].sum()
     if kind == "broken":
-        cover = draw_clouds(rng, direction)
+        cover = _draw_clouds(rng, direction)
         radiance = radiance * (1 - 0.6 * cover) + 0.55 * cover * (0.6 + 0.8 * np.exp(-2 * sun_angle)) / np.pi
     height = sine[:, None] ** 0.5  # blue overhead, pale near the horizon and around the sun
     blue = daylight(12000) * (0.55 + 0.45 * height) + daylight(6000) * (0.45 - 0.45 * height)
@@ -84,22 +80,17 @@ def sky_radiance(rng: np.random.Generator, kind: str, direction: np.ndarray, sun
     return radiance[:, None] * (blue * (1 - white) + daylight(6300) * white)
 
 
-def draw_sun_irradiance(rng: np.random.Generator, kind: str, elevation: float) -> np.ndarray:
+def _draw_sun_irradiance(rng: np.random.Generator, kind: str, elevation: float) -> np.ndarray:
     """Draws the irradiance (3,) of the sun on a facing surface, over the illuminance of the sky on the ground.
 
     It is about 5 at noon and 0 at the horizon, where the air mass (Kasten 1965) is largest and the color warmest.
-
-    Args:
-        rng: for the turbidity.
-        kind: a key of SKIES.
-        elevation: of the sun, radians.
     """
     air_mass = 1 / (np.sin(elevation) + 0.15 * (np.degrees(elevation) + 3.885) ** -1.253)
     strength = 7 * BEAM[kind] * np.exp(-0.21 * air_mass) * rng.uniform(0.6, 1.2)
     return blackbody(2200 + 3400 * (1 - np.exp(-np.degrees(elevation) / 16))) * strength
 
 
-def draw_clouds(rng: np.random.Generator, direction: np.ndarray) -> np.ndarray:
+def _draw_clouds(rng: np.random.Generator, direction: np.ndarray) -> np.ndarray:
     """Draws the cloud cover (N,) in [0,1] of directions (N,3): octaves of random waves on a plane overhead."""
     position = direction[:, [0, 2]] / np.maximum(direction[:, 1:2], 0.06)
     height = np.zeros(len(position))
@@ -112,7 +103,7 @@ def draw_clouds(rng: np.random.Generator, direction: np.ndarray) -> np.ndarray:
     return 1 / (1 + np.exp(-2.5 * (height + offset)))
 
 
-def draw_skyline(rng: np.random.Generator, direction: np.ndarray) -> np.ndarray:
+def _draw_skyline(rng: np.random.Generator, direction: np.ndarray) -> np.ndarray:
     """Draws a skyline of up to 13 blocks: the sine (N,) of its elevation at the azimuth of each direction (N,3)."""
     azimuth = np.arctan2(direction[:, 0], direction[:, 2])
     height = np.full(len(azimuth), 0.01)

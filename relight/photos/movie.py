@@ -79,7 +79,7 @@ def write_movie(
         if seconds is not None:
             raise UserError(f"{path} is a clip and keeps its length: --seconds has an effect on a photo only")
         notes: Counter[str] = Counter()
-        frames, count, clip_fps = relight_clip(network, path, mask, look, size, turns or 0.0, notes, **options)
+        frames, count, clip_fps = _relight_clip(network, path, mask, look, size, turns or 0.0, notes, **options)
         sound = path if path.is_file() and fps is None else None
         write_video(out, progress(frames, "frames", total=count), fps or clip_fps, sound)
         return light_notes + [f"{note} (frames: {number})" for note, number in notes.most_common()]
@@ -89,10 +89,10 @@ def write_movie(
     exposed = scene.exposed(look, turning=turn != 0)
     frames = map(on_white, scene.turned(look, *exposed, [turn * i for i in range(count)]))
     write_video(out, progress(frames, "frames", total=count), fps)
-    return light_notes + scene.notes + white_notes(scene.picture, look)
+    return light_notes + scene.notes + _white_notes(scene.picture, look)
 
 
-def relight_clip(
+def _relight_clip(
     network: PhotoNetwork,
     path: Path | str,
     masks: Path | str | None,
@@ -104,21 +104,9 @@ def relight_clip(
 ) -> tuple[Iterator[np.ndarray], int | None, float]:
     """Relights a video or a folder of pictures, with results smoothed over time.
 
-    The whole mask of a frame is one person. The new light is matched to the exposure of the first frame.
-
-    Args:
-        network: that infers.
-        path: of the clip.
-        masks: a folder or a video of masks, frame by frame; by default x_mask.png beside a picture x, its alpha, or an
-            automatic mask.
-        look: at the start.
-        size: the longer side is scaled down to it, pixels.
-        turns: of the light over the clip.
-        notes: counts the frames with each note on files and masks, while the frames are made.
-        **options: `mask_model` and `white_balance` of `Scene.of`.
-
-    Returns:
-        The frames (H,W,3) uint8, their number if it is known, and frames per second.
+    The whole mask of a frame is one person, and the new light is matched to the exposure of the first frame. `notes`
+    counts the frames with each note on files and masks, while the frames are made. Returns the frames (H,W,3) uint8,
+    their number if it is known, and frames per second.
     """
     if options.get("lit_by"):
         raise UserError("the light of a clip is inferred in each frame: --lit-by is for photos")
@@ -129,7 +117,7 @@ def relight_clip(
     def infer(picture: Picture, crop: Crop) -> Person:
         assert picture.coverage is not None  # frames are masked
         person = infer_person(network, picture.pixels, picture.coverage, crop)
-        notes.update([*picture.notes, *mask_warnings([person.coverage]), *white_notes(picture, look)])
+        notes.update([*picture.notes, *mask_warnings([person.coverage]), *_white_notes(picture, look)])
         return balanced([person])[0] if white_balance == "keep" else person
 
     def relit() -> Iterator[np.ndarray]:
@@ -143,7 +131,7 @@ def relight_clip(
     return relit(), count, fps
 
 
-def white_notes(picture: Picture, look: Look) -> list[str]:
+def _white_notes(picture: Picture, look: Look) -> list[str]:
     """Returns a note if a picture is transparent in places, and a look keeps them so."""
     return [WHITE] * (picture.alpha is not None and look.background.kind == "keep")
 

@@ -27,16 +27,10 @@ def wrapped(texel: np.ndarray, size: int, mode: str) -> np.ndarray:
     return texel % size
 
 
-def sample_texture(texture: np.ndarray, uv: np.ndarray, wrap: tuple[str, str] = (REPEAT, REPEAT)) -> np.ndarray:
-    """Looks up a texture bilinearly; texels are decoded before they are interpolated.
+def _sample_texture(texture: np.ndarray, uv: np.ndarray, wrap: tuple[str, str] = (REPEAT, REPEAT)) -> np.ndarray:
+    """Looks up a texture (H,W,3) uint8 sRGB bilinearly at uv (N,2): (N,3) float32 linear.
 
-    Args:
-        texture: (H,W,3) uint8 sRGB.
-        uv: (N,2); (0,0) is the bottom left corner of the texture.
-        wrap: how the texture goes on beyond its edges in u and in v: REPEAT, CLAMP or MIRROR.
-
-    Returns:
-        (N,3) float32, linear.
+    Texels are decoded before they are interpolated; (0,0) is the bottom left corner of the texture.
     """
     height, width = texture.shape[:2]
     x, y = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5
@@ -78,7 +72,7 @@ def sample_albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarr
             uv = np.einsum("nc,ncx->nx", weights[selected], mesh.uv[face[selected]])
             if not np.isfinite(uv).all():
                 raise UserError("the mesh has texture coordinates that are not finite: repair or drop them")
-            albedo = albedo * sample_texture(entry.texture, uv, entry.wrap)
+            albedo = albedo * _sample_texture(entry.texture, uv, entry.wrap)
         result[selected] = albedo
     if mesh.color is not None:
         result *= np.einsum("nc,ncx->nx", weights, mesh.color[face]).astype(np.float32)

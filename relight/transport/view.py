@@ -109,67 +109,48 @@ def place_mesh(view: View, vertices: np.ndarray) -> Pose:
     if (distance := view.distance) is not None:
         x, y, depth = points.T  # across and down are independent: in each, the eye sees points (x, z) or (y, z)
         eye_z = max(
-            edge_crossing(depth, lateral, 2 * distance / side, *extreme_points(lateral, depth, side / 2, distance))
+            _edge_crossing(depth, lateral, 2 * distance / side, *_extreme_points(lateral, depth, side / 2, distance))
             for lateral in (x, y)
         )
         if eye_z - high[2] < MIN_EYE_DISTANCE * side:
             raise UserError(f"focal length {view.focal:g}: the eye would touch the figure; choose a longer one")
-        shift[:2] = [eye_offset(lateral, depth, distance, eye_z) for lateral in (x, y)]
+        shift[:2] = [_eye_offset(lateral, depth, distance, eye_z) for lateral in (x, y)]
         scale = distance / (eye_z - shift[2])
     return Pose(view.rotation, mesh_centre + view.rotation.T @ shift, float(scale))
 
 
-def extreme_points(lateral: np.ndarray, depth: np.ndarray, half_width: float, distance: float) -> tuple[int, int]:
+def _extreme_points(lateral: np.ndarray, depth: np.ndarray, half_width: float, distance: float) -> tuple[int, int]:
     """Finds the points that limit how close an eye can be, if the image shows all points within +-half_width.
 
-    An eye at (t, a) sees a point (x, z) at distance * (x - t) / (a - z) of its image plane. With h = half_width, the
-    point is within +-h if distance x + h z <= h a + distance t (right side) and h z - distance x <= h a - distance t
-    (left side). Each inequality is tightest at the point with the largest left-hand side, wherever the eye is.
-
-    Args:
-        lateral: (V,) x, or y, of the points.
-        depth: (V,) z of the points.
-        half_width: half the width that the points fill in the image.
-        distance: from the eye to its image plane.
-
-    Returns:
-        Indices of the point that limits the right side, and of the one that limits the left side.
+    An eye at (t, a) sees a point (x, z), `lateral` and `depth`, at distance * (x - t) / (a - z) of its image plane.
+    With h = half_width, the point is within +-h if distance x + h z <= h a + distance t (right side) and h z - distance
+    x <= h a - distance t (left side). Each inequality is tightest at the point with the largest left-hand side,
+    wherever the eye is. Returns the indices of the points that limit the right and the left side.
     """
     return int((half_width * depth + distance * lateral).argmax()), int(
         (half_width * depth - distance * lateral).argmax()
     )
 
 
-def eye_offset(lateral: np.ndarray, depth: np.ndarray, distance: float, eye_z: float) -> float:
+def _eye_offset(lateral: np.ndarray, depth: np.ndarray, distance: float, eye_z: float) -> float:
     """Returns the eye's x, or y, at z = `eye_z` from which the points are centred in the image.
 
     The half width that the points fill is the root of a convex, piecewise linear function. Newton's iterations from 0
     therefore converge without overshooting, in a finite number of steps.
-
-    Args:
-        lateral: (V,) x, or y, of the points.
-        depth: (V,) z of the points.
-        distance: from the eye to its image plane.
-        eye_z: z of the eye.
     """
     half_width, is_growing = 0.0, True
     while is_growing:
-        right, left = extreme_points(lateral, depth, half_width, distance)
+        right, left = _extreme_points(lateral, depth, half_width, distance)
         step = distance * float(lateral[right] - lateral[left]) / float(2 * eye_z - depth[right] - depth[left])
         is_growing = step > half_width * (1 + 1e-12)
         half_width = max(half_width, step)
-    return edge_crossing(lateral, depth, half_width / distance, right, left)
+    return _edge_crossing(lateral, depth, half_width / distance, right, left)
 
 
-def edge_crossing(along: np.ndarray, across: np.ndarray, slope: float, right: int, left: int) -> float:
-    """Returns the coordinate of the eye at which the lines of sight through the two outermost points meet.
+def _edge_crossing(along: np.ndarray, across: np.ndarray, slope: float, right: int, left: int) -> float:
+    """Returns the coordinate `along` of the eye at which the lines of sight through the two outermost points meet.
 
-    Args:
-        along: (V,) that coordinate of the points.
-        across: (V,) the coordinate perpendicular to it.
-        slope: by which a line of sight changes `along` per unit of `across`.
-        right: index of the outermost point on the right.
-        left: index of the outermost point on the left.
+    A line of sight changes it by `slope` per unit of the coordinate `across`.
     """
     return float(along[right] + along[left] + slope * (across[right] - across[left])) / 2
 

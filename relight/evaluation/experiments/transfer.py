@@ -97,7 +97,7 @@ def score_swaps(predictor: Predictor, data: RelitSet, split: Path) -> dict[str, 
     for pair in progress(pairs, "pairs of figures"):
         a, b = (Partner(truth(data, figure, test_lights), predictor(figure, test_lights)) for figure in pair)
         # a goes from light l to m = l + 1, and b from m to l. Both belong to the swap of l.
-        relit_a, relit_b = relight_swapped(a, b, mean, step=1), relight_swapped(b, a, mean, step=-1)
+        relit_a, relit_b = _relight_swapped(a, b, mean, step=1), _relight_swapped(b, a, mean, step=-1)
         for variant in relit_a:
             errors_a, errors_b = _errors(a.truth, *relit_a[variant]), _errors(b.truth, *relit_b[variant])
             # Errors are by the light of the relit picture, which is m for a.
@@ -119,17 +119,12 @@ def mean_light(data: RelitSet) -> np.ndarray:
     return data.lights.cpu().numpy()[data.light_split == "train"].mean(0, keepdims=True)
 
 
-def relight_swapped(a: Partner, b: Partner, mean: np.ndarray, step: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Relights a figure by the light that was inferred from its partner.
+def _relight_swapped(a: Partner, b: Partner, mean: np.ndarray, step: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Relights figure `a` by the light that was inferred from its partner `b`.
 
-    Args:
-        a: the figure; for row k it was seen under light k - step (cyclic).
-        b: its partner; for row k it was seen under light k.
-        mean: (1,K,3), the mean training light.
-        step: 1 or -1.
-
-    Returns:
-        The pictures (N,P,3) of a, and the lights (N,K,3) that relit them, for each of VARIANTS and BASELINES.
+    For row k, `b` was seen under light k, and `a` under light k - step (cyclic); `step` is 1 or -1, and `mean` (1,K,3)
+    the mean training light. Returns the pictures (N,P,3) of `a` and the lights (N,K,3) that relit them, for each of
+    VARIANTS and BASELINES.
     """
     true, (_, _, inferred) = a.truth.lights, b.truth.complete(b.inferred)
     inferred_maps, true_maps = a.maps(step), (a.truth.maps["albedo"], a.truth.transport)
@@ -181,7 +176,7 @@ def transfer_plate(networks: dict[str, Path], packed: Path, lights: Path, split:
             partners = [Partner(truth(data, figure, swap), infer(network, data, figure, swap)) for figure in pair]
             for own_light, new_light in ((0, 1), (1, 0)):
                 partner, other = partners[own_light], partners[new_light]
-                pictures, inferred_lights = relight_swapped(partner, other, mean_light(data), step=1)[""]
+                pictures, inferred_lights = _relight_swapped(partner, other, mean_light(data), step=1)[""]
                 error = pictures[new_light] - partner.truth.maps["reconstruction"][new_light]
                 relit = Cell(pictures[new_light], light=inferred_lights[new_light])
                 lines[2 * i + own_light].views += [relit, Cell(error=np.linalg.norm(error, axis=-1))]

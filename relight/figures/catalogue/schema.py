@@ -80,7 +80,7 @@ def converted(value: Any, kind: Any, where: str, name: str | None = None) -> Any
     """
     origin, arguments = get_origin(kind), get_args(kind)
     if is_dataclass(kind):
-        return as_dataclass(value, kind, where, name)
+        return _as_dataclass(value, kind, where, name)
     if origin is UnionType:
         return (
             None if value is None else converted(value, next(part for part in arguments if part is not NoneType), where)
@@ -104,17 +104,10 @@ def converted(value: Any, kind: Any, where: str, name: str | None = None) -> Any
     return kind(value)
 
 
-def as_dataclass(value: Any, kind: Any, where: str, name: str | None) -> Any:
-    """Returns a mapping of YAML as an object of a dataclass.
+def _as_dataclass(value: Any, kind: Any, where: str, name: str | None) -> Any:
+    """Returns a mapping of YAML as an object of a dataclass; raises UserError, with `where` first, if it does not fit.
 
-    Args:
-        value: the mapping, from names of fields to values.
-        kind: the dataclass.
-        where: where the mapping stands, which begins error messages.
-        name: for the field `name`, if the dataclass has one; the mapping must not have it.
-
-    Raises:
-        UserError: if the mapping does not fit.
+    `name` is for the field of that name, if the dataclass has one.
     """
     if not isinstance(value, dict):
         raise UserError(f"{where} must be a mapping, not {value!r}")

@@ -92,7 +92,7 @@ def principal(tensor: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.nd
     return np.sqrt(np.maximum(mean - spread, 0)), direction
 
 
-def smooth_noise(points: np.ndarray, size: float, seed: int) -> np.ndarray:
+def _smooth_noise(points: np.ndarray, size: float, seed: int) -> np.ndarray:
     """Returns smooth noise (n,) at points (n,3), metres: a sum of plane waves in random directions.
 
     It has mean 0, a standard deviation of about 1, and features of `size` metres.
@@ -102,22 +102,14 @@ def smooth_noise(points: np.ndarray, size: float, seed: int) -> np.ndarray:
     return np.sqrt(2 / count) * np.cos(points @ waves.T + rng.uniform(0, 2 * np.pi, count)).sum(1)
 
 
-def trace_crests(
+def _trace_crests(
     tree: cKDTree, normal: np.ndarray, along: np.ndarray, start: np.ndarray, length: np.ndarray, step: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Traces lines through a direction field on a surface, both ways from some of its vertices.
 
-    Args:
-        tree: k-d tree of the vertices (n,3), metres.
-        normal: (n,3) unit normals.
-        along: (n,3) the direction field.
-        start: (m,) vertices where lines start.
-        length: (m,) of the lines, metres.
-        step: metres between the points of a line.
-
-    Returns:
-        For each of k points: its place (k,3), the nearest vertex (k,), its line (k,) and its signed distance (k,) from
-        the line's middle over half the line's length, in [-1,1].
+    `tree` holds the vertices (n,3), with unit normals and field `along` (n,3); lines begin at the vertices `start` (m,)
+    and have a `length` (m,), with a point every `step`, metres. Returns for each of k points its place (k,3), the
+    nearest vertex (k,), its line (k,) and its signed distance (k,) from the middle over half the length, in [-1,1].
     """
     points = tree.data
     places, nearest, lines, distances = [], [], [], []
@@ -184,8 +176,8 @@ def compression(region: Region, normal: np.ndarray, seed: int) -> tuple[np.ndarr
     tensor = rows.reshape(-1, 3, 3)
     for k in range(3):  # where nothing compresses the cloth, old creases give the direction: a symmetric random tensor
         other = (k + 1) % 3
-        skew = 0.015 * smooth_noise(region.rest_shape, 0.08, seed + 3 + k)
-        tensor[:, k, k] += 0.02 * smooth_noise(region.rest_shape, 0.08, seed + k)
+        skew = 0.015 * _smooth_noise(region.rest_shape, 0.08, seed + 3 + k)
+        tensor[:, k, k] += 0.02 * _smooth_noise(region.rest_shape, 0.08, seed + k)
         tensor[:, k, other] += skew
         tensor[:, other, k] += skew
     # Cloth that hangs free falls into upright folds, as if it were compressed in the level direction of its plane.
@@ -194,23 +186,12 @@ def compression(region: Region, normal: np.ndarray, seed: int) -> tuple[np.ndarr
     return principal(tensor, normal)
 
 
-def ridges(region: Region, crimp: Crimp, share: float, max_height: float, seed: int) -> np.ndarray:
-    """Computes the heights of the folds of one width.
-
-    Args:
-        region: the cloth.
-        crimp: width, length and density of the folds.
-        share: share of the excess length that these folds take up.
-        max_height: metres.
-        seed: random seed of their places and sizes.
-
-    Returns:
-        Heights (n,) along the normals, metres.
-    """
+def _ridges(region: Region, crimp: Crimp, share: float, max_height: float, seed: int) -> np.ndarray:
+    """Returns the heights (n,), metres, of the folds of one width, which take up a share of the excess length."""
     rest, hang, count = region.rest_shape, region.hang, len(region.x)
     normal = normals(rest, region.faces)
     least_stretch, across = compression(region, normal, seed)
-    creased = np.clip(1 + 0.6 * smooth_noise(rest, 0.10, seed + 7), 0.1, 2.2)  # cloth is creased more in some places
+    creased = np.clip(1 + 0.6 * _smooth_noise(rest, 0.10, seed + 7), 0.1, 2.2)  # cloth is creased more in some places
     excess = np.clip(crimp.slack * creased + 1 - least_stretch, 0, MAX_EXCESS)  # relative length to be taken up
     room = np.sqrt(share * region.free * excess)  # proportional to the height of folds that take it up
     along = np.cross(normal, across)
@@ -228,7 +209,7 @@ def ridges(region: Region, crimp: Crimp, share: float, max_height: float, seed: 
     relief = np.where(rng.random(len(start)) < 0.75, 1.0, -0.7) * np.exp(rng.normal(0, 0.25, len(start)))
     step = 1.5 * region.edge
     tree = cKDTree(rest)
-    place, vertex, line, distance = trace_crests(tree, normal, along, start, length, step)
+    place, vertex, line, distance = _trace_crests(tree, normal, along, start, length, step)
     # a sinusoid of amplitude A and wavenumber k takes up the relative length (A k / 2)^2
     rise = relief[line] * width[line] * np.minimum(TAPER * room[vertex] / np.pi, MAX_SLOPE)
     rise *= np.cos(0.5 * np.pi * np.clip(distance, -1, 1)) ** 0.8
@@ -244,13 +225,10 @@ def ridges(region: Region, crimp: Crimp, share: float, max_height: float, seed: 
     return region.free * max_height * np.tanh(height / max_height)
 
 
-def smoothness(points: np.ndarray, faces: np.ndarray, average: sparse.csr_matrix) -> np.ndarray:
+def _smoothness(points: np.ndarray, faces: np.ndarray, average: sparse.csr_matrix) -> np.ndarray:
     """Returns (n,) weights of folds: 1 where a surface is smooth, 0 at sharp turns, such as pleats.
 
-    Args:
-        points: (n,3) of the surface.
-        faces: (F,3).
-        average: (n,n) takes vertex values to the means of their neighbours' values.
+    `average` (n,n) takes the values of vertices to the means of their neighbours.
     """
     normal = normals(points, faces)
     mean = averaged(normal, average, SMOOTHINGS)
@@ -276,7 +254,7 @@ def folds(
     """
     finest, height = levels[-1], np.zeros(len(x))
     average = neighbours(finest.faces, len(x))
-    smooth = np.minimum(*(smoothness(points, finest.faces, average) for points in (finest.rest_shape, x)))
+    smooth = np.minimum(*(_smoothness(points, finest.faces, average) for points in (finest.rest_shape, x)))
     for back, (scale, share) in enumerate(zip(SCALES[: len(levels)], SHARES), 1):  # 1 is the finest level
         level, widest = levels[-back], scale == SCALES[-1]
         if widest and not hang.any():
@@ -290,7 +268,7 @@ def folds(
         level_average = average if back == 1 else neighbours(faces, n)
         region = Region(rest, x[:n], faces, level_average, free, hang[:n], edge)
         max_height = MAX_HEIGHT * crimp.width * np.sqrt(scale)
-        level_height = ridges(region, scaled, share, max_height, seed + 100 * back)
+        level_height = _ridges(region, scaled, share, max_height, seed + 100 * back)
         for matrix in refine[len(refine) - back + 1 :]:
             level_height = matrix @ level_height
         height += level_height

@@ -44,12 +44,12 @@ def hat(motion: Motion, style: HairStyle) -> list[Strip]:
     direction = np.stack(
         [np.sin(around) * np.cos(elevation), np.sin(elevation), np.cos(around) * np.cos(elevation)], -1
     )
-    above_scalp = hat_height(style, direction, down)
-    points = centre + direction * (scalp_radius(head, centre, direction) + above_scalp)[..., None]
+    above_scalp = _hat_height(style, direction, down)
+    points = centre + direction * (_scalp_radius(head, centre, direction) + above_scalp)[..., None]
     uv = np.stack([around / (2 * np.pi) + 0.5, 1 - 0.5 * down], -1)
-    parts = [(points.reshape(-1, 3), row_faces(closed_rings(CROWN_ROWS, COLUMNS)), uv.reshape(-1, 2))]
+    parts = [(points.reshape(-1, 3), _row_faces(closed_rings(CROWN_ROWS, COLUMNS)), uv.reshape(-1, 2))]
     if style.hat == "cap":
-        parts.append(brim(points, azimuth))
+        parts.append(_brim(points, azimuth))
     weights = np.zeros(len(motion.bones))
     weights[motion.bones["head"]] = 1
     strips = []
@@ -60,16 +60,11 @@ def hat(motion: Motion, style: HairStyle) -> list[Strip]:
     return strips
 
 
-def scalp_radius(head: Collider, centre: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Returns the metres (h,w) from `centre` (3,) to the skin along unit directions (h,w,3).
+def _scalp_radius(head: Collider, centre: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Returns the metres (h,w) from `centre` (3,) of the skull to the skin along unit directions (h,w,3).
 
     Each step searches the skin's nearest point to the current one, and goes half the way to that point's distance along
     the direction.
-
-    Args:
-        head: the skin in the rest pose.
-        centre: (3,) of the skull, metres.
-        direction: (h,w,3) unit.
     """
     flat = direction.reshape(-1, 3)
     radius = np.full(len(flat), FIRST_RADIUS)
@@ -81,13 +76,10 @@ def scalp_radius(head: Collider, centre: np.ndarray, direction: np.ndarray) -> n
     return np.minimum(radius.reshape(direction.shape[:2]), MAX_RADIUS)
 
 
-def hat_height(style: HairStyle, direction: np.ndarray, down: np.ndarray) -> np.ndarray:
+def _hat_height(style: HairStyle, direction: np.ndarray, down: np.ndarray) -> np.ndarray:
     """Returns the metres (h,w) between scalp and hat, more at the top and at the turned-up, ribbed edge of a beanie.
 
-    Args:
-        style: style of the hair, whose volume lifts the hat.
-        direction: (h,w,3) unit, from the head's centre.
-        down: (h,w) 0 at the top of the hat, 1 at its rim.
+    `direction` (h,w,3) is seen from the head's centre, and `down` (h,w) is 0 at the top of the hat and 1 at its rim.
     """
     room = (0.022 if style.hat == "beanie" else 0.012) * np.clip(direction[..., 1], 0, 1) ** 2
     height = style.slack * (0.75 + 0.25 * np.clip((1 - down) / 0.3, 0, 1)) + room
@@ -98,7 +90,7 @@ def hat_height(style: HairStyle, direction: np.ndarray, down: np.ndarray) -> np.
     return height + 0.0045 * turned_up + 0.0008 * np.cos(60 * azimuth)  # 60 ribs
 
 
-def row_faces(index: np.ndarray) -> np.ndarray:
+def _row_faces(index: np.ndarray) -> np.ndarray:
     """Returns the triangles of a grid of vertices (rows,columns), row by row, outward for rows that go down."""
     faces = []
     for upper, lower in pairwise(index):
@@ -107,15 +99,11 @@ def row_faces(index: np.ndarray) -> np.ndarray:
     return np.concatenate(faces)
 
 
-def brim(points: np.ndarray, azimuth: np.ndarray) -> Strip:
+def _brim(points: np.ndarray, azimuth: np.ndarray) -> Strip:
     """Builds the peak of a cap: a curved plate that begins at the front of the crown's rim.
 
-    Args:
-        points: (rows,columns,3) of the crown, whose last row is its rim, metres.
-        azimuth: (columns,) of each column about the head, radians; 0 is in front.
-
-    Returns:
-        Its vertices (V,3), faces (F,3), and uv (V,2), all in the middle of the texture.
+    `points` (rows,columns,3) are those of the crown, and `azimuth` (columns,) is 0 in front. Returns vertices (V,3),
+    faces (F,3), and uv (V,2), all in the middle of the texture.
     """
     front = np.abs(azimuth) < BRIM_HALF_ANGLE
     rim, angle = points[-1][front], azimuth[front]
@@ -126,5 +114,5 @@ def brim(points: np.ndarray, azimuth: np.ndarray) -> Strip:
         reach = BRIM_LENGTH * share * np.sqrt(np.clip(1 - (angle / BRIM_END) ** 2, 0, 1))
         rows.append(rim + outward * reach[:, None] + np.array([0, 0.002, 0.0]))
     vertices = np.concatenate(rows)
-    faces = row_faces(np.arange(len(vertices)).reshape(BRIM_ROWS, len(rim)))
+    faces = _row_faces(np.arange(len(vertices)).reshape(BRIM_ROWS, len(rim)))
     return vertices, faces, np.full((len(vertices), 2), 0.5)

@@ -95,7 +95,7 @@ def grow_guides(
     return np.stack(points, 1), normals
 
 
-def deflect_from_face(motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+def _deflect_from_face(motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """Returns a function that moves hair from the face to its sides, and keeps it from spreading on the shoulders.
 
     The function takes points (n,3) and their next points (n,3), posed, and returns other next points.
@@ -143,7 +143,7 @@ def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool
         direction = goal - guides.points
         length = 1.12 * np.linalg.norm(direction, axis=1)
     steps = int(np.clip(np.ceil(length.max() / (0.014 if fine else 0.022)), 5, 18))
-    deflect = deflect_from_face(motion) if comb.direction == "down" else None
+    deflect = _deflect_from_face(motion) if comb.direction == "down" else None
     points, normals = grow_guides(
         comb, guides, direction, length, Collider.at_rest(*below), steps, seed, deflect=deflect
     )
@@ -174,7 +174,7 @@ def tied_hair(motion: Motion, kind: str, below: Surface, seed: int, fine: bool) 
     count, width = (900, 0.0028) if fine else (260, 0.006)  # strands, metres
     random = random_numbers(count, seed + 50)
     if kind == "bun":
-        points, outward = bun_arcs(start + 0.022 * direction, direction, random)
+        points, outward = _bun_arcs(start + 0.022 * direction, direction, random)
         return ribbons(width, points, outward, random, roll=0.3)
     side = np.array([1.0, 0, 0])
     up = np.cross(direction, side)
@@ -190,16 +190,11 @@ def tied_hair(motion: Motion, kind: str, below: Surface, seed: int, fine: bool) 
     return ribbons(width, points, np.broadcast_to(spoke[:, None], normals.shape), random, roll=0.6)
 
 
-def bun_arcs(centre: np.ndarray, axis: np.ndarray, random: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lays arcs around a ball, as hair is wound into a bun.
+def _bun_arcs(centre: np.ndarray, axis: np.ndarray, random: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lays arcs around a ball, as hair is wound into a bun; `axis` points away from the head.
 
-    Args:
-        centre: (3,) of the ball, metres.
-        axis: (3,) unit vector away from the head.
-        random: (n,4) in [0,1]: place along the axis, unused here, place around it, distance from the centre.
-
-    Returns:
-        Points of the arcs, metres, and outward normals, each (n,12,3).
+    `random` (n,4) in [0,1] has the place along the axis, a number unused here, the place around it, and the distance
+    from the centre. Returns points of the arcs, metres, and outward normals, each (n,12,3).
     """
     side = np.cross(axis, [0.0, 1.0, 0.0])
     side /= np.linalg.norm(side)

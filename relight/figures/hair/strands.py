@@ -14,13 +14,8 @@ HALF_STRIP = 0.008  # half the width, in u, of the texture on a ribbon
 OUTLINE = ((0.0, 0.15, 0.6, 1.0), (0.75, 1.0, 0.9, 0.15))  # position along a strand, width over that of the comb
 
 
-def line_frames(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns unit vectors along lines, across them, and upward, each (n,m,3).
-
-    Args:
-        points: (n,m,3) of n lines.
-        normals: (n,m,3) of the surface below, which upward is nearest to.
-    """
+def _line_frames(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns unit vectors along n lines of m points, across them, and upward, nearest to `normals`, each (n,m,3)."""
 
     def unit(vectors: np.ndarray) -> np.ndarray:
         return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
@@ -30,16 +25,10 @@ def line_frames(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np
     return along, across, np.cross(across, along)
 
 
-def interpolate_lines(values: np.ndarray, line: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Interpolates values on lines.
+def _interpolate_lines(values: np.ndarray, line: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Interpolates values (g,k,3) at the k points of g lines: (n,m,3).
 
-    Args:
-        values: (g,k,3) at the k points of each of g lines.
-        line: (n,) which line to look at.
-        at: (n,m) places along it, 0 at its first point and 1 at its last.
-
-    Returns:
-        (n,m,3).
+    `line` (n,) tells which line to look at, and `at` (n,m) where along it, from 0 to 1.
     """
     x = at * (values.shape[1] - 1)
     i = np.minimum(x.astype(int), values.shape[1] - 2)
@@ -77,13 +66,13 @@ def spread_strands(
     """
     n = len(roots.points)
     guide = cKDTree(guides.points).query(roots.points)[1]  # of each strand
-    along, across, up = line_frames(points, normals)
+    along, across, up = _line_frames(points, normals)
     off = roots.points - guides.points[guide]
     beside = [np.einsum("nd,nd->n", off, axis[guide, 0])[:, None, None] for axis in (along, across, up)]
     s = np.linspace(0, 1, steps + 1)[None]  # along a strand, from root to tip
     at = s * (0.78 + 0.22 * roots.random[:, :1])  # along its guide
-    centre, up = interpolate_lines(points, guide, at), interpolate_lines(up, guide, at)
-    along, across = interpolate_lines(along, guide, at), interpolate_lines(across, guide, at)
+    centre, up = _interpolate_lines(points, guide, at), _interpolate_lines(up, guide, at)
+    along, across = _interpolate_lines(along, guide, at), _interpolate_lines(across, guide, at)
     kept_distance = (1 - comb.clump * ramp(s, 0.05, 1.0))[..., None]  # share of the distance from the guide
     layered = ramp(s, 0.0, 0.35) * roots.rim[:, None]  # 0 at the root and at the hairline
     depth = DEPTH * (roots.random[:, 3:4] - 0.5) * layered
@@ -123,7 +112,7 @@ def ribbons(width: float, points: np.ndarray, normals: np.ndarray, random: np.nd
     """
     n, m, _ = points.shape
     s = np.linspace(0, 1, m)
-    _, across, up = line_frames(points, normals)
+    _, across, up = _line_frames(points, normals)
     turn = roll * (2 * random[:, 3] - 1)[:, None, None]
     half_width = 0.5 * width * (0.7 + 0.6 * random[:, :1]) * np.interp(s, *OUTLINE)
     side = half_width[..., None] * (np.cos(turn) * across + np.sin(turn) * up)

@@ -53,7 +53,7 @@ def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 
     n = 9  # vertices along an edge
     t = np.linspace(-1, 1, n)
     u, v = (grid.ravel() for grid in np.meshgrid(t, t))
-    square = cell_faces(np.arange(n * n).reshape(n, n))
+    square = _cell_faces(np.arange(n * n).reshape(n, n))
     sides = []
     for axis in range(3):
         for sign in (1, -1):
@@ -72,7 +72,7 @@ def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 
     return x, faces
 
 
-def cell_faces(index: np.ndarray) -> np.ndarray:
+def _cell_faces(index: np.ndarray) -> np.ndarray:
     """Returns the triangles of a grid of vertices (rows, columns), each cell cut from its first to its last corner."""
     a, b, c, d = (corner.ravel() for corner in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
     return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
@@ -83,7 +83,7 @@ def revolved(profile: np.ndarray) -> Surface:
     angle = 2 * np.pi * np.arange(SIDES) / SIDES
     ring = np.stack([np.sin(angle), np.zeros(SIDES), np.cos(angle)], 1)
     x = profile[:, None, :1] * ring + profile[:, None, 1:] * np.array([0.0, 1.0, 0.0])
-    x, faces = x.reshape(-1, 3), cell_faces(closed_rings(len(profile), SIDES))
+    x, faces = x.reshape(-1, 3), _cell_faces(closed_rings(len(profile), SIDES))
     area = np.linalg.norm(np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]]), axis=1)
     return x, faces[area > 1e-12]  # triangles at the ends are degenerate
 
@@ -107,17 +107,11 @@ def strap(line: np.ndarray, across: np.ndarray, width: float, thickness: float) 
     rings = closed_rings(len(line), 4)
     first, last = rings[0], rings[-1]
     ends = [first[[0, 2, 1]], first[[0, 3, 2]], last[[0, 1, 2]], last[[0, 2, 3]]]
-    return np.stack(corners, 1).reshape(-1, 3), np.concatenate([cell_faces(rings), ends])
+    return np.stack(corners, 1).reshape(-1, 3), np.concatenate([_cell_faces(rings), ends])
 
 
-def transformed(surface: Surface, axes: np.ndarray, at: np.ndarray) -> Surface:
-    """Moves a surface; a matrix that mirrors turns its faces, so that they stay outward.
-
-    Args:
-        surface: vertices (V,3) and faces (F,3).
-        axes: (3,3) orthonormal; its columns are the surface's new axes.
-        at: (3,) its new origin, metres.
-    """
+def _transformed(surface: Surface, axes: np.ndarray, at: np.ndarray) -> Surface:
+    """Moves a surface to an origin (3,), with new axes as the columns of `axes` (3,3); faces stay outward."""
     vertices, faces = surface
     return vertices @ axes.T + at, faces if np.linalg.det(axes) > 0 else faces[:, ::-1]
 
@@ -145,24 +139,16 @@ def palm(motion: Motion, side: str) -> tuple[np.ndarray, np.ndarray]:
     return root, orthonormal_frame(root - wrist, outward)
 
 
-def hand_prop(kind: str, motion: Motion, side: str, figure: Surface, rng: np.random.Generator) -> list[Prop]:
-    """Builds the prop in a posed hand.
+def _hand_prop(kind: str, motion: Motion, side: str, figure: Surface, rng: np.random.Generator) -> list[Prop]:
+    """Builds the prop (phone, cup or bag) in a posed hand; none if there is no room for a bag.
 
-    Args:
-        kind: phone | cup | bag.
-        motion: how the body moves from its rest pose into the pose.
-        side: L | R, of the hand.
-        figure: vertices and faces of the posed and dressed figure, from which a bag keeps BAG_CLEARANCE.
-        rng: random generator.
-
-    Returns:
-        The prop; none if there is no room for a bag.
+    `figure` has vertices and faces of the posed and dressed figure, from which a bag keeps BAG_CLEARANCE.
     """
     root, axes = palm(motion, side)
     along, out, _ = axes.T  # along the fingers, out of the palm
     if kind == "phone":
         body = box(half=(0.074, 0.004, 0.036), rounding=0.004)
-        phone = transformed(body, axes, root + 0.020 * out + 0.012 * along)
+        phone = _transformed(body, axes, root + 0.020 * out + 0.012 * along)
         return [Prop(*phone, Material(sample_color(rng), name="phone"))]
     if kind == "cup":
         x, faces = revolved(np.array(CUP))
@@ -189,7 +175,7 @@ def bag(motion: Motion, sign: float, grip: np.ndarray, figure: Surface, rng: np.
     half_height, half_width, loop = rng.uniform(0.11, 0.16), rng.uniform(0.13, 0.18), rng.uniform(0.12, 0.18)
     axes = np.stack([orthonormal_frame(ahead, outward)[:, 0], [0.0, 1.0, 0.0], outward], axis=1)
     body = box(half=(half_width, half_height, 0.035), rounding=0.012, bulge=0.012)
-    x, faces = transformed(body, axes, grip - [0, loop + half_height, 0])
+    x, faces = _transformed(body, axes, grip - [0, loop + half_height, 0])
     surface = Collider.at_rest(*figure)
     away = 0.0
     while away <= MAX_BAG_OFFSET:
@@ -241,7 +227,7 @@ def stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Generat
     if hanging.sum() > MAX_HANGING * in_outline.sum():
         return []
     cushion = box(half=(half_width, thickness / 2, half_depth), rounding=0.012)
-    cushion = transformed(cushion, axes, np.array([x, top - thickness / 2, z]))
+    cushion = _transformed(cushion, axes, np.array([x, top - thickness / 2, z]))
     legs = []
     length = top - thickness - ground
     for side in (-1, 1):
@@ -249,7 +235,7 @@ def stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Generat
             leg, faces = box(half=(LEG, length / 2, LEG), rounding=0.004)
             leg[:, [0, 2]] += 0.03 * np.array([side, end]) * (0.5 - leg[:, 1:2] / length)  # legs spread downward
             corner = axes @ [side * (half_width - 0.04), 0, end * (half_depth - 0.04)]
-            legs.append(transformed((leg, faces), axes, corner + [x, ground + length / 2, z]))
+            legs.append(_transformed((leg, faces), axes, corner + [x, ground + length / 2, z]))
     seat, wood = sample_color(rng), sample_color(rng)
     return [Prop(*cushion, Material(seat, name="seat")), Prop(*stacked(legs), Material(wood, name="stool legs"))]
 
@@ -268,5 +254,5 @@ def props(motion: Motion, pose: Pose, figure: Surface, seed: int) -> list[Prop]:
     built = stool(motion, figure, floor, rng) if pose.sitting else []
     for side, hand in (("L", pose.left), ("R", pose.right)):
         if hand.holds:
-            built += hand_prop(hand.holds, motion, side, figure, rng)
+            built += _hand_prop(hand.holds, motion, side, figure, rng)
     return built

@@ -153,19 +153,12 @@ def profile(kind: str, back: np.ndarray, front: np.ndarray) -> list[tuple[np.nda
     return [(zero + rise, zero + reach) for rise, reach in PROFILES.get(kind, NECKBAND)]
 
 
-def paths_over(
+def _paths_over(
     surface: Collider, start: np.ndarray, heading: np.ndarray, length: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Traces paths over a surface.
+    """Traces paths of a length (m,) over a surface, from points (m,3) in directions (m,3).
 
-    Args:
-        surface: to follow.
-        start: (m,3) first points, metres.
-        heading: (m,3) first directions.
-        length: (m,) of the paths, metres.
-
-    Returns:
-        Points of the paths, and unit normals of the surface there, each (PATH_STEPS + 1,m,3).
+    Returns points of the paths, and unit normals of the surface there, each (PATH_STEPS + 1,m,3).
     """
     points, places, facing = start, [], []
     for _ in range(PATH_STEPS + 1):
@@ -180,17 +173,10 @@ def paths_over(
     return np.stack(places), np.stack(facing)
 
 
-def lay_hood(vertices: np.ndarray, faces: np.ndarray, base: np.ndarray, neck: Neck) -> list[np.ndarray]:
+def _lay_hood(vertices: np.ndarray, faces: np.ndarray, base: np.ndarray, neck: Neck) -> list[np.ndarray]:
     """Lays a hood that is not worn on the cloth: deep and thick at the back of the neck, thin at the front.
 
-    Args:
-        vertices: (n,3) of the garment, metres.
-        faces: (F,3).
-        base: (m,3) the neckline, smoothed.
-        neck: of the posed figure.
-
-    Returns:
-        Rows (m,3) of collar and lapels from the neckline outward, metres.
+    Returns rows (m,3) from the neckline outward; `base` (m,3) is the neckline, smoothed.
     """
     cloth = Collider.at_rest(vertices, faces)
     away, up = base - neck.base, neck.up
@@ -202,9 +188,9 @@ def lay_hood(vertices: np.ndarray, faces: np.ndarray, base: np.ndarray, neck: Ne
     start = smooth_line(base, HOOD_SMOOTHING, closed=False)
     heading = smooth_line(heading, HOOD_SMOOTHING, closed=False)
     flattened = smoothed(vertices, faces, HOOD_SMOOTHING)  # over folds the paths would cross
-    points, outward = paths_over(Collider.at_rest(flattened, faces), start, heading, length)
+    points, outward = _paths_over(Collider.at_rest(flattened, faces), start, heading, length)
     outward = np.stack([smooth_line(row, HOOD_SMOOTHING, closed=False) for row in outward])
-    rows = rows_over(points, outward, thick, HOOD, creased=True, smoothing=8)
+    rows = _rows_over(points, outward, thick, HOOD, creased=True, smoothing=8)
     for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):  # the opening's edge stands up around the neck
         row += np.outer(rise + 0.016 * back, up)
     for row in rows:
@@ -213,20 +199,13 @@ def lay_hood(vertices: np.ndarray, faces: np.ndarray, base: np.ndarray, neck: Ne
     return rows
 
 
-def lay_lapels(
+def _lay_lapels(
     vertices: np.ndarray, faces: np.ndarray, ring: np.ndarray, base: np.ndarray, neck: Neck
 ) -> list[np.ndarray]:
     """Lays the collar and the lapels of a jacket on the cloth, with the notch between them.
 
-    Args:
-        vertices: (n,3) of the garment, metres.
-        faces: (F,3).
-        ring: (m,) vertices of the neckline, in order.
-        base: (m,3) the neckline, smoothed.
-        neck: of the posed figure.
-
-    Returns:
-        Rows (m,3) of the strip.
+    `ring` (m,) has the vertices of the neckline in order, and `base` (m,3) is the neckline, smoothed. Returns rows
+    (m,3).
     """
     cloth = Collider.at_rest(vertices, faces)
     normal = smooth_line(normals(vertices, faces)[ring], 6, closed=False)
@@ -238,11 +217,11 @@ def lay_lapels(
     from_end = np.minimum(np.arange(len(ring)), np.arange(len(ring))[::-1]) / 8
     notch = 1 - 0.5 * np.exp(-(((below - 0.055) / 0.014) ** 2))  # between collar and lapels
     length = 0.062 * collar + 0.085 * (1 - collar) * (1 - below / LAPEL) ** 0.7
-    points, outward = paths_over(cloth, base, inward, length * notch * np.clip(from_end, 0.1, 1))
-    return rows_over(points, outward, 0.008 + 0.020 * collar, LAPELS, creased=False, smoothing=2)
+    points, outward = _paths_over(cloth, base, inward, length * notch * np.clip(from_end, 0.1, 1))
+    return _rows_over(points, outward, 0.008 + 0.020 * collar, LAPELS, creased=False, smoothing=2)
 
 
-def rows_over(
+def _rows_over(
     points: np.ndarray,
     outward: np.ndarray,
     thick: np.ndarray,
@@ -252,12 +231,8 @@ def rows_over(
 ) -> list[np.ndarray]:
     """Returns the rows (m,3) of a strip along paths over the cloth, metres.
 
-    Args:
-        points, outward: (PATH_STEPS + 1,m,3) of the paths, metres, and unit normals there.
-        thick: (m,) height of the strip over the cloth, metres.
-        shape: for each row, its share of the paths' length, and its height over `thick`.
-        creased: whether the heights are uneven.
-        smoothing: times that each row is averaged along itself.
+    `shape` has the share of the paths' length of each row, and its height over that of the strip, `thick` (m,);
+    `creased` heights are uneven, and `smoothing` counts how often each row is averaged along itself.
     """
     crease_place = np.arange(len(thick)) / 7.0  # a crease is about seven vertices wide
     rows = []
@@ -303,9 +278,9 @@ def collar(
         ring = np.roll(ring, len(ring) // 2)
     base = smooth_line(vertices[ring], 4, closed)
     if kind == "hood":
-        rows = lay_hood(vertices, faces, base, neck)
+        rows = _lay_hood(vertices, faces, base, neck)
     elif kind == "lapel":
-        rows = lay_lapels(vertices, faces, ring, base, neck)
+        rows = _lay_lapels(vertices, faces, ring, base, neck)
     else:
         away = base - neck.base
         out = away - np.outer(away @ neck.up, neck.up)

@@ -44,50 +44,29 @@ def neck_field(body: Body, garment: Garment, fields: Fields) -> np.ndarray:
     return np.where(arm_share(fields) > 0.3, FAR, outside)
 
 
-def armhole_field(body: Body, garment: Garment, fields: Fields, side: str) -> np.ndarray:
-    """Returns the metres (n,) outside the armhole of a sleeveless garment: a ball that leaves a strap at the neck.
-
-    Args:
-        body: in its rest pose.
-        garment: with the radius of its armholes.
-        fields: of n vertices, see `suit_fields`.
-        side: "L" or "R".
-    """
+def _armhole_field(body: Body, garment: Garment, fields: Fields, side: str) -> np.ndarray:
+    """Returns the metres (n,) outside the armhole of a sleeveless garment: a ball that leaves a strap at the neck."""
     centre, sign = body.joints[f"upperarm01.{side}"], 1 if side == "L" else -1
     inward = np.minimum(sign * (fields["x"] - centre[0]), 0)  # all that is outside the shoulder is within the armhole
     radius = np.sqrt(inward**2 + (0.75 * (fields["y"] - centre[1])) ** 2 + (0.9 * (fields["z"] - centre[2])) ** 2)
     return np.where(sign * fields["x"] > 0, radius - garment.armhole, FAR)
 
 
-def sleeve_field(fields: Fields, body: Body, garment: Garment, side: str) -> np.ndarray:
-    """Computes the field by which a sleeve is cut off; vertices that hardly move with the arm belong to the trunk.
+def _sleeve_field(fields: Fields, body: Body, garment: Garment, side: str) -> np.ndarray:
+    """Returns the field (n,) by which a sleeve is cut off; vertices that hardly move with the arm belong to the trunk.
 
-    Args:
-        fields: attributes (n,) of the vertices by name, see `suit_fields`.
-        body: in its rest pose.
-        garment: end of its sleeves, or radius of its armholes.
-        side: L | R.
-
-    Returns:
-        (n,) positive where the garment is: above the end of the sleeve, outside the armhole, and on the other side of
-        the body.
+    It is positive where the garment is: above the end of the sleeve, outside the armhole, and on the other side.
     """
     end = SLEEVELESS if garment.armhole else garment.sleeve_end
     trunk_bonus = 8 * np.clip(TRUNK - fields[f"arm_share{side}"], 0, 1)  # outweighs any position along the arm
     within = end - fields[f"arm{side}"] + trunk_bonus
     if garment.armhole:  # two cuts would leave slivers between them
-        within = np.minimum(within, armhole_field(body, garment, fields, side))
+        within = np.minimum(within, _armhole_field(body, garment, fields, side))
     return np.where((fields["x"] > 0) == (side == "L"), within, FAR)
 
 
-def front_field(fields: Fields, body: Body, garment: Garment) -> np.ndarray:
-    """Returns the metres (n,) from the gap of an open front, which widens toward the neck; FAR on the back.
-
-    Args:
-        fields: of n vertices, see `suit_fields`.
-        body: in its rest pose.
-        garment: with the width of its gap.
-    """
+def _front_field(fields: Fields, body: Body, garment: Garment) -> np.ndarray:
+    """Returns the metres (n,) from the gap of an open front, which widens toward the neck; FAR on the back."""
     neck, chest = body.joints["neck01"], body.heights["hip"] + 0.2
     widening = 1 + 0.9 * np.clip((fields["y"] - chest) / (neck[1] - chest), 0, 1)
     return np.where(fields["z"] > neck[2] + 0.02, np.abs(fields["x"]) - garment.front_gap * widening, FAR)
@@ -115,8 +94,8 @@ def cuts(body: Body, garment: Garment) -> list[Callable[[Fields], np.ndarray]]:
         return garment.leg_end - np.where(fields["x"] > 0, fields["legL"], fields["legR"])
 
     if garment.kind == "top":
-        sleeves = [partial(sleeve_field, body=body, garment=garment, side=side) for side in "LR"]
-        front = [partial(front_field, body=body, garment=garment)] if garment.front_gap else []
+        sleeves = [partial(_sleeve_field, body=body, garment=garment, side=side) for side in "LR"]
+        front = [partial(_front_field, body=body, garment=garment)] if garment.front_gap else []
         return [above_hem, partial(neck_field, body, garment), *sleeves, *front]
     return [below_waist, above_cuffs if garment.kind == "trousers" else above_hem]
 
@@ -141,7 +120,7 @@ def cut_from_suit(body: Body, garment: Garment, suit: Fields) -> tuple[sparse.cs
     matrix = sparse.identity(len(body.tights), format="csr")
     for cut in cuts(body, garment):
         matrix, faces = clip(matrix, faces, cut({name: matrix @ values for name, values in suit.items()}))
-    matrix, faces = largest_piece(matrix, faces)
+    matrix, faces = _largest_piece(matrix, faces)
     sleeve = np.zeros(len(faces), bool)
     if garment.kind == "top":  # edges along the armhole, where the panels of sleeve and body meet
         on_arm = matrix @ arm_share(suit)
@@ -149,7 +128,7 @@ def cut_from_suit(body: Body, garment: Garment, suit: Fields) -> tuple[sparse.cs
     return matrix, faces, sleeve
 
 
-def largest_piece(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
+def _largest_piece(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
     """Returns the largest connected piece of a surface, matrix (n,k) and faces (F,3); a cut may leave small others."""
     _, piece_of_vertex = sparse.csgraph.connected_components(neighbours(faces, matrix.shape[0]))
     piece = piece_of_vertex[faces[:, 0]]

@@ -69,7 +69,7 @@ def split_border(faces: np.ndarray, n: int, ring: np.ndarray) -> tuple[sparse.cs
     return sparse.vstack([sparse.identity(n, format="csr"), middles]).tocsr(), np.array(new_faces), np.array(parent)
 
 
-def wave_profile(garment: Garment, angle: np.ndarray) -> np.ndarray:
+def _wave_profile(garment: Garment, angle: np.ndarray) -> np.ndarray:
     """Returns the height (n,) in [0,1] of a drop's irregular folds at bearings (n,), radians."""
     phase = garment.fold_phase
     uneven = 0.5 * np.sin(3 * angle + phase) + 0.4 * np.sin(5 * angle + 2.3 * phase)
@@ -93,28 +93,19 @@ def rounded(flat: np.ndarray, centre: np.ndarray, angle: np.ndarray) -> np.ndarr
     return centre + direction * np.maximum(hull_radius, np.linalg.norm(flat - centre, axis=1))[:, None]
 
 
-def drop_rows(
+def _drop_rows(
     garment: Garment, top: np.ndarray, cut_height: np.ndarray, closed: bool, hull: Hull
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Computes the rows of a drop.
+    """Computes the rows of a drop that hangs on a border `top` (m,3), whose heights as cut are `cut_height` (m,).
 
-    What is cut wider than it hangs starts the simulation in folds of the same length.
-
-    Args:
-        garment: its drop, flare and folds.
-        top: (m,3) vertices of the border on which the drop hangs, metres.
-        cut_height: (m,) heights of these vertices as cut.
-        closed: whether the border is a closed loop.
-        hull: convex hull of the trunk.
-
-    Returns:
-        The rows (m,3) as cut, and the rows (m,3) at the start of the simulation.
+    What is cut wider than it hangs starts the simulation in folds of the same length. Returns the rows (m,3) as cut,
+    and the rows (m,3) at the start of the simulation.
     """
     flat = top[:, [0, 2]]  # seen from above
     centre = flat.mean(0)
     angle = np.arctan2(flat[:, 1] - centre[1], flat[:, 0] - centre[0])
     round_outline = rounded(flat, centre, angle) if closed else flat.copy()
-    wave = wave_profile(garment, angle)
+    wave = _wave_profile(garment, angle)
 
     def length(outline: np.ndarray) -> float:
         sides = np.linalg.norm(np.roll(outline, -1, 0) - outline, axis=1)
@@ -165,7 +156,7 @@ def add_drop(garment: Garment, level: Level, fields: Fields, hull: Hull) -> tupl
         folds around the hull; no pin holds it.
     """
     ring, closed = lowest_border(level.faces, fields["y"])
-    cut_rows, start_rows = drop_rows(garment, level.rest_shape[ring].copy(), fields["y"][ring], closed, hull)
+    cut_rows, start_rows = _drop_rows(garment, level.rest_shape[ring].copy(), fields["y"][ring], closed, hull)
     points, strip = extruded(ring, cut_rows, offset=len(level.rest_shape), closed=closed)
     start, count = np.concatenate(start_rows), len(cut_rows)
     down = np.repeat(np.arange(1, count + 1) / count, len(ring))

@@ -56,13 +56,8 @@ class Panels:
     side: int
 
 
-def arc_length(sideways: np.ndarray, forward: np.ndarray) -> np.ndarray:
-    """Returns the arc length (F,3) from a panel's middle, metres: radius times angle, continuous inside each face.
-
-    Args:
-        sideways, forward: (F,3) places of the faces' corners about the axis of trunk or limb, metres; the middle of
-            the panel is forward.
-    """
+def _arc_length(sideways: np.ndarray, forward: np.ndarray) -> np.ndarray:
+    """Returns the arc length (F,3) from a panel's middle, which is forward: radius times angle, without jumps."""
     angle = np.arctan2(sideways, forward)
     angle = angle[:, :1] + (angle - angle[:, :1] + np.pi) % (2 * np.pi) - np.pi
     return angle * np.hypot(sideways, forward)
@@ -95,12 +90,12 @@ def limb_frame(pattern: Pattern, side: str) -> tuple[np.ndarray, np.ndarray, np.
         centre = [np.interp(corner[on_limb][..., 1], line[:, 1], line[:, axis]) for axis in (0, 2)]
         return on_limb, (corner[on_limb][..., 0] - centre[0]) * sign, corner[on_limb][..., 2] - centre[1]
     on_limb = pattern.sleeve & ((middle > 0) == (side == "L"))
-    _, up, forward = arm_axes(pattern.body, side)
+    _, up, forward = _arm_axes(pattern.body, side)
     from_shoulder = corner[on_limb] - joints[f"upperarm01.{side}"]
     return on_limb, from_shoulder @ up, from_shoulder @ forward
 
 
-def arm_axes(body: Body, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _arm_axes(body: Body, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns three unit vectors (3,) of the arm of a side ("L" | "R") on the rest pose: along it, up, and forward."""
     start, end = body.joints[f"upperarm01.{side}"], body.joints[f"wrist.{side}"]
     along = (end - start) / np.linalg.norm(end - start)
@@ -133,21 +128,21 @@ def cloth_coordinates(pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarr
             back = forward.mean(1) < 0
             panel[on_limb] = k + 2 * back
             turn = np.where(back, -1, 1)[:, None]
-            cloth[on_limb, :, 0] = arc_length(outward * turn, forward * turn) * turn * sign
+            cloth[on_limb, :, 0] = _arc_length(outward * turn, forward * turn) * turn * sign
         return names, panel, cloth
     names = ["front", "back", "left sleeve", "right sleeve"]
     axis = side_plane(pattern)
     back = middle[:, 2] < axis
     turn = np.where(back, -1, 1)[:, None]
     panel[back] = 1
-    cloth[..., 0] = arc_length(corner[..., 0] * turn, (corner[..., 2] - axis) * turn)
+    cloth[..., 0] = _arc_length(corner[..., 0] * turn, (corner[..., 2] - axis) * turn)
     if pattern.garment.kind == "top":
         for k, side in enumerate("LR"):
             on_limb, up, forward = limb_frame(pattern, side)
             panel[on_limb] = 2 + k
-            along, _, _ = arm_axes(pattern.body, side)
+            along, _, _ = _arm_axes(pattern.body, side)
             from_shoulder = corner[on_limb] - pattern.body.joints[f"upperarm01.{side}"]
-            cloth[on_limb, :, 0] = arc_length(forward, up)
+            cloth[on_limb, :, 0] = _arc_length(forward, up)
             cloth[on_limb, :, 1] = -(from_shoulder @ along)
     return names, panel, cloth
 

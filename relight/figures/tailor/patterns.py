@@ -58,7 +58,7 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
         levels: number of subdivisions; edges of 25 mm become 13 and 6 mm long.
     """
     suit = suit_fields(body)
-    garment = with_drop_for(body, garment)
+    garment = _with_drop_for(body, garment)
     matrix, faces, sleeve = cut_from_suit(body, garment, suit)
     fields = {name: matrix @ values for name, values in suit.items()}
     weights = matrix @ makehuman.rig().weights[makehuman.TIGHTS]
@@ -81,7 +81,7 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
     start = hanging + lengthening + outward * np.minimum(ease, MAX_START_EASE)[:, None]
     rest_shape = hanging + lengthening + outward * ease[:, None]
     fields["drop"] = np.zeros(len(points))
-    pins = pin_weights(body, garment, fields)
+    pins = _pin_weights(body, garment, fields)
     level = Level(rest_shape, start, fitted, pin_weight=pins, weights=weights, faces=faces)
     if garment.drop:
         if garment.gather:  # gathers are finer than the suit
@@ -95,7 +95,7 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
     return refined(body, garment, level, fields, sleeve, levels)
 
 
-def with_drop_for(body: Body, garment: Garment) -> Garment:
+def _with_drop_for(body: Body, garment: Garment) -> Garment:
     """Returns the garment with the length of its drop for one body.
 
     It is proportional to the legs, and begins at the garment's seam, above the hips, if it has one.
@@ -169,16 +169,11 @@ def fit(
     return ease, lengthening
 
 
-def pin_weights(body: Body, garment: Garment, fields: Fields) -> np.ndarray:
+def _pin_weights(body: Body, garment: Garment, fields: Fields) -> np.ndarray:
     """Returns how firmly each vertex (n,) of a garment is pinned to the body, in [0,1].
 
     Pinned are waistband and cuffs; of tops the neckline, cuffs and hem, what is tucked in, and what a belt holds. Each
     pin fades within a few centimetres.
-
-    Args:
-        body: in its rest pose.
-        garment: whose settings say how firm each pin is.
-        fields: values (n,) of the vertices by name, see `suit_fields`; y in metres.
     """
     arm, leg = np.maximum(fields["armL"], fields["armR"]), np.where(fields["x"] > 0, fields["legL"], fields["legR"])
     if garment.kind != "top":

@@ -13,7 +13,7 @@ EDGE = 0.0012  # metres over which the edge of a motif is soft
 GLYPHS = (31599, 29847, 29671, 31143, 29391, 4687, 31567, 23533, 29847, 24914, 23469, 29257, 23421, 23533, 31599)
 
 
-def motifs(shape: str, u: np.ndarray, v: np.ndarray, cell: float, seed: int) -> np.ndarray:
+def _motifs(shape: str, u: np.ndarray, v: np.ndarray, cell: float, seed: int) -> np.ndarray:
     """Returns the coverage (...) in [0,1] of scattered motifs, one per cell of `cell` metres.
 
     Args:
@@ -40,15 +40,8 @@ def motifs(shape: str, u: np.ndarray, v: np.ndarray, cell: float, seed: int) -> 
     return inside - 0.6 * heart
 
 
-def camouflage(fabric: Fabric, u: np.ndarray, v: np.ndarray, size: float, offset: float) -> np.ndarray:
-    """Returns patches (...,3) of three shades on the ground.
-
-    Args:
-        fabric: its colors and its seed.
-        u, v: (...) cloth coordinates, metres.
-        size: factor of the patches' size.
-        offset: makes the patches of panels differ.
-    """
+def _camouflage(fabric: Fabric, u: np.ndarray, v: np.ndarray, size: float, offset: float) -> np.ndarray:
+    """Returns patches (...,3) of three shades on the ground; `offset` makes those of panels differ."""
     first, second, seed = np.array(fabric.first), np.array(fabric.second), fabric.seed
     color = np.broadcast_to(first, (*u.shape, 3))
     shades = (first + (second - first) * 0.6, first + (second - first) * 1.0, 0.4 * first)
@@ -59,14 +52,8 @@ def camouflage(fabric: Fabric, u: np.ndarray, v: np.ndarray, size: float, offset
     return color
 
 
-def tie_dye(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float) -> np.ndarray:
-    """Returns rings (...,3) of the fabric's colors, with patches of a third.
-
-    Args:
-        fabric: its colors and its seed.
-        u, v: (...) cloth coordinates, metres.
-        offset: makes the rings of panels differ.
-    """
+def _tie_dye(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float) -> np.ndarray:
+    """Returns rings (...,3) of the fabric's colors, with patches of a third; `offset` makes those of panels differ."""
     field = noise(u / 0.12 + offset, v / 0.09, fabric.seed)
     field = field + 0.5 * noise(u / 0.035 + offset, v / 0.03, fabric.seed + 1)
     rings = mixed(np.array(fabric.first), np.array(fabric.second), 0.5 + 0.5 * np.sin(9 * field))
@@ -84,27 +71,21 @@ def printed(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float) -> np.n
     # 0 to 2: motifs of one shape; 3 to 5: of two shapes; 6: camouflage; 7: tie-dye.
     kind, size = int(trait(fabric, "print") * 8), fabric.size * (0.5 + 1.2 * trait(fabric, "print size") ** 2)
     if kind == 6:
-        return camouflage(fabric, u, v, size, offset)
+        return _camouflage(fabric, u, v, size, offset)
     if kind == 7:
-        return tie_dye(fabric, u, v, offset)
+        return _tie_dye(fabric, u, v, offset)
     shapes, cell = ("dots", "flowers", "leaves"), 0.055 * size
-    large = motifs(shapes[kind % 3], u + offset, v, cell, fabric.seed)
+    large = _motifs(shapes[kind % 3], u + offset, v, cell, fabric.seed)
     color = mixed(np.array(fabric.first), np.array(fabric.second), large)
     if kind < 3:
         return color
     shifted = u + offset + 0.37 * cell, v + 0.45 * cell
-    small = motifs(shapes[(kind + 1) % 3], *shifted, 0.61 * cell, fabric.seed + 50)
+    small = _motifs(shapes[(kind + 1) % 3], *shifted, 0.61 * cell, fabric.seed + 50)
     return mixed(color, further_color(fabric, "third color"), 0.9 * np.clip(small, 0, 1))
 
 
-def lettering(x: np.ndarray, y: np.ndarray, seed: int, count: int) -> np.ndarray:
-    """Returns the coverage (...) of a line of block letters, each a unit square, centred at the origin.
-
-    Args:
-        x, y: (...) coordinates to the right and up, in letters.
-        seed: random seed of the letters.
-        count: number of letters.
-    """
+def _lettering(x: np.ndarray, y: np.ndarray, seed: int, count: int) -> np.ndarray:
+    """Returns the coverage (...) of a line of `count` block letters, each a unit square, centred at the origin."""
     x = x + count / 2
     number = np.floor(x)  # of the letter
     glyph = np.array(GLYPHS)[(lattice(number, 0 * number, seed) * len(GLYPHS)).astype(int)]
@@ -158,10 +139,10 @@ class PrintArea:
             seed: chooses the letters, with the fabric's.
             count: number of letters.
         """
-        return lettering(self.x * 0.5 * count / 1.2, (self.y + height) * scale, self.fabric.seed + seed, count)
+        return _lettering(self.x * 0.5 * count / 1.2, (self.y + height) * scale, self.fabric.seed + seed, count)
 
 
-def ring_and_bar(area: PrintArea) -> np.ndarray:
+def _ring_and_bar(area: PrintArea) -> np.ndarray:
     """Paints a ring with a bar in it."""
     ring = area.cover(np.abs(np.hypot(area.x, area.y) - 0.85) - 0.15)
     bar = area.cover(np.maximum(np.abs(area.x) - 0.45, np.abs(area.y) - 0.14))
@@ -174,7 +155,7 @@ def diamond(area: PrintArea) -> np.ndarray:
     return mixed(area.ground, area.second, outline)
 
 
-def bars(area: PrintArea) -> np.ndarray:
+def _bars(area: PrintArea) -> np.ndarray:
     """Paints a box of bars."""
     box = area.cover(np.maximum(np.abs(area.x) - 1.3, np.abs(area.y) - 0.8))
     return mixed(area.ground, area.second, band(area.v, 0.03, 0.5, area.soft) * box)
@@ -186,14 +167,14 @@ def word(area: PrintArea) -> np.ndarray:
     return mixed(area.ground, area.second, area.line(height=0.0, scale=1.6, seed=0, count=count))
 
 
-def two_lines(area: PrintArea) -> np.ndarray:
+def _two_lines(area: PrintArea) -> np.ndarray:
     """Paints a word with small print below it."""
     return mixed(word(area), area.third, area.line(height=0.55, scale=5.5, seed=1, count=14))
 
 
-def two_figures(area: PrintArea) -> np.ndarray:
+def _two_figures(area: PrintArea) -> np.ndarray:
     """Paints a number, as on a jersey."""
-    return mixed(area.ground, area.second, lettering(area.x * 0.9, area.y * 0.55, area.fabric.seed, count=2))
+    return mixed(area.ground, area.second, _lettering(area.x * 0.9, area.y * 0.55, area.fabric.seed, count=2))
 
 
 def star(area: PrintArea) -> np.ndarray:
@@ -203,7 +184,7 @@ def star(area: PrintArea) -> np.ndarray:
     return mixed(mixed(area.ground, area.third, area.cover(r - 1.1)), area.second, points)
 
 
-def landscape(area: PrintArea) -> np.ndarray:
+def _landscape(area: PrintArea) -> np.ndarray:
     """Paints a picture of a sun over hills, in a box."""
     x, y = area.x, area.y
     hill = area.cover(y + 0.25 + 0.5 * (noise(x * 1.7 + 9, 0 * x, area.fabric.seed) - 0.5))
@@ -214,14 +195,14 @@ def landscape(area: PrintArea) -> np.ndarray:
     return mixed(area.ground, picture, area.cover(np.maximum(np.abs(x), np.abs(y)) - 1))
 
 
-def chest_band(area: PrintArea) -> np.ndarray:
+def _chest_band(area: PrintArea) -> np.ndarray:
     """Paints a band across the chest, between two lines."""
     color = mixed(area.ground, area.second, area.cover(np.abs(area.y) - 0.5))
     return mixed(color, area.third, area.cover(np.abs(np.abs(area.y) - 0.72) - 0.07))
 
 
 EMBLEMS: tuple[Callable[[PrintArea], np.ndarray], ...] = (
-    ring_and_bar, diamond, bars, word, two_lines, two_figures, star, landscape, chest_band,
+    _ring_and_bar, diamond, _bars, word, _two_lines, _two_figures, star, _landscape, _chest_band,
 )  # fmt: skip
 
 

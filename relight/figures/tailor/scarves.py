@@ -74,20 +74,11 @@ def outline(surface: Collider, neck: Neck) -> np.ndarray:
     return gaussian_filter1d(np.minimum(radius, high), 3, mode="wrap")
 
 
-def drop_line(surface: Collider, x: float, top: float, length: float, lift: float) -> np.ndarray:
-    """Lays a line down the front of a figure.
+def _drop_line(surface: Collider, x: float, top: float, length: float, lift: float) -> np.ndarray:
+    """Lays a line (m,3) down the front of a figure at x, from `top` on, at a distance of `lift`.
 
-    Where rays miss the figure, the line hangs straight; if all do, 0.1 m before the origin.
-
-    Args:
-        surface: the dressed figure.
-        x: of the line, metres.
-        top: height of its upper end, metres.
-        length: metres; the line has 15 % more height, since it is cut to its length later.
-        lift: metres off the figure.
-
-    Returns:
-        (m,3) points from the top down, metres.
+    It has 15 % more height than its length, since it is cut later. Where rays miss the figure, it hangs straight; if
+    all do, 0.1 m before the origin.
     """
     y = top - np.arange(0.0, 1.15 * length, 0.01)
     origin = np.stack([np.full_like(y, x), y, np.full_like(y, RAY_START)], axis=1)
@@ -98,16 +89,10 @@ def drop_line(surface: Collider, x: float, top: float, length: float, lift: floa
     return np.stack([origin[:, 0], y, z + lift], axis=1)
 
 
-def centre_line(wrap: Wrap, surface: Collider, neck: Neck) -> tuple[np.ndarray, np.ndarray]:
+def _centre_line(wrap: Wrap, surface: Collider, neck: Neck) -> tuple[np.ndarray, np.ndarray]:
     """Lays the centre line of a ribbon around the neck, with both ends down the front.
 
-    Args:
-        wrap: how the scarf is worn.
-        surface: the dressed figure.
-        neck: of the posed figure.
-
-    Returns:
-        The points (n,3) of the line, every EDGE, metres, and the unit directions (n,3) away from the figure there.
+    Returns its points (n,3), every EDGE, and the unit directions (n,3) away from the figure there.
     """
     neck_radius = outline(surface, neck)
     angle = np.radians(wrap.start - np.arange(0, wrap.turn + 1, RING_STEP))
@@ -118,7 +103,7 @@ def centre_line(wrap: Wrap, surface: Collider, neck: Neck) -> tuple[np.ndarray, 
     ring = neck.base + wrap.height * neck.up + outward * radius[:, None]
     # The ends hang from the first and the last point of the ring, the second one over the first.
     ends = [
-        drop_line(surface, neck.base[0] + x, ring[k, 1] - 0.03, length, lift)
+        _drop_line(surface, neck.base[0] + x, ring[k, 1] - 0.03, length, lift)
         for x, length, k, lift in zip(wrap.at, wrap.ends, (0, -1), (0.012, 0.036))
     ]
     ahead = np.broadcast_to([0.0, 0.0, 1.0], (1, 3))
@@ -150,7 +135,7 @@ def build_scarf(motion: Motion, garment: Garment, surface: Collider, levels: int
         levels: number of subdivisions.
     """
     wrap = entries("garments", "wraps", Wrap)[garment.name]
-    line, away = centre_line(wrap, surface, neck_of(motion))
+    line, away = _centre_line(wrap, surface, neck_of(motion))
     along = np.gradient(line, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     across = np.cross(along, away)

@@ -39,10 +39,10 @@ def stitched(
     thread = np.array(DENIM_THREAD) if kind == "denim" else color * 0.6
     sewing = Sewing(color, dark=color * 0.55, thread=thread)
     if garment.kind == "trousers":
-        sew_trousers(sewing, kind, name, u, top - v)
+        _sew_trousers(sewing, kind, name, u, top - v)
     if name == "front":
         if garment.kind == "top":
-            sew_buttons(sewing, garment, u, v, top)
+            _sew_buttons(sewing, garment, u, v, top)
         if garment.kind == "top" and garment.collar == "fold" and garment.front == "none":
             pocket = np.maximum(np.abs(u - 0.085) - 0.05, np.abs(v - 0.36) - 0.058)  # on the chest of a shirt
             sewing.draw(0.7 * line(pocket) * (garment.sleeve_end > 0.6), sewing.dark)
@@ -74,15 +74,10 @@ class Sewing:
         self.color = self.color + (color - self.color) * np.clip(share, 0, 1)[..., None]
 
 
-def sew_trousers(sewing: Sewing, kind: str, name: str, u: np.ndarray, below: np.ndarray) -> None:
+def _sew_trousers(sewing: Sewing, kind: str, name: str, u: np.ndarray, below: np.ndarray) -> None:
     """Draws the waistband of trousers, pockets at the front, and on denim pockets at the back.
 
-    Args:
-        sewing: to draw on.
-        kind: kind of fabric.
-        name: name of the panel.
-        u: (...) cloth coordinate across, metres.
-        below: (...) metres from the panel's upper end.
+    `u` (...) is across the panel, and `below` (...) from its upper end, metres.
     """
     outward = u * (1 if name.endswith("left") else -1)
     sewing.draw(line(below - WAISTBAND) * 0.8, sewing.dark)
@@ -100,15 +95,8 @@ def sew_trousers(sewing: Sewing, kind: str, name: str, u: np.ndarray, below: np.
         sewing.draw(line(edge + 0.004), sewing.thread)
 
 
-def sew_buttons(sewing: Sewing, garment: Garment, u: np.ndarray, v: np.ndarray, top: float) -> None:
-    """Draws the buttons of a closed front, if it has some.
-
-    Args:
-        sewing: to draw on.
-        garment: its front and collar.
-        u, v: (...) cloth coordinates across and along, metres.
-        top: v of the panel's upper end.
-    """
+def _sew_buttons(sewing: Sewing, garment: Garment, u: np.ndarray, v: np.ndarray, top: float) -> None:
+    """Draws the buttons of a closed front, if it has some; `top` is v of the panel's upper end."""
     is_shirt = garment.collar == "fold" and garment.front == "none"
     if garment.front not in ("buttons", "double", "placket") and not is_shirt:
         return

@@ -20,16 +20,10 @@ BUNCHED = 0.012  # metres that cloth is moved out to the hull, for which it is s
 Fields = dict[str, np.ndarray]  # attributes of vertices by name, see `suit_fields`
 
 
-def polyline_parameter(points: np.ndarray, line: list[np.ndarray]) -> np.ndarray:
-    """Returns where points lie along a polyline.
+def _polyline_parameter(points: np.ndarray, line: list[np.ndarray]) -> np.ndarray:
+    """Returns the parameter (n,) of the nearest point on a polyline: 1.5 is the middle of the second segment.
 
-    Args:
-        points: (n,3).
-        line: points (3,) of the polyline.
-
-    Returns:
-        (n,) the parameter of the nearest point on the line: 1.5 is the middle of the second segment. Both ends are
-        extended, so it may be below 0 and above the number of segments.
+    Both ends are extended, so it may be below 0 and above the number of segments.
     """
     least_distance, parameter = np.full(len(points), np.inf), np.zeros(len(points))
     for k, (a, b) in enumerate(pairwise(line)):
@@ -55,7 +49,7 @@ def suit_fields(body: Body) -> Fields:
         arm_bones = [i for i, b in enumerate(rig.bones) if b.endswith(f".{side}") and b.startswith(arm_prefixes)]
         share = rig.weights[makehuman.TIGHTS][:, arm_bones].sum(1)
         arm, leg = (
-            polyline_parameter(points, [body.joints[f"{bone}.{side}"] for bone in bones])
+            _polyline_parameter(points, [body.joints[f"{bone}.{side}"] for bone in bones])
             for bones in (("upperarm01", "lowerarm01", "wrist"), ("upperleg01", "lowerleg01", "foot"))
         )
         fields[f"arm_share{side}"] = share
