@@ -167,7 +167,6 @@ class RelitSet:
 
     Attributes:
         names, figure_of: of each map, its name and that of the frontal view of its figure.
-        has_view: (F,) bool, whether a map is another view than the frontal one.
         size: S of the square images, pixels.
         color: color model, `paper` or `photo`.
         coefficients: K' that a batch has, up to the order of the network.
@@ -212,7 +211,7 @@ class RelitSet:
                     f"{path} has harmonics up to order {file_order}: model.order={order} needs bake.order={order}"
                 )
         self.names, self.size, self.color = list(figures.names), figures.size, color
-        self.figure_of, self.has_view = list(figures.figures), np.array([view is not None for view in figures.views])
+        self.figure_of = list(figures.figures)
         self.light_split = np.asarray(table["split"])
         self.order = min(figures.order, bands)
         all_bands = (self.order + 1) ** 2

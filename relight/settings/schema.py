@@ -8,7 +8,7 @@ from relight import extensions
 from relight.settings.setting import setting
 
 DEVICES = ("auto", "cpu", "cuda")
-PARTS = ("test", "sitting", "views")  # parts of the split that can be scored
+PARTS = ("test", "sitting")  # parts of the split that can be scored
 SCORED_LIGHTS = ("test", "unusual")  # splits of the light set that can be scored under
 QUANTITIES = (  # that are scored; the first six are those of the paper's Table 1
     "shading", "transport", "normal", "ao", "light", "albedo",

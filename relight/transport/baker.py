@@ -64,7 +64,7 @@ class Baker:
         Raises:
             UserError: if the mesh has no faces, or for settings that cannot be baked.
         """
-        require_at_least(1, rays=settings.rays, supersample=settings.supersample)
+        require_at_least(1, size=settings.size, rays=settings.rays, supersample=settings.supersample)
         require_at_least(0, order=settings.order, bounces=settings.bounces)
         if settings.rays < settings.supersample**2:
             raise UserError(

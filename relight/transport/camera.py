@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relight.core.errors import UserError
 from relight.transport.view import Pose, rotate_vectors
 
 
@@ -20,21 +19,12 @@ class Camera:
         distance: distance of the camera plane from the origin, in units of the camera's frame.
         perspective: whether the camera is perspective; otherwise it is orthographic.
         pose: pose of the mesh in the camera's frame; None if the mesh's frame is the camera's.
-
-    Raises:
-        UserError: if size or distance are not positive.
     """
 
     size: int
     distance: float = 2.0
     perspective: bool = False
     pose: Pose | None = None
-
-    def __post_init__(self) -> None:
-        if self.size < 1:
-            raise UserError(f"image size {self.size}: it must be at least 1 pixel")
-        if not self.distance > 0:
-            raise UserError(f"camera distance {self.distance}: it must be positive")
 
     def rays(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
         """Returns the rays through points of the image.

@@ -51,4 +51,4 @@ wildcard_constraints:
     training="|".join(map(re.escape, PLAN.trainings)),
     experiment="|".join(map(re.escape, PLAN.experiments)),
     kind="subject|paper",
-    on="((test|sitting|views)-(test|unusual)/)?",
+    on="((test|sitting)-(test|unusual)/)?",

@@ -33,7 +33,7 @@ class Condition:
     """What predictors are scored on.
 
     Attributes:
-        figures: part of the split, one of PARTS; `views` are the further views of the test figures.
+        figures: part of the split, one of PARTS.
         lights: split of the light set, one of SCORED_LIGHTS.
     """
 
@@ -69,8 +69,8 @@ def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, conditio
         checkpoint: the network, which also determines the color model.
         packed, lights, split: the data set (.safetensors, .npz, .json).
         condition: the figures and lights.
-        out: the scores (.csv), whose predictor has the name of the file. If there are no sitting figures, further views
-            or unusual lights to score, the file has no rows.
+        out: the scores (.csv), whose predictor has the name of the file. If there are no sitting figures or
+            unusual lights to score, the file has no rows.
 
     Raises:
         UserError: if a file has other contents, or there is no figure or light to test on.
@@ -123,18 +123,14 @@ def unlearned(loss: dict[str, Any] | None) -> frozenset[str]:
 
 
 def select_pairs(data: RelitSet, split: Path, condition: Condition = TEST) -> tuple[np.ndarray, np.ndarray]:
-    """Selects the figures (F,), seen from the front unless they are further views, and the lights (L,) to test on.
+    """Selects the figures (F,), seen from the front, and the lights (L,) to test on.
 
-    There may be no sitting figures, further views or unusual lights.
+    There may be no sitting figures or unusual lights.
 
     Raises:
         UserError: if there are no test figures or test lights, and the condition has them.
     """
-    parts = read_split(split)
-    figures = data.figures(parts["test"] if condition.figures == "views" else parts.get(condition.figures, []))
-    if condition.figures == "views":
-        others = data.other_views(figures)
-        figures = others[data.has_view[others]]
+    figures = data.figures(read_split(split).get(condition.figures, []))
     lights = np.flatnonzero(data.light_split == condition.lights)
     for found, kind, what in ((figures, condition.figures, "figures"), (lights, condition.lights, "lights")):
         if kind == "test" and not len(found):
