@@ -200,7 +200,8 @@ class Plan:
         """Returns what MLflow records of the workflow with each training.
 
         Returns:
-            `track`: the settings of the group `track`. `tags`: row -> name of a tag -> text.
+            `track`: the settings of the group `track`. `tags`: row -> name of a tag -> text. `rows`: the overrides of
+            each row.
         """
         settings = shlex.join(self.record["overrides"])[:MAX_TAG]
         tags = {"workflow": self.shared["name"], "settings": settings, "clone": f"{platform.node()}:{ROOT}"}
@@ -211,7 +212,7 @@ class Plan:
         for row in self.rows:
             names = [name for name, experiment in self.experiments.items() if row in experiment.rows]
             tags_by_row[row] = {**tags, "experiment": ", ".join(names)}
-        return {"track": self.shared["track"], "tags": tags_by_row}
+        return {"track": self.shared["track"], "tags": tags_by_row, "rows": self.rows}
 
     # Experiments
 

@@ -37,7 +37,7 @@ class Training:
 
     def __call__(self, paths: dict | None = None, out: Path = OUT, **changes) -> None:
         model, loss, schedule, augment = self.settings
-        tracking = {"track": {"uri": changes.pop("uri", self.uri), "experiment": "test"}, "tags": {}}
+        tracking = {"track": {"uri": changes.pop("uri", self.uri), "experiment": "test"}, "tags": {}, "rows": {}}
         groups = {"model": model(), "loss": loss(), "train": schedule(**changes), "augment": augment()}
         settings = {name: asdict(group) for name, group in groups.items()}
         train(settings, Inputs(**{**self.paths, **(paths or {})}), out, out.with_suffix(".csv"), tracking)
@@ -46,7 +46,7 @@ class Training:
         """The job, in a process that ends by SIGKILL when `function` was called so often."""
         owner, name = function.rsplit(".", 1)
         settings = dict(zip(("model", "loss", "train", "augment"), (asdict(make()) for make in self.settings)))
-        tracking = {"track": {"uri": self.uri, "experiment": "test"}, "tags": {}}
+        tracking = {"track": {"uri": self.uri, "experiment": "test"}, "tags": {}, "rows": {}}
         program = f"""if True:
             import os, pkgutil, signal
             os.chdir({os.getcwd()!r})

@@ -8,7 +8,6 @@ import pytest
 
 from relight.core.errors import UserError
 from relight.lab.tracking import server
-from relight.lab.tracking.store import connect
 from relight.settings import Track
 
 
@@ -19,7 +18,7 @@ def started(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(os, "environ", dict(os.environ))
     monkeypatch.setattr(os, "execv", lambda path, words: commands.append(words))
-    monkeypatch.setattr(server, "_existing", lambda track: "1")
+    monkeypatch.setattr(server, "_experiment", lambda track: "1")
     return commands
 
 
@@ -54,13 +53,8 @@ def test_a_server_of_others_needs_no_port_here(started, capsys):
 
 
 @pytest.mark.slow
-def test_an_experiment_that_is_not_there_is_not_made(tmp_path):
-    """Neither is the store."""
-    track = Track(f"sqlite:///{tmp_path}/a.db", "typo")
-    with pytest.raises(UserError, match=r"a\.db has no experiment typo: none has been recorded yet"):
-        server._existing(track)
-    assert not [*tmp_path.iterdir()]
-    connect(replace(track, experiment="mine"))
-    with pytest.raises(UserError, match=r"a\.db has no experiment typo: there are mine"):
-        server._existing(track)
-    assert server._existing(replace(track, experiment="mine"))
+def test_an_experiment_that_is_not_among_the_others_is_not_made(tmp_path):
+    track = Track(f"sqlite:///{tmp_path}/a.db", "mine")
+    assert server._experiment(track) == server._experiment(track) == "1"
+    with pytest.raises(UserError, match=r"a\.db has no experiment typo; there are mine"):
+        server._experiment(replace(track, experiment="typo"))

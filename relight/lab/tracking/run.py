@@ -42,7 +42,7 @@ class TrainingRun:
         """Takes what the run records; nothing is sent before `open`.
 
         Args:
-            tracking: `track`, store and experiment, and `tags` by row (`relight.lab.plan.Plan.tracking`).
+            tracking: `track`, store and experiment, and `tags` and overrides by row (`relight.lab.plan.Plan.tracking`).
             name: name of the training, such as ours_full.s0.
             fingerprint: `relight.learning.train.fingerprint`.
             settings: parameters of the run, nested.
@@ -50,7 +50,10 @@ class TrainingRun:
         """
         training = TrainingName.parse(name)
         self.track = Track(**tracking["track"])
-        self.name, self.fingerprint, self.settings, self.data = name, fingerprint, settings, data
+        self.name, self.fingerprint, self.data = name, fingerprint, data
+        # With those that the row names, such as loss=min, since a comparison shows what differs.
+        named = dict(word.lstrip("+").partition("=")[::2] for word in tracking["rows"].get(training.row, []))
+        self.settings = {key: str(value) for key, value in (named | flat(settings)).items()}
         self.tags = {"row": training.row, "fingerprint": fingerprint, "relight.version": __version__}
         tags_by_row = tracking["tags"]
         self.tags |= {"seed": str(training.seed), **tags_by_row.get(training.row, {})}
@@ -75,7 +78,7 @@ class TrainingRun:
             known = {"run_id": run.info.run_id} if run else {"experiment_id": experiment, "run_name": self.name}
             mlflow.end_run("FAILED")  # that of an earlier attempt
             run = mlflow.start_run(**known, tags=self.tags, description=NOTE, log_system_metrics=True)
-            mlflow.log_params({key: str(value) for key, value in flat(self.settings).items()})
+            mlflow.log_params(self.settings)
             client.log_inputs(run.info.run_id, [dataset_input(name, path) for name, path in self.data.items()])
         self.id = run.info.run_id
 

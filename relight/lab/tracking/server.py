@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from relight.core.errors import UserError
-from relight.lab.tracking.store import SQLITE, select_store
+from relight.lab.tracking.store import SQLITE, connect, select_store
 from relight.settings import ROOT, Track
 
 # The list of runs beside their curves; without a type MLflow's pages are for language models.
@@ -32,7 +32,7 @@ def serve(track: Track, port: int) -> None:
     server = track.uri.rstrip("/") if is_server else f"http://127.0.0.1:{port}"
     if not is_server:
         _require_free(port)
-    experiment = _existing(track)
+    experiment = _experiment(track)
     print(f"MLflow: {server}/#/experiments/{experiment}/runs{VIEW}", flush=True)
     if is_server:
         return
@@ -41,20 +41,18 @@ def serve(track: Track, port: int) -> None:
     os.execv(sys.executable, [*command, "--host", "127.0.0.1", "--port", str(port)])
 
 
-def _existing(track: Track) -> str:
-    """Returns the id of an experiment. Raises UserError if the store has none of this name."""
-    database = Path(track.uri.removeprefix(SQLITE)) if track.uri and track.uri.startswith(SQLITE) else None
-    names = []
-    if database is None or database.exists():
+def _experiment(track: Track) -> str:
+    """Returns the id of an experiment. Raises UserError if the store has others, and none of this name."""
+    database = Path(str(track.uri).removeprefix(SQLITE))
+    if database.exists() or not str(track.uri).startswith(SQLITE):
         select_store(str(track.uri))
         from mlflow import MlflowClient
 
-        client = MlflowClient()
-        if experiment := client.get_experiment_by_name(track.experiment):
-            return experiment.experiment_id
-        names = [found.name for found in client.search_experiments() if found.name != "Default"]
-    known = f"there are {', '.join(sorted(names))}" if names else "none has been recorded yet"
-    raise UserError(f"{track.uri} has no experiment {track.experiment}: {known}")
+        ids = {found.name: found.experiment_id for found in MlflowClient().search_experiments()}
+        others = sorted(ids.keys() - {"Default", track.experiment})
+        if others and track.experiment not in ids:
+            raise UserError(f"{track.uri} has no experiment {track.experiment}; there are {', '.join(others)}")
+    return connect(track)[1]
 
 
 def _require_free(port: int) -> None:

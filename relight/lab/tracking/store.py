@@ -30,7 +30,11 @@ DEFAULTS = {
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",
 }
 # Otherwise MLflow's pages are those for language models.
-EXPERIMENT_TAGS = {"mlflow.experimentKind": "custom_model_development"}
+EXPERIMENT_TAGS = {
+    "mlflow.experimentKind": "custom_model_development",
+    "mlflow.note.content": "Trainings of relight. Losses are comparable among runs with one `loss` alone; the scores, "
+    "`test_...`, among all.",
+}
 
 
 def select_store(uri: str) -> None:
