@@ -16,17 +16,9 @@ WARNINGS = []  # why the light does not follow the world, for the panel
 
 
 def update(scene, depsgraph=None, force=False):
-    """Gives every object that relight made the light of the scene's world, as they are in a depsgraph.
+    """Gives every object of relight the light of the scene's world, as they are in a depsgraph (default: the window's).
 
-    Objects whose rotation and light did not change are left alone, unless `force`.
-
-    Args:
-        scene: with the objects and the world.
-        depsgraph: in which they are evaluated; by default that of the window.
-        force: whether lights are rendered again.
-
-    Raises:
-        light.Problem: if the world's light cannot be rendered.
+    Objects whose rotation and light did not change are left alone, unless `force` is set: then all is rendered again.
     """
     items = [item for item in scene.objects if transport.PROPERTY in item and item.is_editable]
     if not items or not BUSY.acquire(blocking=False):  # rendering the light calls the handlers, too
@@ -35,7 +27,7 @@ def update(scene, depsgraph=None, force=False):
         WARNINGS.clear()
         depsgraph = depsgraph or bpy.context.evaluated_depsgraph_get()
         if force:
-            world.forget()
+            world.LIGHTS.clear()
         key = world.state(scene.world and scene.world.evaluated_get(depsgraph), scene.frame_current)
         for item in items:
             axes = transport.axes(item, depsgraph)
@@ -63,16 +55,10 @@ def follow(scene, depsgraph=None):
 HANDLERS = (depsgraph_update_post, frame_change_post, load_post)
 
 
-def attempt(operator, context, task):
-    """Runs a task of an operator and updates the light; problems go to the status bar. Returns the operator's result.
-
-    Args:
-        operator: which reports.
-        context: Blender's.
-        task: a function without arguments that returns what the user should know, one sentence each.
-    """
+def attempt(operator, context, task, *given):
+    """Runs a task of an operator, and reports the sentences that it returns. Returns the operator's result."""
     try:
-        for note in task():
+        for note in task(*given):
             operator.report({"WARNING"}, note)
         update(context.scene, force=True)
     except light.Problem as problem:
@@ -85,12 +71,9 @@ class Preferences(bpy.types.AddonPreferences):
     """Where the program is."""
 
     bl_idname = __package__
-    program: bpy.props.StringProperty(
-        name="Program", subtype="FILE_PATH", default="relight", description="relight, with its extra `scans`"
-    )
+    program: bpy.props.StringProperty(name="Program", subtype="FILE_PATH", default="relight", description="relight")
 
     def draw(self, context):
-        """Draws the setting in Blender's preferences."""
         self.layout.prop(self, "program")
 
 
@@ -102,16 +85,13 @@ class BakeTransport(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Returns whether a mesh is selected, in Object Mode."""
         return context.mode == "OBJECT" and any(item.type == "MESH" for item in context.selected_editable_objects)
 
     def execute(self, context):
-        """Bakes the transport of the selected meshes, and lights them by the world."""
         addon = context.preferences.addons.get(__package__)
         program = addon.preferences.program if addon else "relight"
         items = [item for item in context.selected_editable_objects if item.type == "MESH"]
-        depsgraph = context.evaluated_depsgraph_get()
-        return attempt(self, context, lambda: transport.bake(items, depsgraph, program, self.rays))
+        return attempt(self, context, transport.bake, items, context.evaluated_depsgraph_get(), program, self.rays)
 
 
 class ImportMaps(bpy.types.Operator, ImportHelper):
@@ -122,8 +102,7 @@ class ImportMaps(bpy.types.Operator, ImportHelper):
     filter_glob: bpy.props.StringProperty(default="*.exr", options={"HIDDEN"})
 
     def execute(self, context):
-        """Adds a plane with the maps of the chosen file, and lights it by the world."""
-        return attempt(self, context, lambda: transport.add_plane(self.filepath, context))
+        return attempt(self, context, transport.add_plane, self.filepath, context)
 
 
 class UpdateLight(bpy.types.Operator):
@@ -132,7 +111,6 @@ class UpdateLight(bpy.types.Operator):
     bl_idname, bl_label = "relight.update_light", "Update the Light"
 
     def execute(self, context):
-        """Renders the light of the world again, for all objects with transport."""
         return attempt(self, context, list)
 
 
@@ -143,7 +121,6 @@ class Panel(bpy.types.Panel):
     bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", "relight"
 
     def draw(self, context):
-        """Draws a button for each operator, and warnings."""
         for operator in (BakeTransport, ImportMaps, UpdateLight):
             self.layout.operator(operator.bl_idname)
         for warning in WARNINGS:

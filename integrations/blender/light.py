@@ -21,38 +21,25 @@ def basis(directions):
 
 
 def sphere(rows):
-    """Samples the sphere as Blender's lat-long panoramas do: +z is at the top, -x in the leftmost column.
-
-    Returns:
-        Directions (rows,2 rows,3), the top row first, and the solid angle (rows,1) of each.
-    """
-    edges = np.pi * (0.5 - np.arange(rows + 1) / rows)  # elevations between the rows
-    elevation = (edges[:-1] + edges[1:]) / 2
-    azimuth = np.pi - 2 * np.pi * (np.arange(2 * rows) + 0.5) / (2 * rows)
-    horizontal = np.cos(elevation)[:, None]
-    z = np.broadcast_to(np.sin(elevation)[:, None], (rows, 2 * rows))
-    solid_angle = (np.sin(edges[:-1]) - np.sin(edges[1:])) * np.pi / rows
-    return np.stack([horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), z], -1), solid_angle[:, None]
+    """Returns directions (rows,2 rows,3) as in Blender's lat-long panoramas: the top row is near +z, -x at the left."""
+    elevation = np.pi * (0.5 - (np.arange(rows) + 0.5) / rows)[:, None]
+    azimuth = np.pi - np.pi * (np.arange(2 * rows) + 0.5) / rows
+    x, y, z = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+    return np.stack([x, y, np.broadcast_to(z, x.shape)], -1)
 
 
 def light_on(matte, finer=4):
-    """Finds the light by which white matte surfaces look as they do.
+    """Returns the light (9,3) by which white matte surfaces have a radiance `matte` (rows,2 rows,3) by their normal.
 
-    Args:
-        matte: (rows,2 rows,3) radiance of such a surface by the direction of its normal, as `sphere` samples them: the
-            mean over each pixel.
-        finer: samples a side by which the basis is averaged over a pixel.
-
-    Returns:
-        Radiance coefficients (9,3).
+    Each is the mean over a pixel of `sphere`, as is the basis, by `finer` samples a side.
     """
     rows = len(matte)
-    values = basis(sphere(rows * finer)[0]).reshape(rows, finer, 2 * rows, finer, 9).mean((1, 3))
-    weight = np.sqrt(sphere(rows)[1])[..., None]
+    values = basis(sphere(rows * finer)).reshape(rows, finer, 2 * rows, finer, 9).mean((1, 3))
+    weight = np.sqrt(np.sin(np.pi * (np.arange(rows) + 0.5) / rows))[:, None, None]
     return np.linalg.lstsq((weight * values).reshape(-1, 9), (weight * matte).reshape(-1, 3), rcond=None)[0] / MATTE
 
 
 def rotation(axes):
     """Returns the matrix (9,9) that takes coefficients to the frame whose axes are the rows of `axes` (3,3)."""
-    directions = sphere(8)[0].reshape(-1, 3)
+    directions = sphere(8).reshape(-1, 3)
     return np.linalg.lstsq(basis(directions @ np.asarray(axes, np.float64).T), basis(directions), rcond=None)[0]

@@ -5,8 +5,7 @@ import numpy as np
 
 GROUP = "relight"
 TRANSPORT = ("Transport 0", "Transport 1", "Transport 2")  # coefficients 0 to 2, 3 to 5 and 6 to 8 of a pixel or vertex
-# Properties of an object, four numbers each, since Eevee reads no more than eight: the colors of coefficients 0 to 6,
-# and as fourth numbers those of coefficients 7 and 8.
+# Properties of an object: colors of coefficients 0 to 6, with those of 7 and 8 as fourths, for Eevee reads only eight.
 LIGHT = [f"relight_light_{i}" for i in range(7)]
 ORIGIN = "relight_origin"  # property of a material: the user's own, of which it is a copy
 
@@ -31,14 +30,14 @@ def node_group():
     nodes = group.nodes
 
     def node(kind, *inputs, **options):
-        """Adds a node, whose inputs are outputs of others or values; None leaves one as it is. Returns its outputs."""
+        """Adds a node, whose inputs are outputs of others or values. Returns its outputs."""
         new = nodes.new(f"ShaderNode{kind}")
         for name, value in options.items():
             setattr(new, name, value)
         for socket, value in zip(new.inputs, inputs):
             if isinstance(value, bpy.types.NodeSocket):
                 group.links.new(value, socket)
-            elif value is not None:
+            else:
                 socket.default_value = value
         return new.outputs
 
@@ -59,56 +58,38 @@ def node_group():
     return group
 
 
-def new_material(name, sources):
-    """Returns a material that shines with the group of `node_group`.
+def lit_copy(material, name, sources):
+    """Copies a user's material so that it shines with `node_group`, its base color as albedo; without one, it is white.
 
-    Args:
-        name: of the material.
-        sources: a function that takes the material's nodes, adds some that feed the group, and yields pairs of an
-            output of theirs and the name of the group's input that it feeds.
+    A copy that this function made is copied from its origin again. `sources` adds nodes and yields pairs of an output
+    and the input of the group for it. Returns the copy, and what the user should know.
     """
-    material = bpy.data.materials.new(name)
-    material.node_tree.nodes.clear()
-    shine(material, sources)
-    return material
-
-
-def shine(material, sources):
-    """Makes a material shine with the group of `node_group`, fed as `new_material` says, and returns its node."""
-    nodes, link = material.node_tree.nodes, material.node_tree.links.new
-    group = nodes.new("ShaderNodeGroup")
+    origin = material and material.get(ORIGIN, material)
+    copy = origin.copy() if origin else bpy.data.materials.new(name)
+    nodes, link, copy.name = (
+        copy.node_tree.nodes,
+        copy.node_tree.links.new,
+        f"relight {origin.name if origin else name}",
+    )
+    if origin:
+        copy[ORIGIN] = origin
+    else:
+        nodes.clear()
+    output = copy.node_tree.get_output_node("ALL") or nodes.new("ShaderNodeOutputMaterial")
+    surface, group = base_color(output.inputs["Surface"]), nodes.new("ShaderNodeGroup")
     group.node_tree, group.name = node_group(), GROUP
     for source, target in sources(nodes):
         link(source, group.inputs[target])
-    outputs = [node for node in nodes if node.type == "OUTPUT_MATERIAL"] or [nodes.new("ShaderNodeOutputMaterial")]
-    for output in outputs:
-        link(group.outputs["Shader"], output.inputs["Surface"])
-    return group
-
-
-def lit_copy(material, sources):
-    """Copies a material so that it shines, with its base color as albedo.
-
-    Args:
-        material: the user's, which stays as it is, or one that this function made: its origin is copied again.
-        sources: as of `new_material`.
-
-    Returns:
-        The copy, and whether a base color was found; else it is white.
-    """
-    material = material.get(ORIGIN, material)
-    copy = material.copy()
-    copy.name, copy[ORIGIN] = f"relight {material.name}", material
-    output = copy.node_tree.get_output_node("ALL")
-    surface = output and base_color(output.inputs["Surface"])
-    group = shine(copy, sources)
-    for name, target in (("Color", "Albedo"), ("Base Color", "Albedo"), ("Alpha", "Alpha")):
-        if surface and name in surface.inputs:
-            socket = surface.inputs[name]
+    for given, target in (("Color", "Albedo"), ("Base Color", "Albedo"), ("Alpha", "Alpha")):
+        if surface and given in surface.inputs:
+            socket = surface.inputs[given]
             group.inputs[target].default_value = socket.default_value
-            for link in socket.links:
-                copy.node_tree.links.new(link.from_socket, group.inputs[target])
-    return copy, bool(surface)
+            for source in [each.from_socket for each in socket.links]:
+                link(source, group.inputs[target])
+    for node in nodes:
+        if node.type == "OUTPUT_MATERIAL":
+            link(group.outputs["Shader"], node.inputs["Surface"])
+    return copy, [f"{origin.name} has no base color: it is white here"] if origin and not surface else []
 
 
 def base_color(socket):
@@ -118,4 +99,3 @@ def base_color(socket):
             return node
         shaders = (base_color(part) for part in node.inputs if part.type == "SHADER")
         return next(filter(None, shaders), None)
-    return None

@@ -13,19 +13,11 @@ from .light import Problem, light_on
 ROWS, SAMPLES = 32, 16  # of the render, and of each of its pixels: lights are right to half a percent
 WIDTH = 1024  # pixels of the largest panorama that is rendered as it is
 PLACEMENT = {"rna_type", "location", "location_absolute", "width", "height", "dimensions", "select"}
-SHRUNK = ".relight "  # begins the names of shrunk panoramas, which Blender does not list
 LIGHTS = {}  # coefficients (9,3) by `state`
 
 
 def state(world, frame):
-    """Returns a text that changes whenever the light of a world does.
-
-    It does not change if a panorama is painted on, hence the button for this.
-
-    Args:
-        world: an evaluated `bpy.types.World`, or None.
-        frame: its number, on which moving pictures depend.
-    """
+    """Returns a text that changes with the light of an evaluated world in a frame, but not with a picture's pixels."""
     values = [world.cycles_visibility.diffuse, *values_of(world.node_tree, frame)] if world else None
     return hashlib.blake2s(repr(values).encode()).hexdigest()
 
@@ -35,8 +27,7 @@ def values_of(thing, frame):
     names = ["nodes", "links"] if isinstance(thing, bpy.types.NodeTree) else thing.bl_rna.properties.keys()
     for value in (getattr(thing, name) for name in names if name not in PLACEMENT):
         if isinstance(value, bpy.types.Image):
-            yield value.name_full, value.filepath, value.alpha_mode, value.colorspace_settings.name
-            yield frame if value.source in {"MOVIE", "SEQUENCE"} else 0
+            yield origin(value), frame if value.source in {"MOVIE", "SEQUENCE"} else 0
         elif isinstance(value, bpy.types.Node | bpy.types.NodeSocket):  # of a link
             yield value.name, getattr(value, "identifier", "")
         elif isinstance(value, bpy.types.ID) and not isinstance(value, bpy.types.NodeTree):
@@ -50,32 +41,16 @@ def values_of(thing, frame):
 
 
 def light(scene, key):
-    """Returns the radiance coefficients (9,3) of a scene's world, in the scene's frame; renders once for each `state`.
-
-    Raises:
-        Problem: if it cannot be rendered.
-    """
+    """Returns the light (9,3) of a scene's world, rendered once for each `state`; raises Problem if that fails."""
     if key not in LIGHTS:
         LIGHTS[key] = light_on(render(scene)) if scene.world else np.zeros((9, 3))
     return LIGHTS[key]
 
 
-def forget():
-    """Forgets all lights and shrunk panoramas, so that they are made again."""
-    LIGHTS.clear()
-    bpy.data.batch_remove([image for image in bpy.data.images if image.name.startswith(SHRUNK)])
-
-
 def render(scene):
-    """Renders what white matte surfaces send out in the world of a scene.
+    """Returns how white matte surfaces look in the world of a scene, as `light_on` takes it.
 
     A panoramic camera looks at a translucent ball from within: each point of it is as bright as a matte one outside.
-
-    Returns:
-        (ROWS,2 ROWS,3) radiance by the direction of the normal, as `light.sphere` samples it.
-
-    Raises:
-        Problem: if a picture is missing, or Cycles.
     """
     made = []
 
@@ -128,23 +103,24 @@ def render(scene):
     return pixels.reshape(ROWS, 2 * ROWS, 4)[::-1, :, :3]
 
 
-def shrunk(image):
-    """Returns a panorama that is WIDTH wide at most, since Cycles reads all of it in each render.
+def origin(image):
+    """Returns a text that tells pictures apart."""
+    return f"{image.name_full} {image.filepath} {image.alpha_mode} {image.colorspace_settings.name}"
 
-    Raises:
-        Problem: if it has no pixels.
-    """
-    if not image.size[0]:
+
+def shrunk(image):
+    """Returns a panorama that is WIDTH wide at most, since Cycles reads all of it in each render."""
+    name = f".relight {image.name}"  # Blender lists no names with a dot
+    small = bpy.data.images.get(name)
+    if small and small["origin"] == origin(image) and LIGHTS:  # without lights, all is rendered again
+        return small
+    if not image.size[0]:  # it is read here, if it is not in memory
         raise Problem(f"the panorama {image.name} has no pixels: its file is missing")
     if image.size[0] <= WIDTH or image.is_dirty or image.source not in {"FILE", "GENERATED"}:
         return image
-    name, origin = f"{SHRUNK}{image.name}", f"{image.filepath} {image.alpha_mode} {image.colorspace_settings.name}"
-    small = bpy.data.images.get(name)
-    if small and small.get("origin") != origin:
+    if small:
         bpy.data.images.remove(small)
-        small = None
-    if not small:
-        small = image.copy()
-        small.name, small["origin"] = name, origin
-        small.scale(WIDTH, WIDTH // 2)
+    small = image.copy()
+    small.name, small["origin"] = name, origin(image)
+    small.scale(WIDTH, WIDTH // 2)
     return small

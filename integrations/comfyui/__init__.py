@@ -3,7 +3,7 @@
 try:
     import relight.photos  # noqa: F401
 except ImportError:
-    where = "with ComfyUI's Python, run `pip install .` in a clone of relight's repository (README.md)"
+    where = "run `pip install .` with ComfyUI's Python in a clone of relight (README.md)"
     raise ImportError(f"relight is not installed, and is on no index: {where}") from None
 
 from .nodes import NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS

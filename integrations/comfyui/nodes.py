@@ -37,24 +37,14 @@ SCENES = {}  # by `scene_of`, the oldest first
 NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS = {}, {}
 IMAGE = ("IMAGE", {"tooltip": "Pictures, one or a batch."})
 MASK = ("MASK", {"tooltip": "White on the people: one for all pictures, or one for each. Found if none is given."})
+NAMES = "A name as in the description, or the path of a file on ComfyUI's machine."
 ENCODING = (["sRGB", "linear"], {"tooltip": "Linear if it comes from a loader of EXR or HDR files."})
-
-
-@cache
-def relighter():
-    """Returns the relighter of the weights that come with relight; reads them at the first call."""
-    return load()
+relighter = cache(load)  # of the weights that come with relight
 
 
 def scene_of(pixels, coverage):
-    """Infers the people of a picture, once, and logs the notes on it.
-
-    Args:
-        pixels: (H,W,3) uint16 sRGB, or float32 linear.
-        coverage: (H,W) uint8; None to find the people.
-    """
-    parts = (part for part in (pixels, coverage) if part is not None)
-    key = (pixels.shape, *(hashlib.blake2b(part).digest() for part in parts))
+    """Infers the people of a picture (H,W,3), uint16 sRGB or float32 linear, once; coverage is (H,W) uint8 or None."""
+    key = pixels.shape, *(hashlib.blake2b(part).digest() for part in (pixels, coverage) if part is not None)
     if key not in SCENES:
         scene = relighter().scene(pixels, coverage)
         while SCENES and sum(kept.picture.pixels.size for kept in [scene, *SCENES.values()]) > 3 * MEMORY:
@@ -71,15 +61,9 @@ def log(notes):
 
 
 def each(image, mask, encoding, find):
-    """Yields the index of each picture of an IMAGE that shows people, and what `find` returns for it.
+    """Yields the index of each picture of an IMAGE that shows people, and what `find` returns for it (as `scene_of`).
 
     Between pictures the user may interrupt. What shows nobody is named in the console.
-
-    Args:
-        image: (B,H,W,C).
-        mask: of one picture for all, or of each; None to find the people.
-        encoding: of the image, "sRGB" or "linear".
-        find: function of the pixels and the coverage of a picture, as `scene_of` takes them.
     """
     bar = comfy.utils.ProgressBar(len(image))
     for i, (picture, coverage) in enumerate(zip(image, coverages(mask, image.shape[:3]))):
@@ -116,49 +100,27 @@ def encoded(linear, encoding):
 
 
 def coverages(mask, shape):
-    """Returns the coverage (H,W) uint8 of each picture of an IMAGE of `shape` (B,H,W) by a MASK, or None.
-
-    A mask of another size is resized as ComfyUI does it.
-    """
+    """Returns coverages (H,W) uint8 of the pictures of an IMAGE of `shape` (B,H,W) by a MASK of any size, or Nones."""
     count, *size = shape
     if mask is None:
         return [None] * count
     masks = mask.reshape(-1, 1, *mask.shape[-2:]).float().cpu()
     if len(masks) not in (1, count):
         raise ValueError(f"there are {len(masks)} masks for {count} pictures: give one, or one for each")
-    if list(masks.shape[-2:]) != size:
+    if list(masks.shape[-2:]) != size:  # as ComfyUI does it
         masks = torch.nn.functional.interpolate(masks, size=size, mode="bilinear")
-    codes = (255 * masks[:, 0].clamp(0, 1)).round().to(torch.uint8).numpy()
-    return list(codes) if len(codes) == count else [codes[0]] * count
+    return (255 * masks[:, 0].clamp(0, 1)).round().to(torch.uint8).expand(count, *size).numpy()
 
 
 def node(key, title, returns, optional=None, **required):
-    """Makes a node of ComfyUI of a method, whose docstring is its description.
-
-    Args:
-        key: name of the node in workflows.
-        title: name in the menu.
-        returns: types of the results by their names.
-        optional: optional inputs by their names, as ComfyUI asks for them.
-        **required: the others.
-    """
+    """Makes a node of ComfyUI of a method and its docstring; `returns` has the types of its results by their names."""
 
     def register(run):
         inputs = {"required": required, "optional": optional or {}}
-        NODE_DISPLAY_NAME_MAPPINGS[key] = title
-        NODE_CLASS_MAPPINGS[key] = type(
-            key,
-            (),
-            {
-                "CATEGORY": "relight",
-                "FUNCTION": "run",
-                "RETURN_NAMES": tuple(returns),
-                "RETURN_TYPES": tuple(returns.values()),
-                "DESCRIPTION": " ".join(run.__doc__.split()),
-                "INPUT_TYPES": classmethod(lambda cls: inputs),
-                "run": run,
-            },
-        )
+        parts = {"CATEGORY": "relight", "FUNCTION": "run", "DESCRIPTION": " ".join(run.__doc__.split()), "run": run}
+        parts |= {"RETURN_NAMES": tuple(returns), "RETURN_TYPES": tuple(returns.values())}
+        parts["INPUT_TYPES"] = classmethod(lambda cls: inputs)
+        NODE_DISPLAY_NAME_MAPPINGS[key], NODE_CLASS_MAPPINGS[key] = title, type(key, (), parts)
         return run
 
     return register
@@ -173,12 +135,7 @@ def find_mask(self, image, encoding="sRGB"):
     return (found,)
 
 
-@node(
-    "RelightNamedLight",
-    "Light by name",
-    {"light": LIGHT},
-    light=("STRING", {"default": "room:7", "tooltip": "A name as below, or the path of a file on ComfyUI's machine."}),
-)
+@node("RelightNamedLight", "Light by name", {"light": LIGHT}, light=("STRING", {"default": "room:7", "tooltip": NAMES}))
 def named_light(self, light):
     """room:7, sky:3, lamps:5, key:#ffd9a0@70,20,0.15 (color, degrees right and up, fill), or a file."""
     return (light_of(changed(None, light)),)

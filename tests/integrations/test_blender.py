@@ -42,9 +42,9 @@ def test_basis_is_that_of_relight(light):
 
 
 def test_sphere_integrates_the_basis_to_its_norms(light):
-    directions, angle = light.sphere(64)
-    values = light.basis(directions)
-    products = np.einsum("hwa,hwb,hw->ab", values, values, np.broadcast_to(angle, values.shape[:2]))
+    directions = light.sphere(64)
+    values, angle = light.basis(directions), np.sqrt(1 - directions[..., 2] ** 2) * (np.pi / 64) ** 2
+    products = np.einsum("hwa,hwb,hw->ab", values, values, angle)
     np.testing.assert_allclose(products, np.eye(9), atol=2e-3)
 
 
@@ -52,7 +52,7 @@ def test_light_on_matte_surfaces_is_found_again(light):
     """Radiance L lights a surface by pi, 2 pi / 3 and pi / 4 of its bands (Ramamoorthi and Hanrahan 2001)."""
     coefficients = np.random.default_rng(1).normal(size=(9, 3))
     share = np.array([1, 2 / 3, 2 / 3, 2 / 3, 1 / 4, 1 / 4, 1 / 4, 1 / 4, 1 / 4])[:, None]
-    fine = light.basis(light.sphere(160)[0]) @ (share * coefficients)
+    fine = light.basis(light.sphere(160)) @ (share * coefficients)
     means = fine.reshape(16, 10, 32, 10, 3).mean((1, 3))
     np.testing.assert_allclose(light.light_on(means), coefficients, atol=2e-3)
 
@@ -97,8 +97,7 @@ def scene(addon):
     nodes, link = scene.world.node_tree.nodes, scene.world.node_tree.links.new
     panorama, mapping, place = (nodes.new(f"ShaderNode{kind}") for kind in ("TexEnvironment", "Mapping", "TexCoord"))
     panorama.image = bpy.data.images.new("panorama", 128, 64, float_buffer=True)
-    directions, _ = addon.light.sphere(64)
-    x, y, z = np.moveaxis(directions, -1, 0)
+    x, y, z = np.moveaxis(addon.light.sphere(64), -1, 0)
     values = np.stack([1 + 0.9 * x + 0.3 * x * y, 1 + 0.8 * y, 1 + 0.7 * z - 0.2 * x * z, np.ones_like(x)], -1)
     panorama.image.pixels.foreach_set(np.ascontiguousarray(values[::-1], np.float32).ravel())
     panorama.image.pack()
@@ -167,13 +166,13 @@ def light_of(addon, item) -> np.ndarray:
     return np.array([list(item[name]) for name in addon.shader.LIGHT])
 
 
-def agree(mine: np.ndarray, truth: np.ndarray, mean: float = 0.02) -> None:
-    """Asserts that two renders show the same light, on average to a share `mean`; pixels at the edge are left out."""
+def agree(mine: np.ndarray, truth: np.ndarray, mean: float = 0.02, like: float = 0.98) -> None:
+    """Asserts that two renders show the same light, on average to a share `mean`, correlated by `like`; edges are left out."""
     inside = (mine[..., 3] > 0.99) & (truth[..., 3] > 0.99)
     assert inside.sum() > 1000
     a, b = mine[inside][:, :3], truth[inside][:, :3]
     np.testing.assert_allclose(a.mean(0), b.mean(0), rtol=mean)
-    assert np.sqrt(((a - b) ** 2).mean()) < 0.06 and np.corrcoef(a.ravel(), b.ravel())[0, 1] > 0.98
+    assert np.sqrt(((a - b) ** 2).mean()) < 0.06 * max(b.max(), 1) and np.corrcoef(a.ravel(), b.ravel())[0, 1] > like
 
 
 @in_blender
@@ -382,7 +381,8 @@ def test_any_world_gives_the_light_that_cycles_gives(addon, scene, tmp_path, cha
     bpy.context.view_layer.update()
     mine = rendered(scene, tmp_path / "mine.exr", 16)
     lit(scene, item, white())
-    agree(mine, rendered(scene, tmp_path / "truth.exr", 128), mean=0.05 if change is sky else 0.02)  # a sun is not soft
+    limits = (0.05, 0.95) if change is sky else (0.02, 0.98)  # order 2 makes a sun soft
+    agree(mine, rendered(scene, tmp_path / "truth.exr", 128), *limits)
 
 
 @in_blender

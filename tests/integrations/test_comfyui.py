@@ -230,7 +230,7 @@ def test_strips_leave_no_seam(nodes, portrait, monkeypatch):
 def test_without_relight_the_pack_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "relight.photos", None)
     spec = importlib.util.spec_from_file_location("bare_pack", PACK / "__init__.py")
-    with pytest.raises(ImportError, match=r"relight is not installed, .*: with ComfyUI's Python, run `pip install \.`"):
+    with pytest.raises(ImportError, match=r"relight is not installed, .*: run `pip install \.` with ComfyUI's Python"):
         spec.loader.exec_module(importlib.util.module_from_spec(spec))
     lines = (PACK / "requirements.txt").read_text().splitlines()
     assert all(line.startswith("#") for line in lines), "another package of that name may come to the index"
@@ -328,5 +328,6 @@ def test_registry_gets_its_fields_and_no_torch():
     project, comfy = document["project"], document["tool"]["comfy"]
     assert re.fullmatch(r"[a-zA-Z](?:[-_.]?[a-zA-Z0-9])*", project["name"]) and len(project["name"]) < 100
     assert "comfyui" not in project["name"].lower() and re.fullmatch(r"\d+\.\d+\.\d+", project["version"])
-    assert project["license"] == {"text": "Apache-2.0"} and {"PublisherId", "DisplayName"} <= comfy.keys()
+    assert project["license"] == {"text": "Apache-2.0"} and {"PublisherId", "DisplayName", "Icon"} <= comfy.keys()
+    assert "Repository" in project["urls"]
     assert [re.match(r"[\w-]+", line)[0] for line in project["dependencies"]] == ["relight"]
