@@ -167,7 +167,7 @@ def light_of(addon, item) -> np.ndarray:
 
 
 def agree(mine: np.ndarray, truth: np.ndarray, mean: float = 0.02, like: float = 0.98) -> None:
-    """Asserts that two renders show the same light, on average to a share `mean`, correlated by `like`; edges are left out."""
+    """Asserts that two renders show the same light: means to a share `mean`, correlated by `like`; no edges."""
     inside = (mine[..., 3] > 0.99) & (truth[..., 3] > 0.99)
     assert inside.sum() > 1000
     a, b = mine[inside][:, :3], truth[inside][:, :3]
