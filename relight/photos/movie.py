@@ -25,7 +25,7 @@ from relight.photos.mask.people import mask_warnings
 from relight.photos.network import PhotoNetwork
 from relight.photos.opening import list_photos, list_pictures, mask_in
 from relight.photos.person import Person, balanced, infer_person
-from relight.photos.picture import Picture
+from relight.photos.picture import Given, Picture
 from relight.photos.scene import Scene, SceneOptions, require_white_balance
 from relight.photos.video import FPS, is_video, read_frames, write_video
 
@@ -148,36 +148,30 @@ def with_masks(
         yield from (masked(frame, None, mask_model) for frame in frames)
         return
     masks = Path(masks)
-    if masks.is_dir():
-        files = iter(list_pictures(masks))
-        named = Path(clip).is_dir() and any(mask_in(masks, frame.stem) for frame in list_photos(clip))
-        for number, frame in enumerate(frames, 1):
-            mask = mask_in(masks, frame.name) if named else next(files, None)
-            if mask is None and named:
-                raise UserError(f"folder {masks} holds no mask of the frame {frame.name}")
-            if mask is None:
-                raise UserError(f"folder {masks} holds {number - 1} masks, but the clip has more frames")
-            yield masked(frame, mask)
-        if not named and next(files, None) is not None:
-            raise UserError(f"folder {masks} holds more masks than the clip has frames: in order, each has its own")
-        return
-    if not is_video(masks):
+    named = masks.is_dir() and Path(clip).is_dir() and any(mask_in(masks, frame.stem) for frame in list_photos(clip))
+    if not masks.is_dir() and not is_video(masks):
         raise UserError(f"mask {masks}: for a clip give a folder of masks or a video of them")
-    stream, _, _ = read_frames(masks)
+    stream: Iterator[Given] = iter(list_pictures(masks)) if masks.is_dir() else map(_drawn, read_frames(masks)[0])
     for number, frame in enumerate(frames, 1):
-        drawn = next(stream, None)
-        if drawn is None:
-            raise UserError(f"mask video {masks} has {number - 1} frames, but the clip has more")
-        codes = drawn.codes.max(-1) if drawn.alpha is None else drawn.alpha
-        bright = codes[codes >= MASK_THRESHOLD]
-        peak = np.quantile(bright, 0.9) if bright.size else 255
-        codes = np.where(codes < CODER, 0, np.where(codes > peak - CODER, 255, codes)).astype(np.uint8)
+        mask = mask_in(masks, frame.name) if named else next(stream, None)
+        if mask is None and named:
+            raise UserError(f"folder {masks} holds no mask of the frame {frame.name}")
+        if mask is None:
+            raise UserError(f"{masks} holds {number - 1} masks, but the clip has more frames")
         try:
-            yield masked(frame, Image.fromarray(codes))
+            yield masked(frame, mask)
         except UserError as error:
-            raise UserError(f"frame {number} of the mask video {masks}: {error}") from None
-    if next(stream, None) is not None:
-        raise UserError(f"mask video {masks} has more frames than the clip: each frame has its own")
+            raise UserError(f"frame {number} of the clip, mask of {masks}: {error}") from None
+    if not named and next(stream, None) is not None:
+        raise UserError(f"{masks} holds more masks than the clip has frames: each has its own")
+
+
+def _drawn(frame: Picture) -> Image.Image:
+    """Returns a frame of a clip of masks without the noise of its coder, where it is dark and where it is bright."""
+    codes = frame.codes.max(-1) if frame.alpha is None else frame.alpha
+    bright = codes[codes >= MASK_THRESHOLD]
+    peak = np.quantile(bright, 0.9) if bright.size else 255
+    return Image.fromarray(np.where(codes < CODER, 0, np.where(codes > peak - CODER, 255, codes)).astype(np.uint8))
 
 
 def smooth_over_time(frames: Iterable[Picture], size: int, infer: Callable[[Picture, Crop], Person]) -> Iterator[Scene]:

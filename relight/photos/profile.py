@@ -67,16 +67,20 @@ def to_srgb(
         primaries = REC709 if xy is None else (*xy[2:], *xy[:2])
         if abs(gamma - SRGB_GAMMA) < 0.01 and np.allclose(primaries, REC709, atol=0.003):
             return pixels, []
-        matrix = chromaticity_matrix(primaries)
         curve = decode if abs(gamma - SRGB_GAMMA) < 0.01 else lambda code: code ** (1 / gamma)
-        note = f"it was converted by the gamma that the file gives, {gamma:g}"
-        return _by_curves(pixels, [curve] * 3, np.eye(3) if matrix is None else matrix), [note]
+        return _by_primaries(pixels, primaries, curve, f"by the gamma that the file gives, {gamma:g}")
     if _is_adobe(image):
-        matrix = chromaticity_matrix(ADOBE)
-        assert matrix is not None
-        curves = [lambda code: code**ADOBE_GAMMA] * 3
-        return _by_curves(pixels, curves, matrix), ["it was converted from Adobe RGB, which its camera says it has"]
+        return _by_primaries(
+            pixels, ADOBE, lambda code: code**ADOBE_GAMMA, "from Adobe RGB, which its camera says it has"
+        )
     return pixels, []
+
+
+def _by_primaries(
+    pixels: np.ndarray, primaries: Sequence[float], curve: Curve, how: str
+) -> tuple[np.ndarray, list[str]]:
+    matrix = chromaticity_matrix(primaries)  # None for those of no color space
+    return _by_curves(pixels, [curve] * 3, np.eye(3) if matrix is None else matrix), [f"it was converted {how}"]
 
 
 def _by_coding(pixels: np.ndarray, coding: tuple[int, int], what: str) -> tuple[np.ndarray, list[str]]:
@@ -86,12 +90,9 @@ def _by_coding(pixels: np.ndarray, coding: tuple[int, int], what: str) -> tuple[
         raise UserError(f"{what} is coded for displays of high dynamic range: save it as sRGB, or linear as OpenEXR")
     if primaries not in PRIMARIES or transfer not in TRANSFERS:
         raise UserError(f"{what} has colors of the kinds {primaries} and {transfer} of ITU-T H.273: convert it to sRGB")
-    xy, curve = PRIMARIES[primaries], TRANSFERS[transfer]
-    if xy == REC709 and curve is decode:
+    if primaries == 1 and TRANSFERS[transfer] is decode:
         return pixels, []
-    matrix = chromaticity_matrix(xy)
-    assert matrix is not None
-    return _by_curves(pixels, [curve] * 3, matrix), ["it was converted by the color space that its file codes"]
+    return _by_primaries(pixels, PRIMARIES[primaries], TRANSFERS[transfer], "by the color space that its file codes")
 
 
 def _is_adobe(image: Image.Image) -> bool:

@@ -197,7 +197,10 @@ def _decoded(path: Path) -> Iterator[Picture]:
             decoded = (frame for packet in container.demux(stream) for frame in decoder.decode(packet))
             for number, frame in enumerate(decoded, 1):
                 if graph is None:
-                    graph, size, notes = _conversion(stream, frame), (frame.width, frame.height), hdr_notes(path, frame)
+                    graph, size, notes = _conversion(stream, frame), (frame.width, frame.height), []
+                    if kind := HDR.get(frame.color_trc):
+                        coded = f"it is coded for displays of high dynamic range ({kind})"
+                        notes = [f"{path}: {coded}; what is brighter than white is cut"]
                 elif size != (frame.width, frame.height):
                     raise UserError(
                         f"{path}: frame {number} is {frame.width} x {frame.height} pixels, and those before are "
@@ -236,14 +239,6 @@ def _conversion(stream: "VideoStream", frame: "VideoFrame") -> "Graph":
     nodes = [graph.add_buffer(template=stream), *(graph.add(*words) for words in chain)]
     graph.link_nodes(*nodes, graph.add("format", shown), graph.add("buffersink")).configure()
     return graph
-
-
-def hdr_notes(path: Path, frame: "VideoFrame") -> list[str]:
-    """Returns a note if a clip is coded for displays of high dynamic range, whose highlights sRGB does not have."""
-    kind = HDR.get(frame.color_trc)
-    return [
-        f"{path}: it is coded for displays of high dynamic range ({kind}); what is brighter than white is cut"
-    ] * bool(kind)
 
 
 def _upright(pixels: np.ndarray, frame: "VideoFrame") -> np.ndarray:

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from relight.cli import app
 from relight.core.errors import UserError
 from relight.photos.mask import selfie, u2net
-from relight.photos.mask.find import AUTOMATIC, automatic_model, masked
+from relight.photos.mask.find import AUTOMATIC, NO_OUTLINE, automatic_model, masked
 from relight.photos.mask.tflite import convert
 from relight.photos.picture import Picture
 from relight.viewer.source import PORTRAIT_MASK
@@ -252,6 +252,15 @@ def test_a_network_of_any_size_and_normalisation(tmp_path, name):
     assert np.abs(found - 255 * right(CODES / 255)).mean() < 2 and found.shape == CODES.shape
     photo = masked(Picture.of(pixels), model=f"{tmp_path / 'a.onnx'}{word}")
     assert AUTOMATIC in photo.notes and automatic_model(f"{tmp_path / 'a.onnx'}{word}") == tmp_path / "a.onnx"
+
+
+def test_a_photo_whose_alpha_is_no_mask_gets_an_automatic_one(tmp_path):
+    model_of(tmp_path / "a.onnx", [TO_MATTE], (1, 3, 128, 96), first=np.array([0], np.int64))
+    alpha = np.where(REACH > 1.6, np.uint8(0), np.uint8(255))
+    image = Image.fromarray(np.dstack([CODES, CODES, CODES, alpha]))
+    photo = masked(Picture.of(image), model=f"{tmp_path / 'a.onnx'}:rgb")
+    assert photo.notes[-2:] == [NO_OUTLINE, AUTOMATIC]
+    assert ((photo.coverage > 127) != (CODES > 127)).mean() < 0.02 and not photo.coverage[alpha == 0].any()
 
 
 def test_what_is_no_such_network_is_said(tmp_path):

@@ -11,7 +11,7 @@ from relight.core.errors import UserError
 from relight.core.srgb import encode
 from relight.maps.square import crop_around
 from relight.photos.look import Look
-from relight.photos.movie import smooth_over_time, windows, with_masks
+from relight.photos.movie import smooth_over_time, windows, with_masks, write_movie
 from relight.photos.opening import mask_in
 from relight.photos.person import Person
 from relight.photos.picture import Picture
@@ -183,7 +183,7 @@ def test_masks_of_a_clip_are_fitted_where_they_have_two_values(masks, tmp_path):
     assert masks == "masks.mp4" or np.array_equal(second, soft)
 
 
-@pytest.mark.parametrize(("count", "told"), [(1, "has 1 frames, but the clip"), (3, "has more frames than the clip")])
+@pytest.mark.parametrize(("count", "told"), [(1, "holds 1 masks, but the clip"), (3, "holds more masks than the clip")])
 def test_a_mask_video_has_as_many_frames_as_the_clip(tmp_path, count, told):
     frame = np.full((96, 96, 3), 200, np.uint8)
     frame[30:60, 30:60] = 0
@@ -215,7 +215,7 @@ def test_a_clip_of_masks_is_checked_as_a_mask_is(tmp_path, name):
     write_video(tmp_path / "masks.mp4", [drawn.astype(np.uint8)], 25)
     photo = Picture.of((NOTHING + np.arange(96)[:, None, None] * 2 + 30).astype(np.uint8))
     if says:
-        with pytest.raises(UserError, match=rf"frame 1 of the mask video .*masks\.mp4: .*{says}"):
+        with pytest.raises(UserError, match=rf"frame 1 of the clip, mask of .*masks\.mp4: .*{says}"):
             list(with_masks("clip.mp4", iter([photo]), tmp_path / "masks.mp4"))
     else:
         (frame,) = with_masks("clip.mp4", iter([photo]), tmp_path / "masks.mp4")
@@ -299,3 +299,17 @@ def test_downscaled_photo_keeps_the_shape():
     photo = Picture(np.zeros((400, 300, 3), np.uint8), coverage=np.zeros((400, 300), np.uint8)).downscaled(100)
     assert photo.pixels.shape == (100, 75, 3) and photo.coverage.shape == (100, 75)
     assert photo.downscaled(100).coverage.shape == photo.coverage.shape
+
+
+def test_what_is_transparent_is_white_in_a_movie_of_any_size(tmp_path, relighter, draw):
+    pixels, mask = draw()
+    pixels[mask == 0] = 255, 0, 255
+    Image.fromarray(np.dstack([pixels, mask])).save(tmp_path / "me.png")
+    notes = write_movie(relighter.network, tmp_path / "me.png", None, tmp_path / "a.gif", Look("key:#ffffff@60,20"),
+                        seconds=0.1, size=90)  # fmt: skip
+    assert any("what is transparent is white" in note for note in notes)
+    small = np.asarray(Image.fromarray(mask).resize((70, 90), Image.Resampling.LANCZOS))
+    frame = next(read_frames(tmp_path / "a.gif")[0])
+    assert frame.pixels[small == 0].mean() > 250 and (frame.pixels[small == 0] > 200).all()
+    magenta = frame.pixels[..., [0, 2]].min(-1).astype(int) - frame.pixels[..., 1]
+    assert magenta.max() < 90
