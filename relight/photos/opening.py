@@ -133,14 +133,15 @@ def coding_of(image: Image.Image, file: Path | None) -> tuple[int, int] | None:
     """Returns the color space that a PNG, AVIF or HEIC codes for its picture: primaries and transfer of ITU-T H.273.
 
     None if it codes none, or if an AVIF or HEIC has an ICC profile, which counts there; in a PNG the codes do.
-    `file` is that of the image, None if it has none.
+    `file` is that of the image; by default the one that Pillow opened, if it had a name.
     """
-    if image.format == "PNG" and file is not None:
+    file = file or Path(getattr(image, "filename", ""))
+    if image.format == "PNG" and file.is_file():
         codes = _png_chunk(file, b"cICP")
         return (codes[0], codes[1]) if len(codes) == 4 else None
     if image.format == "HEIF" and (profile := image.info.get("nclx_profile")):
         return profile["color_primaries"], profile["transfer_characteristics"]
-    if image.format == "AVIF" and file is not None and not image.info.get("icc_profile"):
+    if image.format == "AVIF" and file.is_file() and not image.info.get("icc_profile"):
         for kind, content in _primary_properties(memoryview(file.read_bytes())):
             if kind == b"colr" and content[:4] == b"nclx":
                 return struct.unpack_from(">HH", content, 4)
