@@ -114,10 +114,9 @@ def read_table(path: Path, is_right: Callable[[Table], bool] = lambda table: Tru
 
 
 def _parse_table(text: str) -> Table:
-    """Parses CSV; see `read_table`. The separator is that of Excel's first line `sep=`, else the commonest in the head.
+    """Parses CSV, or raises csv.Error; see `read_table`.
 
-    Raises:
-        csv.Error: if it is not CSV.
+    The separator is that of Excel's first line `sep=`, else the commonest in the head.
     """
     if match := re.match(r"sep=(.)\r?\n", text):
         separator, text = match[1], text[match.end() :]

@@ -280,12 +280,7 @@ class Network(nn.Module):
     refinement: "Refinement | None"
 
     def __init__(self, model: Model, size: int):
-        """Keeps the settings; subclasses create the layers.
-
-        Args:
-            model: settings of the network.
-            size: side of the images, pixels.
-        """
+        """Keeps the settings; subclasses create the layers. `size` is the side of the images, pixels."""
         super().__init__()
         self.order, self.size, self.albedo, self.sees = model.order, size, model.albedo, model.sees
 
@@ -335,10 +330,6 @@ class PaperNetwork(Network):
         """Creates the encoder, a decoder for each map, and the head of the light.
 
         Convolutions have kernel 4, stride 2 and padding 1, so that each layer halves the side.
-
-        Args:
-            model: settings of the network.
-            size: side of the images, pixels.
         """
         super().__init__(model, size)
         coefficients = (model.order + 1) ** 2

@@ -154,11 +154,7 @@ def load_light(
 
 
 def _find_panorama(text: str) -> str | Path:
-    """Returns the file of a panorama that `text` names: a file of the user's, else one of those by Poly Haven.
-
-    Raises:
-        UserError: if `text` is a word that names neither, or the panorama is not set up.
-    """
+    """Returns the file of a panorama that `text` names: a file of the user's, else one of those by Poly Haven."""
     if not text.isidentifier() or Path(text).is_file():
         return text
     if text not in polyhaven.NAMES:
@@ -175,11 +171,7 @@ def _notes_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list
 
 
 def _parse_key(text: str) -> tuple[str, float, float, float]:
-    """Parses the name of a key light: color (six digits), azimuth, elevation, and fill, which may be left out.
-
-    Raises:
-        UserError: if a part is missing or malformed; `key_light` checks the ranges.
-    """
+    """Parses the name of a key light: color (six digits), azimuth, elevation, and fill, which may be left out."""
     color, _, numbers = text.removeprefix("key:").partition("@")
     try:
         codes = ImageColor.getrgb(f"#{color}" if HEXADECIMAL.fullmatch(color) else color)[:3]
@@ -232,14 +224,9 @@ def _read_row(path: str, row: int) -> Light:
 
 
 def _read_coefficients(path: Path, convention: str | None) -> Light:
-    """Reads a file of coefficients.
+    """Reads a file of coefficients (.npy, .json, .txt or .csv).
 
-    Args:
-        path: .npy, .json, .txt or .csv.
-        convention: convention of the coefficients; None for that of the JSON, else of the file's name, else relight's.
-
-    Raises:
-        UserError: if the file is too large or not a table of coefficients.
+    Their convention, if it is None, is that of the JSON, else of the file's name, else relight's.
     """
     if path.stat().st_size > MAX_BYTES:
         size = path.stat().st_size >> 20
@@ -265,22 +252,14 @@ def _read_coefficients(path: Path, convention: str | None) -> Light:
 
 
 def _parse_rows(text: str) -> np.ndarray:
-    """Parses rows of numbers between blanks, commas or semicolons; beside semicolons and tabs a comma is a point.
-
-    Raises:
-        ValueError: if they are no such table.
-    """
+    """Parses rows of numbers between blanks, commas or semicolons; beside semicolons and tabs a comma is a point."""
     point = "." if re.search(r"[;\t]", text) and not re.search(r"\d\.\d", text) else " "
     lines = (re.sub(r'[;"]', " ", line.split("#")[0].replace(",", point)) for line in text.splitlines())
     return np.array([[float(word) for word in line.split()] for line in lines if line.strip()])
 
 
 def _parse_json(path: Path, content: object) -> tuple[object, str | None]:
-    """Returns coefficients and convention of the JSON of relight or of a three.js LightProbe.
-
-    Raises:
-        UserError: if there are no coefficients, or if the convention is unknown.
-    """
+    """Returns coefficients and convention of the JSON of relight or of a three.js LightProbe."""
     if isinstance(content, dict):
         if "coefficients" in content:
             convention = content.get("convention")

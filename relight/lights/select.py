@@ -274,13 +274,10 @@ def cluster(lights: LightSet, clusters: int, seed: int, record: dict[str, Any] |
 
 
 def _split_unusual(unusual: LightSet, usual: LightSet) -> np.ndarray:
-    """Splits unusual lights by panorama into `unusual`, for tests, and `rich`, for training.
+    """Splits unusual lights (N,) by panorama into `unusual`, for tests, and `rich`, for training.
 
     A panorama with a training light is `rich`, one with only test lights is `unusual`, so no panorama is on both sides.
     The other panoramas go to the smaller side.
-
-    Returns:
-        (N,) str, the split of each unusual light.
     """
     train_sources, test_sources = (set(usual.of(split).source.tolist()) for split in ("train", "test"))
     splits = {room: "rich" if room in train_sources else "unusual" for room in train_sources | test_sources}

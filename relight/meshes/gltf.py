@@ -132,11 +132,7 @@ def _turned(normal: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 
 def _uv(gltf: Gltf, primitive: dict[str, Any], surface: Surface, faces: np.ndarray) -> np.ndarray:
-    """Returns the texture coordinates (F,3,2) of faces (F,3), zeros if the surface has no texture.
-
-    Raises:
-        UserError: if the surface has a texture and the primitive no coordinates for it.
-    """
+    """Returns the texture coordinates (F,3,2) of faces (F,3), zeros if the surface has no texture."""
     if surface.material is None or surface.material.texture is None:
         return np.zeros((len(faces), 3, 2))
     name = f"TEXCOORD_{surface.channel}"
@@ -175,8 +171,7 @@ def _poses(gltf: Gltf, node: dict[str, Any]) -> list[str]:
 def _primitives(gltf: Gltf) -> Iterator[tuple[dict[str, Any], dict[str, Any], np.ndarray]]:
     """Yields the primitives of the default scene, or of all nodes if there is none, depth first.
 
-    Yields:
-        Its node, the primitive, and the transform to the scene's frame: (4,4), or (V,4,4) for vertices of a skin.
+    Each has its node, and the transform to the scene's frame: (4,4), or (V,4,4) for vertices of a skin.
     """
     placed = _transforms(gltf)
     for index, matrix in placed.items():
@@ -187,11 +182,7 @@ def _primitives(gltf: Gltf) -> Iterator[tuple[dict[str, Any], dict[str, Any], np
 
 
 def _transforms(gltf: Gltf) -> dict[int, np.ndarray]:
-    """Returns the nodes that `_primitives` describes, and the transform (4,4) from the frame of each to the scene's.
-
-    Raises:
-        UserError: if the nodes do not form a tree.
-    """
+    """Returns the nodes that `_primitives` describes, and the transform (4,4) from the frame of each to the scene's."""
     nodes = gltf.json.get("nodes", [])
     if gltf.json.get("scenes"):
         roots = gltf.item("scenes", gltf.json.get("scene", 0)).get("nodes", [])

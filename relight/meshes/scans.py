@@ -146,11 +146,7 @@ def _finest_versions(files: list[Path]) -> list[Path]:
 
 
 def _from_table(table: Path) -> dict[str, Scan]:
-    """Reads the scans that a table names.
-
-    Raises:
-        UserError: if the table contradicts itself or its folder, or chooses no scan.
-    """
+    """Reads the scans that a table names; raises UserError if it contradicts itself or its folder, or chooses none."""
 
     def scan_path(row: dict[str, str]) -> Path:
         """Returns the file of a row, also if capitals or accents differ; where there is none, the path as written."""

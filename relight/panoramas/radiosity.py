@@ -117,21 +117,15 @@ class Grid:
     The faces of box b are numbered 6 b + 2 axis + side. There are N = faces * n * n cells.
 
     Attributes:
-        low, high, n: as given.
+        low, high: (B,3) metres, opposite corners of the boxes.
+        n: cells per side of a face.
         position: (N,3) metres, centres of the cells.
         normal: (N,3) unit normals.
         area: (N,) square metres.
     """
 
     def __init__(self, low: np.ndarray, high: np.ndarray, n: int, inside: bool):
-        """Creates n x n cells on each face.
-
-        Args:
-            low: (B,3) metres, corners of the boxes.
-            high: (B,3) metres, opposite corners.
-            n: cells per side of a face.
-            inside: whether normals point into the box.
-        """
+        """Creates n x n cells on each face; normals point into the box if it is seen from `inside`."""
         self.low, self.high, self.n = low, high, n
         centre = (np.arange(n) + 0.5) / n
         unit = np.zeros((6, n, n, 3))
@@ -227,8 +221,7 @@ def _box_bounds(room: Room) -> tuple[np.ndarray, np.ndarray]:
 def _sample_emitters(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Samples the emitters of a room: large area lights at 2 x 2 points, others at the centre.
 
-    Returns:
-        Points (S,3); normals (S,3), zero for lamps; areas (S,), for lamps of their disc; radiances (S,3).
+    Returns points and normals (S,3), zero for lamps; areas (S,), for lamps of their disc; radiances (S,3).
     """
     points, normals, areas, radiances = [], [], [], []
     for light in room.area_lights:

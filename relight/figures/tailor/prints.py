@@ -14,14 +14,7 @@ GLYPHS = (31599, 29847, 29671, 31143, 29391, 4687, 31567, 23533, 29847, 24914, 2
 
 
 def _motifs(shape: str, u: np.ndarray, v: np.ndarray, cell: float, seed: int) -> np.ndarray:
-    """Returns the coverage (...) in [0,1] of scattered motifs, one per cell of `cell` metres.
-
-    Args:
-        shape: dots | flowers | leaves.
-        u, v: (...) cloth coordinates, metres.
-        cell: spacing of the motifs, metres.
-        seed: random seed of their places and directions.
-    """
+    """Returns the coverage (...) in [0,1] of scattered dots, flowers or leaves, one per cell of `cell` metres."""
     i = np.floor(u / cell)
     j = np.floor(v / cell + 0.5 * (i % 2))  # every other column is shifted by half a cell
     # From the motif's middle, in cells: each is up to an eighth of a cell off the middle of its cell.
