@@ -40,13 +40,15 @@ def open_picture(path: Path, what: str) -> Image.Image:
     """
     if path.stat().st_size > MAX_BYTES:
         raise UserError(f"{what} is larger than {MAX_BYTES // 10**6} MB: give a smaller file")
-    if path.suffix.lower() in HEIC:
+    with open(path, "rb") as file:
+        head = file.read(12)
+    if path.suffix.lower() in HEIC or head[4:10] == b"ftyphe":  # phones and messengers call HEIC files .jpg, too
         try:
             from pi_heif import register_heif_opener
         except ImportError:
             raise UserError(f"{what} is HEIC, which needs pi-heif: pip install '.[heic]', or save it as JPEG") from None
         register_heif_opener()
-    if path.suffix.lower() in RAW:
+    if path.suffix.lower() in RAW or (head[:4] == b"II*\0" and head[8:10] == b"CR"):  # the mark of .cr2
         raise UserError(f"{what} is {DEVELOP}")
     try:
         with warnings.catch_warnings(action="ignore"):  # Pillow only warns of large pictures; here they are an error

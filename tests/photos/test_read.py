@@ -207,6 +207,12 @@ def test_raw_files_are_refused_before_their_thumbnail_is_taken(name, tmp_path):
         Picture.of(tmp_path / name)
 
 
+def test_a_raw_file_of_canon_is_told_by_its_mark(tmp_path):
+    (tmp_path / "a.tif").write_bytes(b"II*\0\x10\0\0\0CR\2\0")
+    with pytest.raises(UserError, match=r"a\.tif is the RAW file of a camera"):
+        Picture.of(tmp_path / "a.tif")
+
+
 def tiff(path, *pages):
     """A TIFF of pages, each of a NewSubfileType and whether a picture of a sensor is under it."""
     with tifffile.TiffWriter(path) as file:
@@ -240,11 +246,12 @@ def test_a_preview_is_no_picture(tmp_path, name, kind):
         np.testing.assert_array_equal(read(given).pixels, RGB[::2, ::2])
 
 
-def test_heic_needs_its_reader(tmp_path, monkeypatch):
-    (tmp_path / "a.heic").write_bytes(b"....ftypheic")
+@pytest.mark.parametrize("name", ["a.heic", "a.HEIF", "a.jpg", "a.hif"])
+def test_heic_needs_its_reader(tmp_path, monkeypatch, name):
+    (tmp_path / name).write_bytes(b"....ftypheic")
     monkeypatch.setitem(sys.modules, "pi_heif", None)  # as if it were not installed
     with pytest.raises(UserError, match=r"HEIC, which needs pi-heif.*or save it as JPEG"):
-        Picture.of(tmp_path / "a.heic")
+        Picture.of(tmp_path / name)
 
 
 @pytest.mark.parametrize("form", ["NFC", "NFD"])
