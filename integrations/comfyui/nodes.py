@@ -20,8 +20,7 @@ from relight.lights import Light
 from relight.panoramas import Panorama, project
 from relight.photos.api import load
 from relight.photos.look import Look
-from relight.photos.mask.find import masked
-from relight.photos.mask.people import NobodyFound
+from relight.photos.mask.find import NobodyFound, masked
 from relight.photos.picture import Picture
 from relight.photos.place import is_of_person
 from relight.photos.render import strips
@@ -203,8 +202,8 @@ def relight(self, image, light, mode, strength, turn, stops, mask=None, backgrou
         for rows in (slice(*part) for part in strips(0, len(relit))):
             part = relit[rows]
             part = part / np.float32(65535) if part.dtype == np.uint16 else encoded(part, encoding)
-            own = np.full(part.shape[:2], True) if background is not None else coverage[rows] > 0
-            out[i, rows].numpy()[own] = part[own]
+            own = True if background is not None else coverage[rows, :, None] > 0
+            np.copyto(out[i, rows].numpy(), part, where=own)
     return out, alpha
 
 
