@@ -91,6 +91,20 @@ def exported_network(once) -> Callable[[str], Path]:
     return lambda name: once(name, fill)
 
 
+@pytest.fixture(scope="session")
+def figure(once):
+    """A draft figure in three outfits, the second of three of one person, which no training has drawn."""
+
+    def fill(folder: Path) -> None:
+        from relight.figures.dress import make_figure
+
+        make_figure(5002, "draft", 128, per_subject=3, outfits=3).save(folder / "figure.npz")
+
+    from relight.meshes import Mesh
+
+    return Mesh.load(once("figure", fill) / "figure.npz")
+
+
 @pytest.fixture(scope="session", name="weights")
 def tiny_network(tmp_path_factory) -> Path:
     """A network for photos, 64 px, as relight.photos.network reads it: random, but for a transport like that of a

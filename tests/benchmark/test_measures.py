@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from relight.benchmark.measures import (
-    INVARIANCES,
-    LEAKS,
-    MIRROR,
-    Intrinsics,
-    errors,
-    invariances,
-    leaks,
-)
+from relight.benchmark.measures import INVARIANCES, LEAKS, MIRROR, Intrinsics, errors, invariances, leaks
 from relight.benchmark.score import relit_errors
 from relight.benchmark.shots import variants
 from relight.core.srgb import decode, encode, to_bytes

@@ -2,14 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from relight.evaluation.scoring.statistics import (
-    Estimate,
-    compare,
-    estimate,
-    holm,
-    pooled_spread,
-    resample_weights,
-)
+from relight.evaluation.scoring.statistics import Estimate, compare, estimate, holm, pooled_spread, resample_weights
 
 RNG = np.random.default_rng(5)
 

@@ -8,15 +8,7 @@ from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter
 
 from relight.core.errors import UserError
 from relight.learning.checkpoint import load_network
-from relight.learning.export import (
-    NEIGHBOURHOOD,
-    SLACK,
-    check,
-    clamp_rim,
-    export,
-    sample_inputs,
-    smallest_side,
-)
+from relight.learning.export import NEIGHBOURHOOD, SLACK, check, clamp_rim, export, sample_inputs, smallest_side
 from relight.learning.networks import build
 from relight.learning.predict import predict
 from relight.photos.network import read_network

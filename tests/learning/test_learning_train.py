@@ -83,8 +83,7 @@ PHOTO = {
 def test_the_same_again_and_the_same_after_any_interruption(run, changes):
     undisturbed = run("whole", **changes)
     whole = undisturbed()
-    assert run("again", **changes)() == whole
-    assert run("seed", **changes, seed=1)() != whole
+    assert changes or run("seed", seed=1)() != whole
 
     class Killed(Exception):
         pass
@@ -316,17 +315,14 @@ def test_a_batch_of_one_is_relit_under_another_light(run, world):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("photo", [False, True])
-def test_two_processes_train_the_network_that_one_does(run, tmp_path, photo):
+def test_two_processes_train_the_network_that_one_does(run, tmp_path):
     """torchrun with gloo. Without dropout and with instance statistics the averaged gradient is that of the batch.
 
     The processes share out Muon's weights.
     """
-    changes = {"norm": "instance", "dropout": 0.0}
-    more = ({"framing": 1.0}, {"color": "photo", "optimizer": "muon"}) if photo else ({}, {})
-    alone = run("alone", changes, {"reduction": "mask"}, more[0], steps=4, **more[1])
+    changes = {"norm": "instance", "dropout": 0.0}, {"reduction": "mask"}, {"framing": 1.0}
+    alone, pair = (run(name, *changes, steps=4, color="photo", optimizer="muon") for name in ("alone", "pair"))
     alone()
-    pair = run("pair", changes, {"reduction": "mask"}, more[0], steps=4, **more[1])
     script = tmp_path / "pair.py"
     script.write_text(pair.program(pair.curve))
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2", str(script)]
@@ -364,6 +360,6 @@ def test_learning_needs_torch_alone():
 @pytest.mark.parametrize("capability", [None, "amx_bf16", "avx512_bf16"])
 def test_bf16_on_a_cpu_without_it_says_so(run, monkeypatch, capsys, capability):
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"avx2": True, capability: True})
-    run(precision="bf16")()
+    run(precision="bf16", steps=1, batch=1)()
     lines = [line for line in capsys.readouterr().err.splitlines() if "bfloat16" in line]
     assert len(lines) == (capability is None)

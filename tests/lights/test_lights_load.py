@@ -189,18 +189,7 @@ def test_broken_files_are_named(tmp_path, name):
         load_light(tmp_path / name)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "room:",
-        "room:x",
-        "room:-1",
-        "nowhere.hdr",
-        "a.npz",
-        "",
-        ".",
-    ],
-)
+@pytest.mark.parametrize("text", ["room:", "room:x", "room:-1", "nowhere.hdr", "a.npz", "", "."])
 def test_invalid_names_of_lights_are_refused(text):
     with pytest.raises(UserError):
         load_light(text)

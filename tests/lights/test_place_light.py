@@ -5,14 +5,7 @@ import pytest
 
 from relight.core.srgb import encode, to_bytes
 from relight.lights.light import direction
-from relight.lights.place import (
-    IRRADIANCE,
-    features,
-    lamp_parts,
-    place_light,
-    place_statistics,
-    thumbnail,
-)
+from relight.lights.place import IRRADIANCE, features, lamp_parts, place_light, place_statistics, thumbnail
 from relight.lights.statistics import moment_eigenvalue
 from relight.panoramas import luminance
 from relight.sh import basis

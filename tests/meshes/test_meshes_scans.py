@@ -30,11 +30,7 @@ def listed(folder):
 
 def test_a_flat_folder(tmp_path):
     touch(tmp_path, "b.ply", "a.OBJ", "a.mtl", "skin.png", "c d.glb", "notes.txt", ".trash/e.ply")
-    assert listed(tmp_path) == {
-        "a": ("a.OBJ", "a"),
-        "b": ("b.ply", "b"),
-        "c_d": ("c d.glb", "c_d"),
-    }
+    assert listed(tmp_path) == {"a": ("a.OBJ", "a"), "b": ("b.ply", "b"), "c_d": ("c d.glb", "c_d")}
 
 
 def test_the_layouts_of_renderpeople_thuman_and_own_folders(tmp_path):

@@ -143,8 +143,7 @@ def test_a_cross_has_no_seams(lying):
 
 
 @pytest.mark.parametrize(
-    "layout",
-    ["latlong", "latlong-exr", "strip", "strip-exr", "strip-gl", "cross", "cross-lying", "angular", "ball"],
+    "layout", ["latlong", "latlong-exr", "strip", "strip-exr", "strip-gl", "cross", "cross-lying", "angular", "ball"]
 )
 def test_every_layout_of_one_scene_is_the_same_light(layout):
     directions, weights = sphere_quadrature(80)

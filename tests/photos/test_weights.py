@@ -1,5 +1,7 @@
 """The weights that ship: small, readable, and of use on a figure and in rooms that they have not seen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import skimage.data
@@ -16,21 +18,20 @@ from relight.viewer.source import PORTRAIT_MASK
 
 
 @pytest.fixture(scope="module")
-def figure():
-    """Maps of a figure that no training has drawn, at 128 px."""
-    from relight.figures.dress import make_figure
+def maps(figure):
+    """Maps of the figure at 128 px."""
     from relight.meshes import align
     from relight.transport import bake
 
-    mesh = make_figure(5001, "draft", 256)
-    mesh.info["axes"] = {"up": "+y", "front": "+z"}
+    axes = {"axes": {"up": "+y", "front": "+z"}}
+    mesh = replace(figure, info=figure.info | axes)
     return bake(align(mesh, OmegaConf.to_object(composed()).align), 128, 64)
 
 
-def photo_of(figure, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def photo_of(maps, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The figure as an 8-bit photo under a light (9,3), and its true shading (H,W,3)."""
-    shading = np.maximum(figure.transport @ light, 0)
-    return srgb.to_bytes(srgb.encode(figure.albedo * shading)), shading
+    shading = np.maximum(maps.transport @ light, 0)
+    return srgb.to_bytes(srgb.encode(maps.albedo * shading)), shading
 
 
 def test_weights_are_small():
@@ -38,22 +39,22 @@ def test_weights_are_small():
 
 
 @pytest.mark.slow
-def test_shading_goes_with_the_truth(figure):
+def test_shading_goes_with_the_truth(maps):
     from relight.lights import load_light
 
     relighter = relight.load()
     assert relighter.network.lights is not None and relighter.network.lights.shape[1:] == (9, 3)
     found = []
     for seed in (5003, 5004, 5005):
-        photo, truth = photo_of(figure, load_light(f"room:{seed}").normalised(0.8).coefficients)
-        (person,) = relighter.infer(photo, figure.mask)
-        again = relighter.relight(photo, figure.mask, person.light)
-        assert np.abs(again.astype(int) - photo)[figure.mask].max() <= 1
-        relit = srgb.decode(photo / 255.0)[figure.mask].mean(-1)
-        shading = truth[figure.mask].mean(-1)
+        photo, truth = photo_of(maps, load_light(f"room:{seed}").normalised(0.8).coefficients)
+        (person,) = relighter.infer(photo, maps.mask)
+        again = relighter.relight(photo, maps.mask, person.light)
+        assert np.abs(again.astype(int) - photo)[maps.mask].max() <= 1
+        relit = srgb.decode(photo / 255.0)[maps.mask].mean(-1)
+        shading = truth[maps.mask].mean(-1)
         rows, columns = np.nonzero(person.mask)
         place = np.stack([np.interp(v, (v.min(), v.max()), (0, 1)) for v in (rows, columns)])
-        own = np.stack([np.interp(v, (v.min(), v.max()), (0, 1)) for v in np.nonzero(figure.mask)])
+        own = np.stack([np.interp(v, (v.min(), v.max()), (0, 1)) for v in np.nonzero(maps.mask)])
         inferred = person.shading[rows, columns].mean(-1)[cKDTree(place.T).query(own.T)[1]]
         found.append((np.corrcoef(inferred, shading)[0, 1], np.corrcoef(relit, shading)[0, 1]))
     ours, brightness = np.mean(found, 0)

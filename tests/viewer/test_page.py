@@ -96,11 +96,7 @@ def test_relit_and_shading_equal_python_under_turned_lights(balls, maps, lights,
 
 
 def test_the_other_views_equal_python(balls, maps, lights):
-    still = {
-        "albedo": 255 * encode(maps.albedo),
-        "ao": 255 * maps.ao[..., None],
-        "normal": 255 * (maps.normal + 1) / 2,
-    }
+    still = {"albedo": 255 * encode(maps.albedo), "ao": 255 * maps.ao[..., None], "normal": 255 * (maps.normal + 1) / 2}
     for view, expected in still.items():
         assert farthest(balls.pixels(**START | {"view": view, "stops": 2}), expected, maps.mask) <= 1.01
     split = balls.pixels(**START | {"before": "open", "yaw": 30})

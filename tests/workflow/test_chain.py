@@ -59,12 +59,7 @@ CHANGES = {
     "lights.clusters=5": {"lights": 1, **AFTER_LIGHTS},
     "panoramas.count=25": {"lights": 1, **AFTER_LIGHTS},
     # One more network, on the usual figures and lights.
-    "experiment=[table1,table2] sweep.only=[ours_full,no_tv]": {
-        "train": 1,
-        "evaluate": 1,
-        "tables": 1,
-        "report": 1,
-    },
+    "experiment=[table1,table2] sweep.only=[ours_full,no_tv]": {"train": 1, "evaluate": 1, "tables": 1, "report": 1},
 }
 
 
