@@ -105,6 +105,18 @@ def figure(once):
     return Mesh.load(once("figure", fill) / "figure.npz")
 
 
+@pytest.fixture(scope="session")
+def empty_store(once) -> Path:
+    """A database of MLflow without runs: to make one takes seconds."""
+
+    def fill(folder: Path) -> None:
+        from relight.lab.tracking.store import create_database
+
+        create_database(f"sqlite:///{folder}/empty.db")
+
+    return once("store", fill) / "empty.db"
+
+
 @pytest.fixture(scope="session", name="weights")
 def tiny_network(tmp_path_factory) -> Path:
     """A network for photos, 64 px, as relight.photos.network reads it: random, but for a transport like that of a

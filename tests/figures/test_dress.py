@@ -93,7 +93,7 @@ def test_make_figure_per_subject_is_one_person_in_other_poses(figure):
 
 @pytest.mark.slow
 def test_export_glb_keeps_vertex_colors(figure, tmp_path):
-    height = figure.vertices[figure.faces][..., 1:]
+    height = figure.vertices[figure.faces][..., 1:2]
     mesh = replace(figure, color=(height / height.max()).repeat(3, -1).astype(np.float32))
     export(mesh, tmp_path / "f.glb")
     assert read_mesh(tmp_path / "f.glb").color.mean() == pytest.approx(mesh.color.mean(), abs=0.02)

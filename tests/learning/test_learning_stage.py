@@ -86,19 +86,11 @@ FORKS = multiprocessing.get_context("forkserver")  # to import torch and MLflow 
 FORKS.set_forkserver_preload(["relight.learning.train", "mlflow", "mlflow.store.tracking.sqlalchemy_store"])
 
 
-@pytest.fixture(scope="module")
-def empty(tmp_path_factory) -> Path:
-    """A database without runs: to make one takes seconds."""
-    folder = tmp_path_factory.mktemp("store")
-    store.create_database(f"sqlite:///{folder}/empty.db")
-    return folder / "empty.db"
-
-
 @pytest.fixture
-def training(tmp_path, monkeypatch, empty, world, model, loss, schedule, augment) -> Training:
+def training(tmp_path, monkeypatch, empty_store, world, model, loss, schedule, augment) -> Training:
     monkeypatch.chdir(tmp_path)
     made = Training(world, model, loss, schedule, augment)
-    shutil.copy(empty, made.database)
+    shutil.copy(empty_store, made.database)
     return made
 
 
