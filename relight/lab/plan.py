@@ -308,11 +308,16 @@ class Plan:
         Args:
             folder: the working directory.
         """
-        file, text = folder / self.out / "run.yaml", yaml.safe_dump(self.record, sort_keys=False)
-        if not file.exists() or file.read_text(encoding="utf-8") != text:
+        file = folder / self.out / "run.yaml"
+        if not file.exists() or file.read_text(encoding="utf-8") != self.text:
             with atomic_write(file) as tmp:
-                tmp.write_text(text, encoding="utf-8")
+                tmp.write_text(self.text, encoding="utf-8")
         return file
+
+    @property
+    def text(self) -> str:
+        """The record as YAML."""
+        return yaml.safe_dump(self.record, sort_keys=False)
 
 
 def safe(paths: Iterable[Path | str]) -> list[str]:

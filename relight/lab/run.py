@@ -11,8 +11,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from relight.core.errors import UserError
 from relight.core.processes import end_with_parent
 from relight.lab.checks import check, check_figures
@@ -70,7 +68,7 @@ def run(
     command = [sys.executable, "-m", "snakemake", *files, *words]
     if dry:
         with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
-            yaml.safe_dump(plan.record, file)
+            file.write(plan.text)  # of one order with run.yaml, or Snakemake finds other params
             file.flush()
             return snakemake([*command, "--configfile", file.name, "--dry-run"])
     os.close(hold(ROOT / plan.out))

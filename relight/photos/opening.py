@@ -56,8 +56,7 @@ def open_picture(path: Path, what: str) -> Image.Image:
     except Image.DecompressionBombError:
         raise UserError(f"{what} is too large: {TOO_LARGE}") from None
     except Exception:
-        forms = "JPEG, PNG, WebP or AVIF, or TIFF of 8 or 16 bits"
-        raise UserError(f"{what} cannot be read as a picture: give {forms}") from None
+        raise UserError(f"{what} cannot be read as a picture: give {', '.join(PHOTO_SUFFIXES)} or .exr") from None
     (width, height), stored = image.size, path.stat().st_size
     reason = ""
     if width * height > MAX_PIXELS:
@@ -226,5 +225,5 @@ def list_photos(folder: Path | str) -> list[Path]:
     """Lists the pictures in a folder without masks (x_mask.png). Raises UserError if there is none."""
     found = [path for path in list_pictures(folder) if not path.stem.endswith("_mask")]
     if not found:
-        raise UserError(f"folder {folder} holds masks only")
+        raise UserError(f"folder {folder} holds no photo beside its masks")
     return found

@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from relight import extensions
 from relight.core.errors import UserError
-from relight.settings.schema import BASELINES, EXPERIMENT, FIELDS, QUANTITIES, STRENGTHS
+from relight.settings.schema import BASELINES, EXPERIMENT, FIELDS, QUANTITIES, READINGS, STRENGTHS
 from relight.settings.setting import domain_in_words, setting_of
 
 # The settings, or groups, that a source does not read; scales and experiments may set them all the same. Extensions may
@@ -146,8 +146,10 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
             if first not in rows or second not in [*rows, *BASELINES]:
                 known = f"a ROW of sweep.rows, and the second may be of {', '.join(BASELINES)}"
                 yield f"experiments.{name}.compare: {pair!r} must be ROW against ROW, each {known}"
-        columns = [f"{quantity}_{reading}" for quantity in QUANTITIES for reading in ("rmse", "ssim")]
-        columns += ["shading_contrast", "albedo_share"]
+        named = [
+            (quantity, name) for quantity in QUANTITIES for name, (*_, of) in READINGS.items() if of in (None, quantity)
+        ]
+        columns = [f"{quantity}_{name}" for quantity, name in named]
         if unknown := [column for column in experiment.compare_in if column not in columns]:
             yield f"experiments.{name}.compare_in: {unknown[0]} must be a quantity and a reading, such as relit_rmse"
     if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):

@@ -14,6 +14,16 @@ QUANTITIES = (  # that are scored; the first six are those of the paper's Table 
     "shading", "transport", "normal", "ao", "light", "albedo",
     "shading_true_light", "transport_with_ao", "reconstruction", "relit", "sphere",
 )  # fmt: skip
+# What is read of a quantity: its label, 1 if less is better or else -1, and the only quantity that has it, or None. Two
+# are signs of a collapse, in which the albedo takes up the shading: contrast falls, and the share rises.
+READINGS: dict[str, tuple[str, int, str | None]] = {
+    "rmse": ("RMSE", 1, None),
+    "rmse_element": ("RMSE per element", 1, None),
+    "ssim": ("SSIM", -1, None),
+    "ssim_range2": ("SSIM, range 2", -1, None),
+    "contrast": ("contrast", -1, "shading"),
+    "share": ("share of the picture", 1, "albedo"),
+}
 BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is")
 AXES = ("auto", "+x", "-x", "+y", "-y", "+z", "-z")
 
@@ -326,7 +336,11 @@ class Track:
 
 @dataclass
 class Config:
-    """All settings."""
+    """All settings.
+
+    A group has its values in conf/<group>/. `relight.lab.record.ROW_GROUPS` names those that rows may change,
+    `relight.lab.checks.DATA_GROUPS` those that decide a data set.
+    """
 
     name: str = setting("name of the folder in results/")
     data: str | None = setting("name of another run whose figures and lights are taken; null to make them", None)

@@ -24,7 +24,8 @@ from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores, gather, read_scores, write_scores
 from relight.evaluation.scoring.statistics import Estimate
 from relight.evaluation.scoring.tables import TABLE1_COLUMNS, TABLE2_COLUMNS, experiment_table
-from relight.evaluation.scoring.truth import COLUMNS, READINGS
+from relight.evaluation.scoring.truth import COLUMNS
+from relight.settings.schema import READINGS
 
 pytestmark = pytest.mark.usefixtures("few_resamples")
 FIGURES = [f"f{i}" for i in range(12)]
@@ -258,7 +259,7 @@ def test_a_new_reading_reaches_the_tables_by_its_entry(tmp_path, monkeypatch):
     with pytest.raises(UserError, match="shading_psnr must be a quantity of RANGE and one of READINGS"):
         write_scores(tmp_path / "a.csv", {"a": given["ours_min"][0]})
     assert not (tmp_path / "a.csv").exists()
-    monkeypatch.setitem(READINGS, "psnr", ("PSNR", -1))
+    monkeypatch.setitem(READINGS, "psnr", ("PSNR", -1, None))
     monkeypatch.setitem(COLUMNS, "shading_psnr", ("shading", "psnr"))
     write_scores(tmp_path / "a.csv", {"a": given["ours_min"][0]})
     assert read_scores(tmp_path / "a.csv")["a"].columns["shading_psnr"].mean() == pytest.approx(20.24, abs=0.02)

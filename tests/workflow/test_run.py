@@ -1,5 +1,6 @@
 """`relight run` leaves the record of another workflow alone, tells what has changed, and reports what is complete."""
 
+import json
 import os
 import subprocess
 import sys
@@ -42,6 +43,7 @@ def test_a_dry_run_leaves_the_record_alone(calls, tmp_path):
     run("train.lr=0.1")
     assert calls[0][2] == record
     run("train.lr=0.2", dry=True)
+    assert json.dumps(calls[1][1]["settings"]["figures"]) == json.dumps(calls[0][1]["settings"]["figures"])  # in order
     assert "--dry-run" in calls[1][0] and calls[1][1]["settings"]["train"]["lr"] == 0.2
     assert yaml.safe_load(record.read_text())["overrides"] == [*WORDS, "train.lr=0.1"]
     assert calls[1][2] != record and not calls[1][2].exists()

@@ -18,7 +18,8 @@ from relight.evaluation.scoring.comparisons import Comparison, Verdict
 from relight.evaluation.scoring.labels import column_label, label, quantity_label
 from relight.evaluation.scoring.statistics import Estimate
 from relight.evaluation.scoring.tables import Table
-from relight.evaluation.scoring.truth import COLUMNS, READINGS
+from relight.evaluation.scoring.truth import COLUMNS
+from relight.settings.schema import READINGS
 
 SIGNS = {Verdict.BETTER: "✓", Verdict.WORSE: "✗", Verdict.EQUIVALENT: "≈", Verdict.OPEN: "?"}
 
@@ -177,7 +178,7 @@ def score_grid(table: Table, columns: Iterable[str]) -> TextTable:
     rows = [row for row in rows if any(column in row[2] for column in present)]
     heads = []
     for column in present:
-        reading, sign = READINGS[COLUMNS[column][1]]
+        reading, sign, _ = READINGS[COLUMNS[column][1]]
         heads.append((f"{reading} {'↓' if sign > 0 else '↑'}", quantity_label(column)))
     cells = [[values.get(column) for column in present] for *_, values in rows]
     index = pd.Index([name for name, *_ in rows], dtype=object)

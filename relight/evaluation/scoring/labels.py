@@ -1,6 +1,7 @@
 """Labels of rows, columns and quantities in tables and text."""
 
-from relight.evaluation.scoring.truth import COLUMNS, READINGS
+from relight.evaluation.scoring.truth import COLUMNS
+from relight.settings.schema import READINGS
 
 STEPS = (4000, 16000)  # of the experiment `steps`, in addition to those of the scale
 LABELS = {

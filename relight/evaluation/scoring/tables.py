@@ -10,8 +10,8 @@ from relight.core.errors import UserError
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores
 from relight.evaluation.scoring.statistics import Estimate, compare, estimate, holm, pooled_spread
-from relight.evaluation.scoring.truth import COLUMNS, READINGS, in_order, sign
-from relight.settings.schema import QUANTITIES
+from relight.evaluation.scoring.truth import COLUMNS, in_order, sign
+from relight.settings.schema import QUANTITIES, READINGS
 
 
 def columns_of(*quantities: str) -> tuple[str, ...]:

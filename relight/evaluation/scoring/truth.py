@@ -13,6 +13,7 @@ import numpy as np
 from relight.core.errors import UserError
 from relight.evaluation.scoring.metrics import WINDOW, MaskBox, contrast, explained_variance, rmse, shade, ssim
 from relight.lights.show import unoccluded_ball
+from relight.settings.schema import READINGS
 from relight.sh import order_of
 
 OLD_RANGE = 2.0  # data range that scikit-image < 0.16 assumed for float images
@@ -32,16 +33,6 @@ RANGE = {
     "sphere": 1.0,
     "light": 2.0,
 }
-# What is read of a quantity: its label, and 1 if less is better, or -1. Each has the first four. The last two are signs
-# of a collapse, in which the albedo takes up the shading: `shading_contrast` falls, and `albedo_share` rises.
-READINGS = {
-    "rmse": ("RMSE", 1),
-    "rmse_element": ("RMSE per element", 1),
-    "ssim": ("SSIM", -1),
-    "ssim_range2": ("SSIM, range 2", -1),
-    "contrast": ("contrast", -1),
-    "share": ("share of the picture", 1),
-}
 # The columns that scores may have -> their quantity and reading.
 COLUMNS = {f"{quantity}_{reading}": (quantity, reading) for quantity in RANGE for reading in READINGS}
 COMMON_COEFFICIENTS = 9  # number of coefficients in which transport and lights of any order are compared
@@ -51,7 +42,9 @@ def in_order(columns: Iterable[str]) -> list[str]:
     """Returns columns of scores in the order of COLUMNS. Raises UserError about one that is not there."""
     given = set(columns)
     if unknown := sorted(given - set(COLUMNS)):
-        raise UserError(f"scores: {unknown[0]} must be a quantity of RANGE and one of READINGS ({__name__})")
+        raise UserError(
+            f"scores: {unknown[0]} must be a quantity of RANGE and one of READINGS (relight.settings.schema)"
+        )
     return [column for column in COLUMNS if column in given]
 
 
