@@ -63,6 +63,9 @@ def run(
         print(line)
     words = ["--quiet", "rules", "reason", "host", "--nolock", "--cores", str(cores or "all"), *extra]
     rules = [target for target in targets if "/" not in target and target != "all"]
+    known = sorted(path.stem for path in SCRIPTS.glob("*.py"))
+    if unknown := [rule for rule in rules if rule not in known]:
+        raise UserError(f"--target {unknown[0]} is neither a file nor a rule; those are {', '.join(known)}")
     files = [target for target in targets if target not in rules] or ["all"]
     words += ["--until", *rules] if rules else []  # of each figure or training, too
     command = [sys.executable, "-m", "snakemake", *files, *words]

@@ -76,6 +76,8 @@ def test_a_target_is_a_rule_or_a_file(calls):
     module.run(WORDS, False, None, False, ["bake", "results/smoke/lights/lights.npz"], [])
     assert " ".join(calls[0][0]).split("snakemake ")[1].startswith("results/smoke/lights/lights.npz --quiet")
     assert "--until bake --configfile" in " ".join(calls[0][0])
+    with pytest.raises(UserError, match="--target bakee is neither a file nor a rule; those are align, bake"):
+        module.run(WORDS, False, None, False, ["bakee"], [])
 
 
 def test_a_gpu_that_is_not_there_is_told_before_the_figures(calls, monkeypatch):
