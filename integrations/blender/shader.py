@@ -43,9 +43,8 @@ def node_group():
 
     given = nodes.new("NodeGroupInput").outputs
     lights = [node("Attribute", attribute_type="OBJECT", attribute_name=name) for name in LIGHT]
-    colors = [light["Color"] for light in lights]
-    for three in (lights[:3], lights[3:6]):
-        colors.append(node("CombineXYZ", *(light["Alpha"] for light in three))[0])
+    rest = [node("CombineXYZ", *(light["Alpha"] for light in three))[0] for three in (lights[:3], lights[3:6])]
+    colors = [*(light["Color"] for light in lights), *rest]
     thirds = [node("SeparateXYZ", given[name]) for name in TRANSPORT]
     total = (0, 0, 0)
     for color, coefficient in zip(colors, [number for third in thirds for number in third]):

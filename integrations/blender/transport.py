@@ -6,7 +6,6 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-import OpenImageIO
 from mathutils.kdtree import KDTree
 
 from . import shader
@@ -102,6 +101,8 @@ def evaluated(item, depsgraph):
 
 def read_maps(path):
     """Returns albedo (H,W,3), transport (H,W,9) and coverage (H,W) of maps of relight, the top row first."""
+    import OpenImageIO  # only Blender itself has it on its path
+
     file = OpenImageIO.ImageInput.open(str(path))
     if file is None:
         OpenImageIO.geterror()  # or it prints that nobody read it
