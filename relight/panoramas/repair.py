@@ -68,16 +68,20 @@ def repair_sun(path: Path, pixels: np.ndarray, repair: bool) -> list[str]:
         repair: whether to rebuild it.
 
     Returns:
-        The repair, or what is wrong, as one sentence; an empty list if the brightest pixel has red.
+        The repair, or what is wrong, as one sentence; an empty list for other pixels.
     """
     brightest = np.unravel_index(pixels[..., 2].argmax(), pixels.shape[:2])
     lost = pixels[..., 0] <= LOST * pixels[..., 0].mean()
     if not lost[brightest] or pixels[brightest][2] < pixels.max():
         return []
-    if not repair:
-        return [f"{path}: the brightest pixel has blue and no red, like a sun whose red is lost: --repair rebuilds it"]
     parts, _ = label(lost, np.ones((3, 3)))
     block = parts == parts[brightest]
-    rim = pixels[binary_dilation(block, np.ones((3, 3))) & ~block].mean(0)
+    around = binary_dilation(block, np.ones((3, 3))) & ~block
+    rim = pixels[around].mean(0) if around.any() else np.zeros(3)
+    if rim.min() <= 0:  # a blue lamp in the dark
+        return []
+    if not repair:
+        what = "the brightest pixel has blue and no red, like a sun whose red is lost"
+        return [f"{path}: {what}; relight light --repair, or panoramas.repair=true, rebuilds it"]
     pixels[block] = np.maximum(pixels[block][:, 2:], rim[2]) * (rim / rim[2])
     return [f"a sun of {block.sum()} pixels had lost its red and green; it was rebuilt in the color of its rim"]

@@ -97,8 +97,9 @@ class Scene:
         people, notes = [infer_person(network, picture.pixels, coverage) for coverage in coverages], []
         if light := named_light(network, lit_by) if isinstance(lit_by, str) else lit_by:
             known = deringed(light.at_order(network.order).coefficients).astype(np.float32)
-            apart = np.mean([degrees_apart(person.light, known) for person in people])
-            notes = [f"the photo's light as given, {light.source}, is {apart:.0f} degrees from the inferred one"]
+            if np.any(known[1:4]):  # it has a direction
+                apart = np.mean([degrees_apart(person.light, known) for person in people])
+                notes = [f"the photo's light as given, {light.source}, is {apart:.0f} degrees from the inferred one"]
             people = [with_light(person, known) for person in people]
         return cls(picture, balanced(people) if white_balance == "keep" else people, network, notes)
 

@@ -211,3 +211,7 @@ def test_a_sun_that_has_lost_its_red_is_told_and_rebuilt(tmp_path):
     sky[5:8, 10:13] = [300, 0, 0]  # a red lamp
     exr(tmp_path / "lamp.exr", {"RGB": sky})
     assert read_panorama(tmp_path / "lamp.exr").repairs == []
+    for surroundings in ([0, 0, 0], [0, 0, 1]):  # a blue lamp in the dark, and blue light alone
+        sky[:], sky[5:8, 10:13] = surroundings, [0, 0, 300]
+        found = read_panorama(exr(tmp_path / "blue.exr", {"RGB": sky}), repair=True)
+        assert found.repairs == [] and np.array_equal(found.pixels, sky)

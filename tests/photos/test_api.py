@@ -174,6 +174,7 @@ def test_a_known_light_takes_the_place_of_the_inferred_one(relighter, photo_file
     products = [(each.albedo * each.shading)[bright] for each in (before, person)]
     np.testing.assert_allclose(*products, rtol=0.02)
     assert re.match(r"the photo's light as given, key:#ffffff@40,30,0\.4, is \d+ degrees from", scene.notes[0])
+    assert not any("degrees" in note for note in relighter.scene(me, lit_by="even").notes)
     again = scene.relit(Look(Light(person.light, "its own"), match=False))
     assert np.abs(again.astype(int) - inferred.picture.pixels).max() <= 1
 
