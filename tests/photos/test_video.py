@@ -105,7 +105,8 @@ CODINGS = {
 @pytest.mark.parametrize("coding", CODINGS)
 def test_colors_are_those_of_the_picture(tmp_path, coding):
     codes, options = CODINGS[coding]
-    path = tmp_path / ("a.webm" if options.get("codec") == "libvpx-vp9" else "a.mp4")
+    # The MP4 muxer of FFmpeg reads x265's headers past their end and fails at random.
+    path = tmp_path / {"libvpx-vp9": "a.webm", "libx265": "a.ts"}.get(options.get("codec"), "a.mp4")
     write(path, codes, times=[0], **options)
     photo = next(read_frames(path)[0])
     tolerance = 8 if coding == "PQ" else 3  # FFmpeg's table of PQ is coarse in the dark
