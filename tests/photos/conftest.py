@@ -8,8 +8,6 @@ from typer.testing import CliRunner
 
 from relight.photos.mask import selfie
 
-SET_UP = selfie.network_file()  # of the user who runs the tests
-
 
 @pytest.fixture(scope="session")
 def relighter(weights):
@@ -45,14 +43,6 @@ def own_data(tmp_path, monkeypatch):
     monkeypatch.setenv("RELIGHT_DATA", str(tmp_path / "data"))
     monkeypatch.setattr("relight.photos.mask.u2net.fetched_model", lambda: None)
     selfie.load_network.cache_clear()
-
-
-@pytest.fixture
-def real_network():
-    """The built-in network's file, where the user has set it up."""
-    if not SET_UP.is_file():
-        pytest.skip("the built-in mask is not set up")
-    return SET_UP
 
 
 def draw(height=180, width=140, seed=0):

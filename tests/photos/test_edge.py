@@ -11,7 +11,7 @@ from relight.core.srgb import LINEAR, encode
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import masked
 from relight.photos.picture import Picture
-from relight.photos.render import estimate_foreground, over
+from relight.photos.render import estimate_foreground
 
 BLACK_CLOTH, WHITE_CLOTH = (0.010, 0.011, 0.016), (0.9, 0.88, 0.8)
 SKY, LAWN = (0.25, 0.45, 0.9), (0.2, 0.4, 0.05)
@@ -139,18 +139,6 @@ def relit(codes, mask, gain):
     alpha = mask.astype(np.float32) / 255
     front = estimate_foreground(linear, alpha)
     return 255 * encode(np.clip(linear + alpha[..., None] * (front * np.float32(gain) - front), 0, 1))
-
-
-@pytest.mark.parametrize("kind", ["binary", "large", "small"])
-@pytest.mark.parametrize(("figure", "behind", "gain"), [(BLACK_CLOTH, SKY, 4.0), (WHITE_CLOTH, SKY, 0.2)])
-def test_relit_rim_by_a_wrong_mask(figure, behind, gain, kind):
-    """Black cloth gets more light and white cloth less: no bright, and no navy, rim against the sky."""
-    codes, alpha, inward = composite(figure, behind)
-    truth = 255 * encode(over(np.array(figure) * gain, alpha, np.array(behind)))
-    mask = masks(inward)[kind]
-    before = rim_error(relit(codes, mask, gain), truth, inward)
-    after = rim_error(relit(codes, fit_edge(codes, mask, automatic=kind != "binary"), gain), truth, inward)
-    assert after < 9 and after < 0.65 * before
 
 
 def test_relit_black_cloth_keeps_its_hue_at_the_rim():

@@ -199,12 +199,8 @@ NOTHING = np.zeros((96, 96, 3), np.uint8)
 # a frame of a clip of masks, and what is said of it; nothing if it is read
 DRAWN = {
     "white": (NOTHING + 255 * INSIDE[..., None], ""),
-    "grey": (NOTHING + 200 * INSIDE[..., None], ""),
     "green": (NOTHING + INSIDE[..., None] * [30, 220, 30], ""),
     "empty": (NOTHING, "the mask is empty"),
-    "labels of 1": (NOTHING + INSIDE[..., None], "the mask is empty"),
-    "full": (NOTHING + 255, "covers the whole photo"),
-    "the clip itself": (NOTHING + np.arange(96)[:, None, None] * 2 + 30, "is the photo itself"),
     "several people": (NOTHING + 90 * INSIDE[..., None] + 100 * np.roll(INSIDE, 40, 1)[..., None], "as labels have"),
 }
 
@@ -293,12 +289,6 @@ def test_what_moves_is_not_smeared():
     smooth = smooth_over_time([Picture(pixels, coverage=coverage)] * 4, 8, infer)
     out = [scene.people[0].transport[0, 0, 0] for scene in smooth]
     assert np.allclose(out, [0.2, 0.9, 0.2, 0.9], atol=1e-3)
-
-
-def test_downscaled_photo_keeps_the_shape():
-    photo = Picture(np.zeros((400, 300, 3), np.uint8), coverage=np.zeros((400, 300), np.uint8)).downscaled(100)
-    assert photo.pixels.shape == (100, 75, 3) and photo.coverage.shape == (100, 75)
-    assert photo.downscaled(100).coverage.shape == photo.coverage.shape
 
 
 def test_what_is_transparent_is_white_in_a_movie_of_any_size(tmp_path, relighter, draw):

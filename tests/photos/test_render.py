@@ -16,7 +16,7 @@ from relight.photos.background import Background, read_background
 from relight.photos.color import apply_gain, to_codes, to_srgb8
 from relight.photos.look import Look
 from relight.photos.person import Person, balanced
-from relight.photos.render import estimate_foreground, over, render, strips
+from relight.photos.render import estimate_foreground, over, render
 from relight.photos.shading import (
     ANGLES,
     DARK,
@@ -365,17 +365,3 @@ def test_opaque_pixels_stay_and_hard_masks_change_nothing():
     assert np.array_equal(found[alpha == 1], photo[alpha == 1])
     hard = (alpha > 0.5).astype(np.float32)
     assert estimate_foreground(photo, hard) is photo
-
-
-def test_relit_edge_on_the_photos_own_background():
-    """Half the light on the figure, the background untouched: the edge is the true mixture."""
-    alpha = soft_disc()
-    figure, behind = pair()
-    photo = over(figure, alpha, behind)
-    front = estimate_foreground(photo, alpha)
-    relit = photo + alpha[..., None] * (front * 0.3 - front)
-    assert np.abs(relit - over(figure * 0.3, alpha, behind)).max() < 0.02
-
-
-def test_strips_cover_each_row_once():
-    assert [r for a, b in strips(5, 1400) for r in range(a, b)] == list(range(5, 1400))

@@ -95,7 +95,6 @@ CODINGS = {
     "full range": (WIDE, {"tags": (1, 1, 1), "full": True}),
     "VP9": (WIDE, {"tags": (1, 1, 1), "codec": "libvpx-vp9"}),
     "HEVC": (WIDE, {"tags": (1, 1, 1), "codec": "libx265"}),
-    "BT.2020": (srgb(linear(WIDE) @ TO_2020.T), {"matrix": "2020", "tags": (9, 9, 14), "bits": 10}),
     "P3": (srgb(linear(WIDE) @ TO_P3.T), {"tags": (1, 12, 13), "bits": 10}),
     "HLG": (hlg(linear(WIDE) @ TO_2020.T), {"matrix": "2020", "tags": (9, 9, 18), "bits": 10}),
     "PQ": (pq(linear(WIDE) @ TO_2020.T), {"matrix": "2020", "tags": (9, 9, 16), "bits": 10}),
