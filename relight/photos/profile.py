@@ -7,6 +7,7 @@ and primaries of the profile, which those of cameras and photo editors have.
 import io
 import struct
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 import numpy as np
 from PIL import ExifTags, Image, ImageCms
@@ -26,17 +27,37 @@ PRIMARIES = {
     5: (0.64, 0.33, 0.29, 0.60, 0.15, 0.06, 0.3127, 0.3290),
     **dict.fromkeys((6, 7), (0.630, 0.340, 0.310, 0.595, 0.155, 0.070, 0.3127, 0.3290)),
     9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290),
+    11: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3140, 0.3510),
     12: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290),
 }
-HDR_TRANSFERS = (16, 18)  # PQ and HLG
+PQ, HLG = 16, 18  # transfers for displays of high dynamic range
+WHITE = 203  # nits of diffuse white in both (ITU-R BT.2408)
+HLG_PEAK, HLG_GAMMA = 1000, 1.2  # nits of BT.2100's reference display, and its gamma
+HLG_WEIGHTS = np.array([0.2627, 0.6780, 0.0593], np.float32)  # of luminance, in BT.2020
+ROWS = 256  # that are converted at a time
+PROBE = np.stack(np.meshgrid(*[np.arange(0, 256, 15, dtype=np.uint8)] * 3), axis=-1).reshape(1, -1, 3)
+
+
+def _pq(code: np.ndarray) -> np.ndarray:
+    """The EOTF of SMPTE ST 2084."""
+    root = code ** (32 / 2523)
+    return (np.maximum(root - 3424 / 4096, 0) / (2413 / 128 - 2392 / 128 * root)) ** (8192 / 1305) * 10000 / WHITE
+
+
+def _hlg(code: np.ndarray) -> np.ndarray:
+    """The inverse OETF of BT.2100, so that luminance ** (HLG_GAMMA - 1) times it is light on the display."""
+    scene = np.where(code <= 0.5, code**2 / 3, (np.exp((code - 0.55991073) / 0.17883277) + 0.28466892) / 12)
+    return scene * (HLG_PEAK / WHITE) ** (1 / HLG_GAMMA)
+
+
 TRANSFERS: dict[int, Curve] = {
     **dict.fromkeys((1, 6, 7, 11, 12, 13, 14, 15), decode),
     4: lambda code: code**2.2,
     5: lambda code: code**2.8,
     8: lambda code: code,
+    PQ: _pq,
+    HLG: _hlg,
 }
-ROWS = 256  # that are converted at a time
-PROBE = np.stack(np.meshgrid(*[np.arange(0, 256, 15, dtype=np.uint8)] * 3), axis=-1).reshape(1, -1, 3)
 
 
 def to_srgb(
@@ -86,13 +107,20 @@ def _by_primaries(
 def _by_coding(pixels: np.ndarray, coding: tuple[int, int], what: str) -> tuple[np.ndarray, list[str]]:
     """Converts by the codes of ITU-T H.273. Curves for broadcasting are shown as sRGB, as browsers do."""
     primaries, transfer = coding
-    if transfer in HDR_TRANSFERS:
+    if transfer in (PQ, HLG):
         raise UserError(f"{what} is coded for displays of high dynamic range: save it as sRGB, or linear as OpenEXR")
     if primaries not in PRIMARIES or transfer not in TRANSFERS:
         raise UserError(f"{what} has colors of the kinds {primaries} and {transfer} of ITU-T H.273: convert it to sRGB")
     if primaries == 1 and TRANSFERS[transfer] is decode:
         return pixels, []
-    return _by_primaries(pixels, PRIMARIES[primaries], TRANSFERS[transfer], "by the color space that its file codes")
+    return by_codes(pixels, primaries, transfer), ["it was converted by the color space that its file codes"]
+
+
+def by_codes(pixels: np.ndarray, primaries: int, transfer: int) -> np.ndarray:
+    """Converts pixels (H,W,3), uint8 or uint16, of a known coding of ITU-T H.273; more than white is cut."""
+    matrix = chromaticity_matrix(PRIMARIES[primaries])
+    assert matrix is not None
+    return _by_curves(pixels, [TRANSFERS[transfer]] * 3, matrix, HLG_GAMMA if transfer == HLG else 1.0)
 
 
 def _is_adobe(image: Image.Image) -> bool:
@@ -131,17 +159,30 @@ def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarr
     return _by_curves(pixels, known, np.linalg.solve(srgb_to_xyz, to_xyz)), []
 
 
-def _by_curves(pixels: np.ndarray, curves: Sequence[Curve], matrix: np.ndarray) -> np.ndarray:
-    """Converts by a curve for each channel, from codes in [0,1], and a matrix (3,3) to linear Rec. 709."""
-    largest = np.iinfo(pixels.dtype).max
-    codes = np.arange(largest + 1) / largest
-    tables = [curve(codes).astype(np.float32) for curve in curves]
+def _by_curves(pixels: np.ndarray, curves: Sequence[Curve], matrix: np.ndarray, gamma: float = 1.0) -> np.ndarray:
+    """Converts by a curve for each channel, from codes in [0,1], a gamma of luminance, and a matrix to Rec. 709."""
+    tables, coded = [_linear(curve, pixels.dtype) for curve in curves], _coded(pixels.dtype)
     out = np.empty_like(pixels)
     for row in range(0, len(pixels), ROWS):
         part = pixels[row : row + ROWS]
         linear = np.stack([table[part[..., channel]] for channel, table in enumerate(tables)], axis=-1)
-        out[row : row + ROWS] = np.round(encode(linear @ matrix.T.astype(np.float32)) * largest)
+        if gamma != 1:
+            linear *= (linear @ HLG_WEIGHTS)[..., None] ** np.float32(gamma - 1)
+        root = np.sqrt(np.clip(linear @ matrix.T.astype(np.float32), 0, 1))
+        out[row : row + ROWS] = coded[np.round(root * 65535).astype(np.uint16)]
     return out
+
+
+@lru_cache(8)
+def _linear(curve: Curve, dtype: np.dtype) -> np.ndarray:
+    """Returns the float32 value of each code."""
+    return curve(np.linspace(0, 1, np.iinfo(dtype).max + 1)).astype(np.float32)
+
+
+@lru_cache(2)
+def _coded(dtype: np.dtype) -> np.ndarray:
+    """Returns sRGB codes (65536,) by the square root of the linear value."""
+    return np.round(encode(np.linspace(0, 1, 65536) ** 2) * np.iinfo(dtype).max).astype(dtype)
 
 
 def _colorants(profile: ImageCms.core.CmsProfile) -> np.ndarray | None:

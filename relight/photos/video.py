@@ -15,6 +15,7 @@ from relight.core.errors import UserError
 from relight.core.files import atomic_write, writable_file
 from relight.photos.opening import list_photos
 from relight.photos.picture import Picture
+from relight.photos.profile import HLG, PQ, PRIMARIES, TRANSFERS, by_codes
 
 if TYPE_CHECKING:
     from av import VideoFrame
@@ -26,9 +27,9 @@ FPS = 25.0  # of what does not state its rate
 READABLE = (".mp4", ".mov", ".webm", ".mkv", ".avi", ".m4v", ".gif")
 WRITABLE = (*CODECS, ".gif")
 MAX_FPS = 60  # of a clip whose rate varies
-SRGB = "iec61966-2-1"
-HDR = {16: "PQ", 18: "HLG"}  # transfer characteristics of ITU-T H.273
-WIDE = (9, 11, 12)  # color primaries of BT.2020 and P3
+HDR = {PQ: "PQ", HLG: "HLG"}
+BT2020 = 9  # color primaries of ITU-T H.273
+WIDE = (BT2020, 11, 12)  # those, and P3's
 KNOWN_MATRICES = (0, 1, 4, 5, 6, 7, 8, 9, 10, 14)  # of H.273; 2 is not specified
 MIN_GIF_TICKS = 2  # hundredths of a second of a frame; many players slow shorter ones down
 
@@ -207,7 +208,7 @@ def _decoded(path: Path) -> Iterator[Picture]:
                         f"{size[0]} x {size[1]}: a clip has one size"
                     )
                 graph.vpush(frame)
-                pixels = np.ascontiguousarray(_upright(graph.vpull().to_ndarray(), frame))
+                pixels = np.ascontiguousarray(_upright(_shown(graph.vpull().to_ndarray(), frame), frame))
                 given = pixels if pixels.shape[2] == 3 else Image.fromarray(pixels)
                 picture = Picture.of(given, f"a frame of {path}", path.stem)
                 yield replace(picture, notes=[*picture.notes, *notes])
@@ -216,10 +217,9 @@ def _decoded(path: Path) -> Iterator[Picture]:
 
 
 def _conversion(stream: "VideoStream", frame: "VideoFrame") -> "Graph":
-    """Returns FFmpeg's filters that make frames sRGB with square pixels.
+    """Returns FFmpeg's filters that make frames RGB with square pixels: of 16 bits where `_shown` converts them.
 
-    The matrix is that of the file, or else BT.709 from 720 lines on and BT.601 below, as players take it. Codes of the
-    curves of standard television are displayed as sRGB; HLG and PQ are converted, with diffuse white at 203 nits.
+    The matrix is that of the file, or else BT.709 from 720 lines on and BT.601 below, as players take it.
     """
     import av
 
@@ -227,18 +227,30 @@ def _conversion(stream: "VideoStream", frame: "VideoFrame") -> "Graph":
     aspect = stream.sample_aspect_ratio or 1
     matrix = "auto" if frame.colorspace in KNOWN_MATRICES else "bt709" if frame.height >= 720 else "bt601"
     has_alpha = any(component.is_alpha for component in frame.format.components)
-    deep, shown = ("gbrap16le", "rgba") if has_alpha else ("gbrp16le", "rgb24")
     wide = f"{max(1, round(frame.width * aspect))}:{frame.height}"
-    chain = [
-        ("scale", f"{wide}:in_color_matrix={matrix}:flags=bicubic+accurate_rnd+full_chroma_int"),
-        ("format", deep),
-    ]
-    if frame.color_trc in HDR or frame.color_primaries in WIDE:
-        curve = "auto" if frame.color_trc in HDR else SRGB
-        chain += [("scale", f"in_transfer={curve}:out_primaries=bt709:out_transfer={SRGB}"), ("format", deep)]
-    nodes = [graph.add_buffer(template=stream), *(graph.add(*words) for words in chain)]
-    graph.link_nodes(*nodes, graph.add("format", shown), graph.add("buffersink")).configure()
+    scale = graph.add("scale", f"{wide}:in_color_matrix={matrix}:flags=bicubic+accurate_rnd+full_chroma_int")
+    planar, packed = ("gbrap", "rgba") if has_alpha else ("gbrp", "rgb24")  # planar first is twice as fast
+    if _needs_conversion(frame):
+        planar, packed = f"{planar}16le", "rgba64le" if has_alpha else "rgb48le"
+    nodes = [graph.add_buffer(template=stream), scale, graph.add("format", planar), graph.add("format", packed)]
+    graph.link_nodes(*nodes, graph.add("buffersink")).configure()
     return graph
+
+
+def _needs_conversion(frame: "VideoFrame") -> bool:
+    """Returns whether codes are not to be displayed as sRGB, as those of the curves of standard television are."""
+    return frame.color_trc in HDR or frame.color_primaries in WIDE
+
+
+def _shown(pixels: np.ndarray, frame: "VideoFrame") -> np.ndarray:
+    """Returns pixels (H,W,C) of the filters as uint8 sRGB."""
+    if not _needs_conversion(frame):
+        return pixels
+    pixels = np.minimum(pixels, 255 << 8)  # FFmpeg's white in 16 bits
+    pixels += pixels >> 8
+    primaries = frame.color_primaries if frame.color_primaries in PRIMARIES else BT2020
+    pixels[..., :3] = by_codes(pixels[..., :3], primaries, frame.color_trc if frame.color_trc in TRANSFERS else 1)
+    return np.round(pixels / 257).astype(np.uint8)
 
 
 def _upright(pixels: np.ndarray, frame: "VideoFrame") -> np.ndarray:

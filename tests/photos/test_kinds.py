@@ -217,7 +217,7 @@ def test_read_photo_converts_by_the_coding_of_a_png(tmp_path, coding, type):
 
 @pytest.mark.parametrize(
     ("coding", "says"),
-    [((9, 16), "high dynamic range: save it as sRGB"), ((12, 18), "high dynamic range"), ((11, 13), "kinds 11 and 13")],
+    [((9, 16), "high dynamic range: save it as sRGB"), ((12, 18), "high dynamic range"), ((10, 13), "kinds 10 and 13")],
 )
 def test_read_photo_refuses_a_png_coded_for_other_displays(tmp_path, coding, says):
     png_of(tmp_path / "a.png", [(b"cICP", bytes([*coding, 0, 1]))])

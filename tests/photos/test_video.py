@@ -108,8 +108,7 @@ def test_colors_are_those_of_the_picture(tmp_path, coding):
     path = tmp_path / {"libvpx-vp9": "a.webm", "libx265": "a.ts"}.get(options.get("codec"), "a.mp4")
     write(path, codes, times=[0], **options)
     photo = next(read_frames(path)[0])
-    tolerance = 8 if coding == "PQ" else 3  # FFmpeg's table of PQ is coarse in the dark
-    np.testing.assert_allclose(patches(photo.pixels), PATCHES, atol=tolerance)
+    np.testing.assert_allclose(patches(photo.pixels), PATCHES, atol=2)
     assert any(f"({coding})" in note for note in photo.notes) == (coding in ("HLG", "PQ"))
 
 
