@@ -8,7 +8,7 @@ from samples import mesh_of
 from relight.core.errors import UserError
 from relight.meshes import Mesh, clean
 from relight.meshes.cleaning import count_opposed_faces, edge_uses
-from relight.meshes.geometry import connected_parts, face_areas, solidity
+from relight.meshes.geometry import connected_parts
 
 
 def corners(mesh: Mesh) -> np.ndarray:
@@ -55,21 +55,6 @@ def test_a_clean_figure_is_unchanged(person):
     np.testing.assert_array_equal(corners(result), corners(person()))
     assert result.info["repairs"] == {"parts": 10} and result.info["name"] == "person"
     assert result.faces.dtype == np.int32 and result.vertices.dtype == np.float32 and result.uv.dtype == np.float32
-
-
-def test_separate_triangles_are_connected(person):
-    """What .glb and STL-like exports bring: three vertices of its own for each face."""
-    mesh = person()
-    count = mesh.faces.size
-    soup = merged(
-        mesh,
-        vertices=mesh.vertices[mesh.faces].reshape(-1, 3),
-        faces=np.arange(count, dtype=np.int32).reshape(-1, 3),
-    )
-    result = clean(soup)
-    assert len(result.vertices) == len(mesh.vertices) and result.info["repairs"]["parts"] == 10
-    assert result.info["repairs"]["duplicate vertices"] == count - len(mesh.vertices)
-    np.testing.assert_array_equal(corners(result), corners(mesh))
 
 
 def test_colors_of_faces_survive_the_merging_of_their_vertices():
@@ -131,23 +116,6 @@ def test_non_finite_corners_are_dropped_and_counted(person):
     assert result.info["repairs"]["faces with non-finite corners"] == touched.sum()
     assert np.isfinite(result.vertices).all() and len(result.faces) == (~touched).sum()
     assert result.info["repairs"]["holes"] == 2
-
-
-def test_non_manifold_edges_are_split_and_no_surface_is_lost(person):
-    """A fin stands on an edge of the torso: three faces meet there."""
-    mesh = person()
-    a, b = mesh.faces[100, :2]
-    fin = with_vertices(mesh, mesh.vertices[a] + [0, 0, 0.5])
-    fin = with_faces(fin, [[a, b, len(mesh.vertices)]])
-    result = clean(fin)
-    assert result.info["repairs"]["non-manifold edges"] == 1
-    assert len(result.faces) == len(fin.faces)
-    edges = np.sort(
-        np.concatenate([result.faces[:, [0, 1]], result.faces[:, [1, 2]], result.faces[:, [2, 0]]]), axis=-1
-    )
-    assert np.unique(edges, axis=0, return_counts=True)[1].max() == 2
-    got, want = (face_areas(m.vertices, m.faces).sum() for m in (result, fin))
-    np.testing.assert_allclose(got, want, rtol=1e-6)
 
 
 @pytest.mark.parametrize("share", [0.2, 0.8, 1.0])
@@ -215,15 +183,6 @@ def test_what_is_no_figure_is_refused(person, ellipsoid):
         )
     with pytest.raises(UserError, match="no main part"):
         clean(dust)
-
-
-def test_solidity(ellipsoid):
-    vertices, faces = ellipsoid((3, 2, 1), (1, 1, 1), rings=40)
-    one = np.zeros(len(faces), int)
-    np.testing.assert_allclose(solidity(vertices, faces, one), 1, atol=0.01)
-    np.testing.assert_allclose(solidity(vertices, faces[:, ::-1], one), -1, atol=0.01)
-    flat = vertices * [1, 1, 0]
-    np.testing.assert_allclose(solidity(flat, faces, one), 0, atol=1e-9)
 
 
 def test_faces_keep_their_uv_at_non_manifold_edges(monkeypatch):

@@ -56,12 +56,10 @@ TEXTS = {
     "utf-8 mark in .obj": {"a.obj": codecs.BOM_UTF8 + used(b"A"), "a.mtl": RED % b"A"},
     "utf-8 mark in .mtl": {"a.obj": used(b"A"), "a.mtl": codecs.BOM_UTF8 + RED % b"A"},
     "utf-16 .obj": {"a.obj": used(b"A").decode().encode("utf-16"), "a.mtl": RED % b"A"},
-    "utf-16 .obj without a mark": {"a.obj": used(b"A").decode().encode("utf-16-be"), "a.mtl": RED % b"A"},
     "utf-16 .mtl without a mark": {"a.obj": used(b"A"), "a.mtl": (RED % b"A").decode().encode("utf-16-le")},
     "utf-32 .obj": {"a.obj": used(b"A").decode().encode("utf-32"), "a.mtl": RED % b"A"},
     "marks where files were joined": {
         "a.obj": used(b"A").replace(b"usemtl", codecs.BOM_UTF8 + b"usemtl"), "a.mtl": RED % b"A"},
-    "capitals": {"a.obj": used(b"a").upper().replace(b"A.MTL", b"a.mtl"), "a.mtl": (RED % b"a").upper()},
     "lines that end in CR CR LF": {"a.obj": used(b"A").replace(b"\n", b"\r\r\n"), "a.mtl": RED % b"A"},
     "tabs and blanks": {"a.obj": used(b"A \t").replace(b"\n", b" \n\t"), "a.mtl": (RED % b"A").replace(b" ", b"\t")},
     "a comment that ends in a folder": {"a.obj": b"# C:\\scans\\\n" + used(b"A"),
@@ -69,17 +67,11 @@ TEXTS = {
     "a name with accents in two parts": {"a.obj": used("Zoë".encode()), "a.mtl": RED % "Zoe\u0308".encode()},
     "a library on another computer": {"a.obj": used(b"A", b"C:\\My scans\\A.MTL"), "a.mtl": RED % b"A"},
     "zeros at the end": {"a.obj": used(b"A") + bytes(9), "a.mtl": RED % b"A" + b"\x1a"},
-    "utf-16 .mtl": {"a.obj": used(b"A"), "a.mtl": (RED % b"A").decode().encode("utf-16")},
-    "lines that end in CR": {"a.obj": used(b"A").replace(b"\n", b"\r"), "a.mtl": (RED % b"A").replace(b"\n", b"\r")},
-    "lines that end in CR LF": {"a.obj": used(b"A").replace(b"\n", b"\r\n"), "a.mtl": RED % b"A\r"},
     "names in GBK": {"a.obj": used(says("材质".encode(), "gbk")), "a.mtl": RED % says("材质".encode(), "gbk")},
     "a name that ends in 5C in Shift-JIS": {"a.obj": used("表".encode("cp932")), "a.mtl": RED % "表".encode("cp932")},
-    "a name of another code page in each file": {"a.obj": used("Körper".encode()), "a.mtl": RED % b"K\xf6rper"},
     "# in a name": {"a.obj": used(b"Grey #1"), "a.mtl": RED % b"Grey #1"},
-    "# at the start of a name": {"a.obj": used(b"#1"), "a.mtl": RED % b"#1"},
     "# in the name of a library": {"a.obj": used(b"A", b"c#1.mtl"), "c#1.mtl": RED % b"A"},
     "a comment after a name": {"a.obj": used(b"A # the skin"), "a.mtl": RED % b"A"},
-    "a comment after a library": {"a.obj": used(b"A", b"a.mtl # mine"), "a.mtl": RED % b"A"},
     "a comment after numbers": {"a.obj": used(b"A").replace(b"v 0 0 0", b"v 0 0 0# first"), "a.mtl": RED % b"A"},
     "a library in quotes": {"a.obj": used(b"A", b'"my lib.mtl"'), "my lib.mtl": RED % b"A"},
     "two libraries": {"a.obj": used(b"A", b'b.mtl "my lib.mtl"'), "my lib.mtl": RED % b"A", "b.mtl": b""},
@@ -128,7 +120,6 @@ SYNTAX = {
     **{f"`map_Kd` of code 188, vertex colors {color.decode()}": (
         b"mtllib a.mtl\n" + TWICE % (3 * (b" ".join(3 * [color]),)), 3 * (0.5029,), "vertex colors are left out")
         for color in (b".7373", b".5", b"0")},
-    "corners v//": (POINTS + b"f 1// 2// 3//\n", (1, 1, 1), "neither materials nor vertex colors"),
     "coordinates that are not there": (POINTS + b"f 1/7 2/8 3/9\n", (1, 1, 1), "neither materials"),
     "`usemtl` without a name": (
         used(b"A") + b"usemtl\nf 1 3 2\n", (1, 1, 1), "1 of 2 faces have neither a material nor vertex colors"),
@@ -139,15 +130,11 @@ SYNTAX = {
     "`v x y z w r g b` of 1 1 0 0": (FOUR % (3 * (b"1 1 0 0",)) + FACE, (1, 0, 0), "a weight and red, green and blue"),
     "x y z w": (FOUR % (3 * (b"1",)) + FACE, (1, 1, 1), "neither"),
     "`v x y z r g b a` of 0 1 0 1": (FOUR % (3 * (b"0 1 0 1",)) + FACE, (0, 1, 0), "red, green, blue and alpha"),
-    "colors a little above 1": (COLORED.replace(b"1 0 0\nv", b"1.2 0 0\nv") + FACE, (1, 0, 0), "clipped to 1"),
     "colors of 0 to 65535": (COLORED.replace(b" 1 0 0\n", b" 65535 0 0\n") + FACE, (1, 0, 0), ""),
     "`Kd 1 0 0`, vertex colors 0 0 1": (
         b"mtllib a.mtl\n" + COLORED.replace(b"1 0 0\n", b"0 0 1\n") + b"usemtl A\n" + FACE,
         (0, 0, 1), "in place of the colors of its materials"),
     "white colors beside a material": (used(b"A").replace(b"0\n", b"0 1 1 1\n"), (1, 0, 0), ""),
-    "colors below 0": (COLORED.replace(b" 1 0 0\n", b" 1 -.5 0\n") + FACE, (1, 0, 0), "down to -0.5 are clipped"),
-    "colors that are no numbers": (COLORED.replace(b" 1 0 0\n", b" 1 nan 0\n") + FACE, (1, 0, 0), "3 values are not"),
-    "a line that goes on": (POINTS + b"f 1 \\\r\n2 3\n", (1, 1, 1), "neither"),
 }  # fmt: skip
 
 
@@ -169,7 +156,6 @@ LIBRARIES = {
     "in two files": ({"a.mtl": RED % b"A", "b.mtl": b"newmtl A\nKd 0 1 0\n"}, (0, 1, 0), "b.mtl defines the material"),
     "one file twice": ({"a.mtl": RED % b"A", "./a.mtl": RED % b"A"}, (1, 0, 0), ""),
     "one number": ({"a.mtl": b"newmtl A\nKd 1\n"}, (1, 1, 1), "are all white"),
-    "below 0": ({"a.mtl": b"newmtl A\nKd 1 -1 0\n"}, (1, 0, 0), "values down to -1 are clipped to 0"),
     "`Kd 0 0 1`, `map_Kd` of a red picture": (
         {"a.mtl": b"newmtl A\nKd 0 0 1\nmap_Kd -bm 1 -s 2 2 2 t.png # skin\n"}, (1, 0, 0), ""),
 }  # fmt: skip
@@ -221,18 +207,14 @@ PLYS = {
     "vertex colors, `ushort` 65535 32896 0": (ply(("65535 32896 0", ""), channels("ushort")), ORANGE, ""),
     "vertex colors, `ushort` 255 128 0": (ply(("255 128 0", ""), channels("ushort")), ORANGE, "codes of 0 to 255"),
     "vertex colors, `int` 255 128 0": (ply(("255 128 0", ""), channels("int")), ORANGE, ""),
-    "int of 0 to 65535": (ply(("65535 32896 0", ""), channels("int")), ORANGE, ""),
-    "short of 0 to 255": (ply(("255 128 0", ""), channels("short")), ORANGE, "codes of 0 to 255"),
     "uint of 32 bits": (ply(("4294967295 2155905152 0", ""), channels("uint")), ORANGE, "0 to 4294967295"),
     "vertex colors, `float` 1 0.502 0": (ply(("1 0.50196 0", ""), channels("float")), ORANGE, ""),
     "vertex colors, `float` 255 128 0": (ply(("255 128 0", ""), channels("float")), ORANGE, ""),
     "double a little above 1": (ply(("1.5 0.50196 0", ""), channels("double")), ORANGE, "clipped to 1"),
     "char, the sign bit of 255": (ply(("-1 -128 0", ""), channels("char")), ORANGE, ""),
     "vertex colors named `r g b`, 255 128 0": (ply(("255 128 0", ""), channels("uchar", "r g b")), ORANGE, ""),
-    "Red Green Blue": (ply(("255 128 0", ""), channels("uchar", "Red Green Blue")), ORANGE, ""),
     "diffuse": (ply(("255 128 0", ""), channels("uchar", "diffuse_red diffuse_green diffuse_blue")), ORANGE, ""),
     "colors of faces, 255 128 0": (ply(("", "255 128 0"), face=channels("uchar")), ORANGE, ""),
-    "of faces, r g b": (ply(("", "1 0.50196 0"), face=channels("float", "r g b")), ORANGE, ""),
     "colors of vertices 255 128 0 and of faces 0 0 255": (
         ply(("255 128 0", "0 0 255"), channels("uchar"), channels("uchar")), ORANGE, "colors of faces are left out"),
     "no colors": (ply(("", "")), (1, 1, 1), "neither materials nor vertex colors"),
@@ -245,12 +227,10 @@ PLYS = {
     "vertex colors, `float` 1 nan 0": (ply(("1 nan 0", ""), channels("float")), (1, 0, 0), "3 values are not numbers"),
     "of two types": (ply(("1 128 0", ""), "float red, uchar green, uchar blue"), (1, 1, 1), "of different types"),
     "blue first, and alpha": (ply(("0 128 255 9", ""), channels("uchar", "blue green red alpha")), ORANGE, ""),
-    "of no known name": (ply(("7", ""), "uint rgba"), (1, 1, 1), "neither materials nor vertex colors"),
     "a texture for no face": (
         ply(("", "6 0 0 0 0 0 0 -1"), face="list uchar float texcoord, int texnumber",
             comment="comment TextureFile t.png\ncomment TextureFile t.png\n"), (1, 1, 1), "1 of 1 faces have neither"),
     "byte order mark": (codecs.BOM_UTF8 + ply(("255 128 0", ""), channels("uchar")), ORANGE, ""),
-    "CR LF": (ply(("255 128 0", ""), channels("uchar")).replace(b"\n", b"\r\n"), ORANGE, ""),
     "CR": (ply(("255 128 0", ""), channels("uchar")).replace(b"\n", b"\r"), ORANGE, ""),
 }  # fmt: skip
 
@@ -313,7 +293,6 @@ POLYGONS = {
     "arrow": [(0, 0), (0.2, 0.2), (1, 0), (0, 1)],
     "arrow from its reflex corner": [(0.2, 0.2), (1, 0), (0, 1), (0, 0)],
     "L": [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)],
-    "L, clockwise": [(0, 0), (0, 2), (1, 2), (1, 1), (2, 1), (2, 0)],
     "star": [(r * np.cos(a), r * np.sin(a)) for a, r in zip(np.arange(10) * np.pi / 5, [1, 0.3] * 5)],
     "comb": [(0, 0), (7, 0), (7, 3), (6, 3), (6, 1), (4, 1), (4, 3), (3, 3), (3, 1), (1, 1), (1, 3), (0, 3)],
     "a corner in a straight line": [(0, 0), (1, 0), (2, 0), (2, 2), (1, 1), (0, 2)],
@@ -508,7 +487,6 @@ DARK = (0.578, 0, 0)
 # what a description says -> albedo of the first face, and what a warning says
 SCENES = {
     "factor 255 128 0": (factor(255, 128, 0, 255), (1, 1, 0), "outside 0 to 1: it is clipped"),
-    "a factor below 0": (factor(1, -1, 0, 1), (1, 0, 0), "outside 0 to 1"),
     "a factor": (factor(0.5, 0.2, 0, 1), (0.5, 0.2, 0), ""),
     "factor 0, `emissiveTexture` of 200 0 0": (emitting((0, 0, 0, 1)), DARK, "is black but for what it emits"),
     "black that emits a texture by half": (emitting((0, 0, 0, 1), (0.5, 1, 1)), (0.289, 0, 0), "black but for"),
@@ -518,7 +496,6 @@ SCENES = {
     "a color that emits a texture": (emitting((0.5, 0.2, 0, 1)), (0.5, 0.2, 0), ""),
     "white that emits a little": (emitting((1, 1, 1, 1), (0.1, 0, 0), False), (1, 1, 1), "are all white"),
     "factor 0": (factor(0, 0, 0, 1), (0, 0, 0), "1 of 1 faces are black"),
-    "a texture that emits alone": (emitting(None), (1, 1, 1), "neither materials nor vertex colors"),
     "a texture of 200 0 0, factor .5, vertex colors .4": (tinted, (0.1156, 0, 0), ""),
     "no material, no colors": (bare(None), (1, 1, 1), "neither materials nor vertex colors"),
     "an empty material": (bare({}), (1, 1, 1), "neither materials nor vertex colors"),
@@ -528,6 +505,7 @@ SCENES = {
         node(weights=[0.5]), DARK, "morph targets are left out: apply them before export"),
     "hidden nodes": (lambda scene: scene.update(extensionsUsed=["KHR_node_visibility"]), DARK, "switches of vis"),
     "copies": (node(extensions=COPIES), DARK, "copies (EXT_mesh_gpu_instancing) are left out"),
+    "animations": (lambda scene: scene.update(animations=[{"channels": []}]), DARK, "its animations are left out"),
     "a texture moved to the right": (placed(offset=[0.5, 0]), BLUE_, ""),
     "a texture turned by half": (placed(rotation=np.pi), BLUE_, ""),
     "a texture scaled": (placed(scale=[3, 1]), BLUE_, ""),
@@ -640,7 +618,6 @@ STATEMENTS = {
     "map_Ka gone.png\nmap_Kd t.png\nmap_Ke gone.png": (RED_, ""),
     "map_Kd t.png\nmap_Ka black.png\nKd 0 0 0": (RED_, ""),
     "map_Kd\nmap_Ka t.png": (RED_, "is of map_ka"),
-    "map_Ka\nmap_Ke\nKd 0 0 1": (BLUE_, ""),
     "KD 0 0 0\nMAP_KA -O .5 T.PNG": (BLUE_, "is of map_ka"),
     "map_Ka -s 3 1 1 -blendu off -o 0 0 0 t.png": (BLUE_, "is of map_ka"),
     "map_Ka C:\\scans\\my body\\t.png": (RED_, "is of map_ka"),
@@ -648,9 +625,7 @@ STATEMENTS = {
     "Kd 0 0 0\nmap_Kd -S 3 -CLAMP OFF t.png": (BLUE_, ""),
     "Kd 0 0 0\nmap_d t.png\nbump t.png": ((0, 0, 0), "1 of 1 faces are black"),
     "Kd 1 1 1\nmap_Ks t.png\nrefl -type sphere t.png": ((1, 1, 1), "are all white"),
-    "map_Kd black.png": ((0, 0, 0), "faces are black"),
     "Kd 0 0 0\nKe 1 .5 .2": ((0, 0, 0), "faces are black"),
-    "Ka .5 .5 .5": ((1, 1, 1), "neither materials nor vertex colors"),
 }  # fmt: skip
 
 
@@ -734,28 +709,20 @@ def test_gltf_names_of_files(tmp_path, name):
 TABLES = {
     "utf-8": ("path\nZoë.obj\n".encode(), ["Zoë.obj"]),
     "utf-8 with a mark": (codecs.BOM_UTF8 + "path,use\nZoë.obj,1\n".encode(), ["Zoë.obj"]),
-    "utf-16": ("path\tuse\nZoë.obj\t1\n".encode("utf-16"), ["Zoë.obj"]),
     "cp1252": ("path\nZoë.obj\n".encode("cp1252"), ["Zoë.obj"]),
-    "GBK": ("path\n人.obj\n".encode("gbk"), ["人.obj"]),
     "Shift-JIS": ("path\n人.obj\n".encode("cp932"), ["人.obj"]),
     "semicolons": (b"use;path\n1;a,b.obj\n", ["a,b.obj"]),
     "Excel's own line": (b"sep=;\r\nuse;path\r\n1;a,b.obj\r\n", ["a,b.obj"]),
     "quotes": (b'use,path\r\n1,"a,b.obj"\r\n', ["a,b.obj"]),
-    "quoted names of columns": (b'"use";"path"\n"1";"a,b.obj"\n', ["a,b.obj"]),
-    "lines that end in CR": (b"use;path\r1;a,b.obj\r", ["a,b.obj"]),
     "capitals and accents in two parts": ("path\nzOe\u0308.obj\n".encode(), ["Zoë.obj"]),
     "utf-16 without a mark": ("path\tuse\nZoë.obj\t1\n".encode("utf-16-le"), ["Zoë.obj"]),
-    "capitals": ("Path;USE\nZoë.obj;1\n".encode(), ["Zoë.obj"]),
     "blanks around names and paths": ('" path ", use\n"Zoë.obj ", 1\n'.encode(), ["Zoë.obj"]),
     "a spreadsheet's empty rows and columns": ("path;use;;\n\nZoë.obj;1;;\n;;;\n;;;\n".encode(), ["Zoë.obj"]),
     "the end of a file of DOS": ("path\r\nZoë.obj\r\n\x1a".encode(), ["Zoë.obj"]),
-    "a line break in a cell": ('path,subject\n"Zoë.obj","a\nb"\n'.encode(), ["Zoë.obj"]),
     "a backslash and a capital": ("path\n.\\ZOË.OBJ\n".encode(), ["Zoë.obj"]),
     "cells beyond the last column": ("path\nZoë.obj,1,2\n".encode(), ["Zoë.obj"]),
     "sep= of a tab": (b"sep=\t\npath\tuse\na,b.obj\t1\n", ["a,b.obj"]),
     "n": ("use,path\nn,Zoë.obj\ny,人.obj\n".encode(), ["人.obj"]),
-    "FALSE": ("use,path\nFALSE,Zoë.obj\nTRUE,人.obj\n".encode(), ["人.obj"]),
-    "0.0": ("use,path\n0.0,Zoë.obj\n1.0,人.obj\n".encode(), ["人.obj"]),
 }
 
 

@@ -112,42 +112,26 @@ SKIN = {"a.obj": obj(*USE), "a.mtl": MTL.format("t.png").encode()}
 BROKEN = {
     # PLY
     "ply of zero bytes": ({"a.ply": b""}, "is empty"),
-    "ply that is a picture": ({"a.ply": picture()}, "not a PLY"),
     "ply without end_header": ({"a.ply": PLY % (b"ascii", 3)}, "not a PLY"),
-    "ply header of garbage": ({"a.ply": b"ply\nformat ascii 1.0\nelement vertex many\n" + END}, "means nothing"),
     "ply of unknown type": ({"a.ply": PLY % (b"ascii", 1) + b"property half u\n" + END}, "means nothing"),
-    "ply property without element": ({"a.ply": b"ply\nformat ascii 1.0\nproperty float x\n" + END}, "means nothing"),
     "ply of negative count": ({"a.ply": PLY % (b"ascii", -4) + FACE % 4 + END}, "means nothing"),
     "ply of unknown format": ({"a.ply": PLY % (b"binary_middle_endian", 4) + END}, "format"),
-    "ply without format": ({"a.ply": b"ply\nelement vertex 1\nproperty float x\n" + END + b"0"}, "format"),
     "ply with a property twice": ({"a.ply": PLY % (b"ascii", 1) + b"property float x\n" + END + b"0 0 0 0"}, "twice"),
     "ply promising billions of vertices": ({"a.ply": binary_ply(vertices=4_000_000_000)}, "promises"),
     "ply promising billions of faces": ({"a.ply": binary_ply(faces=4_000_000_000)}, "promises"),
     "ply promising billions of nothing": (
         {"a.ply": PLY % (b"ascii", 4) + b"element void 4000000000\n" + END + ROWS.encode()}, "no faces"),
-    "ascii ply promising billions": ({"a.ply": ascii_ply(ROWS, vertices=10**12)}, "promises"),
-    "ply truncated in vertices": ({"a.ply": binary_ply()[:-80]}, "promises"),
     "ply truncated in faces": ({"a.ply": binary_ply()[:-5]}, "truncated"),
-    "ascii ply truncated": ({"a.ply": ascii_ply(ROWS + "3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3")}, "truncated"),
     "ascii ply of words": ({"a.ply": ascii_ply(ROWS + "3 0 two 1\n" * 4)}, "not a number"),
     "ply with a list of 4 billion": (
         {"a.ply": PLY % (b"binary_little_endian", 4) + b"element face 1\nproperty list uint int vertex_indices\n" + END
          + POINTS.tobytes() + b"\xff\xff\xff\xfe" + b"\0" * 16}, "damaged"),
-    "ply with a list of length -1": (
-        {"a.ply": PLY % (b"binary_little_endian", 4) + b"element face 1\nproperty list int int vertex_indices\n" + END
-         + POINTS.tobytes() + struct.pack("<4i", -1, 0, 1, 2)},
-        "damaged",
-    ),
     "ply with an index out of range": ({"a.ply": binary_ply(triangles=[[0, 1, 4]] * 4)}, "names vertex 4"),
-    "ply with an index below zero": ({"a.ply": binary_ply(triangles=[[0, 1, -1]] * 4)}, "names vertex -1"),
     "ply of NaN": ({"a.ply": binary_ply(points=POINTS * np.float32(np.nan))}, "not finite"),
-    "ply of infinities": ({"a.ply": ascii_ply(ROWS.replace("1", "inf") + "3 0 1 2\n" * 4)}, "not finite"),
     "ply of astronomic numbers": ({"a.ply": ascii_ply(ROWS.replace("1", "1e300") + "3 0 1 2\n" * 4)}, "beyond 1e+12"),
     "ply at one point": ({"a.ply": binary_ply(points=POINTS * 0)}, "one point"),
     "ply of points": ({"a.ply": PLY % (b"binary_little_endian", 4) + END + POINTS.tobytes()}, "no faces"),
     "ply of zero faces": ({"a.ply": binary_ply(faces=0, triangles=[])}, "no faces"),
-    "ply of zero vertices": ({"a.ply": ascii_ply("", vertices=0, faces=0)}, "no faces"),
-    "ply of edges as faces": ({"a.ply": binary_ply(triangles=[[0, 1]] * 4)}, "no faces"),
     "ply without z": (
         {"a.ply": PLY.replace(b"float z", b"float w") % (b"ascii", 1) + FACE % 1 + END + b"0 0 0\n3 0 0 0"},
          "x, y and z"),
@@ -160,7 +144,6 @@ BROKEN = {
          "skin.png"),
     # OBJ
     "obj of zero bytes": ({"a.obj": b""}, "is empty"),
-    "obj of comments": ({"a.obj": b"# nothing\n\n"}, "no faces"),
     "obj of points": ({"a.obj": OBJ.encode()}, "no faces"),
     "obj that is binary": ({"a.obj": b"\x80" * (3 << 20)}, "not an .obj"),
     "obj truncated in a vertex": ({"a.obj": b"v 0 0 0\nv 1 0\nf 1 2 1\n"}, "has 2 numbers"),
@@ -172,10 +155,7 @@ BROKEN = {
     "obj with a texture index out of range": (
         {"a.obj": obj(*USE, faces="f 1/1 2/2 3/9\n"), "a.mtl": MTL.format("t.png").encode(), "t.png": picture()},
          "texture coordinate 9"),
-    "obj of NaN": ({"a.obj": obj(head=OBJ.replace("1", "nan"))}, "not finite"),
-    "obj of edges": ({"a.obj": obj(faces="f 1 2\nf 2 3\n")}, "no faces"),
     "obj without its .mtl": ({"a.obj": obj(*USE)}, "a.mtl"),
-    "obj whose .mtl is a folder": ({"a.obj": obj(*USE), "a.mtl/x": b""}, "a.mtl"),
     "obj whose .mtl is a looped link": (
         {"a.obj": obj(*USE), "a.mtl": "-> b.mtl", "b.mtl": "-> a.mtl"}, "leads nowhere"),
     "obj whose .mtl lies outside": ({"in/a.obj": obj("mtllib ../a.mtl"), "a.mtl": b"newmtl skin\n"}, "outside"),
@@ -192,7 +172,6 @@ BROKEN = {
          "out of the folder"),
     "texture truncated": ({**SKIN, "t.png": picture((64, 64))[:-60]}, "damaged"),
     "texture of text": ({**SKIN, "t.png": b"hello"}, "not a picture"),
-    "texture of zero bytes": ({**SKIN, "t.png": b""}, "not a picture"),
     "texture that is a bomb": ({**SKIN, "t.png": bomb()}, "million pixels"),
     "texture in two subfolders": (
         {**SKIN, "x/t.png": picture(), "y/t.png": picture()}, "2 files"),
@@ -200,17 +179,14 @@ BROKEN = {
         {"a.obj": obj(*USE, faces="f 1 2 3\n"), "a.mtl": MTL.format("t.png").encode(), "t.png": picture()},
         "no texture coordinates",
     ),
-    "mtl with a color of words": ({"a.obj": obj(*USE), "a.mtl": b"newmtl skin\nKd red green blue\n"}, "three numbers"),
     # glTF
     "glb of zero bytes": ({"a.glb": b""}, "is empty"),
-    "glb of text": ({"a.glb": b"hello, this is not a model at all"}, "not a .glb"),
     "glb truncated": ({"a.glb": glb_of(gltf())[:-30]}, "truncated"),
     "glb of version 1": ({"a.glb": glb_of(gltf(), version=1)}, "version 2"),
     "glb with a chunk past its end": (
         {"a.glb": glb_of(gltf())[:12] + b"\xff\xff\xff\x7f" + glb_of(gltf())[16:]}, "over the end"),
     "glb of broken JSON": ({"a.glb": glb_of(gltf()).replace(b'"asset"', b'"asset\\')}, "JSON"),
     "gltf of nested brackets": ({"a.gltf": b"[" * 200_000}, "JSON"),
-    "gltf that is a list": ({"a.gltf": b"[1, 2]"}, "not glTF"),
     "gltf without version": ({"a.gltf": b"{}"}, "not glTF"),
     "gltf needing compression": ({"a.gltf": gltf(extensionsRequired=["KHR_draco_mesh_compression"])}, "draco"),
     "gltf without its .bin": ({"a.gltf": gltf(setting("buffers", 0, "uri", "a.bin"))}, "a.bin"),
@@ -222,20 +198,14 @@ BROKEN = {
     "gltf promising zeros": (
         {"a.gltf": gltf(lambda s: s["accessors"][0].update(count=50_000_000) or s["accessors"][0].pop("bufferView"))},
          "without data"),
-    "gltf accessor over the end": ({"a.gltf": gltf(setting("accessors", 0, "count", 5))}, "over the end"),
     "gltf accessor of unknown type": ({"a.gltf": gltf(setting("accessors", 0, "type", "VEC7"))}, "damaged"),
     "gltf accessor of negative offset": ({"a.gltf": gltf(setting("accessors", 0, "byteOffset", -8))}, "over the end"),
-    "gltf view of negative length": ({"a.gltf": gltf(setting("bufferViews", 0, "byteLength", -1))}, "over the end"),
     "gltf with an index out of range": (
         {"a.gltf": gltf(binary=POINTS.tobytes() + np.full(12, 9, "<u2").tobytes())}, "names vertex 9"),
-    "gltf of NaN": ({"a.gltf": gltf(binary=(POINTS * np.float32(np.nan)).tobytes() + b"\0" * 24)}, "not finite"),
-    "gltf with a node in itself": ({"a.gltf": gltf(setting("nodes", 0, "children", [0]))}, "tree"),
     "gltf with nodes in a circle": ({"a.gltf": gltf(setting("nodes", [{"children": [1]}, {"children": [0]}]))}, "tree"),
     "gltf with a missing node": ({"a.gltf": gltf(setting("scenes", 0, "nodes", [7]))}, "entry 7"),
-    "gltf with a missing mesh": ({"a.gltf": gltf(setting("nodes", 0, "mesh", -1))}, "entry -1"),
     "gltf with a mesh of text": ({"a.gltf": gltf(setting("meshes", "none"))}, "damaged"),
     "gltf with a matrix of 3 numbers": ({"a.gltf": gltf(setting("nodes", 0, "matrix", [1, 2, 3]))}, "damaged"),
-    "gltf of nothing": ({"a.gltf": gltf(setting("scenes", 0, "nodes", []))}, "no triangles"),
     "gltf of lines": ({"a.gltf": gltf(setting("meshes", 0, "primitives", 0, "mode", 1))}, "no triangles"),
     "gltf of 11 indices": ({"a.gltf": gltf(setting("accessors", 1, "count", 11))}, "whole triangles"),
     "gltf without its texture": ({"a.gltf": gltf(textured("skin.png"))}, "skin.png"),
@@ -244,7 +214,6 @@ BROKEN = {
                                                                    {"POSITION": 0})(s)),
          "t.png": picture()}, "have no TEXCOORD_0"),
     "gltf with a texture outside": ({"in/a.gltf": gltf(textured("../t.png")), "t.png": picture()}, "outside"),
-    "gltf with a texture of text": ({"a.gltf": gltf(textured("data:;base64,aGVsbG8="))}, "not a picture"),
     # other
     "a kind that is not read": ({"a.fbx": b"Kaydara FBX Binary"}, ".glb"),
     "no suffix": ({"figure": b"ply\n"}, "no suffix"),
@@ -292,11 +261,6 @@ def test_the_undamaged_files_are_read(tmp_path):
         mesh = read_mesh(tmp_path / name)
         np.testing.assert_array_equal(mesh.vertices, POINTS)
         np.testing.assert_array_equal(mesh.faces, TRIANGLES)
-
-
-def test_missing_file(tmp_path):
-    with pytest.raises(UserError, match="there is no file"):
-        read_mesh(tmp_path / "none.ply")
 
 
 @pytest.mark.parametrize("name", ["a.ply", "a.glb", "a.obj"])

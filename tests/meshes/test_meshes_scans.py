@@ -68,8 +68,6 @@ def test_a_table_replaces_the_listing(tmp_path):
     (tmp_path / "scans.csv").write_text("path\n" + "\n".join(outside))
     assert [scan.subject for scan in list_scans(tmp_path).values()] == ["c", "a"]
     for text, says in (
-        ("name\na\n", "no column `path`"),
-        ("path\nnone.ply\n", "none.ply"),
         ("path\nc.ply\nc.ply\n", "twice"),
         ("use,path\n0,c.ply\n", "chooses no scan"),
     ):

@@ -172,12 +172,6 @@ def test_a_part_of_a_skinned_mesh_without_joints_is_as_stored(tmp_path):
     np.testing.assert_allclose(file.read(tmp_path).vertices, TRIANGLE)
 
 
-def test_animations_are_noted(tmp_path):
-    file = File(nodes=[{}, {"mesh": 0, "skin": 0}], animations=[{"channels": []}])
-    file.scene["meshes"], file.scene["skins"] = [file.mesh()], [file.skin([0])]
-    assert "its animations are left out: apply them before export" in file.read(tmp_path).info["warnings"]
-
-
 @pytest.mark.parametrize(
     ("change", "says"),
     [
