@@ -72,7 +72,7 @@ OPTIONS: dict[str, tuple[str, str | None, str | None, str]] = {
     "stops": ("--stops", LIGHT, "STOPS", "Brighten the result; negative: darken it."),
     "absolute": ("--absolute", LIGHT, None, "Keep the light's own strength instead of matching it to the photo."),
     "together": ("--together", None, None, "Take the whole mask as one person, even if it has several parts."),
-    "maps": ("--maps", None, None, "Also write maps.exr: albedo, shading, normals and transport."),
+    "maps": ("--maps", None, None, "Also write albedo.png, shading.png and maps.exr."),
     "layout": ("--layout", FILE, "WORD", "Of a panorama: auto, latlong, angular, ball, cross, strip, strip-gl."),
     "yaw": ("--yaw", FILE, "DEGREES", "Turn a panorama whose front is wrong, to the right."),
     "flip": ("--flip", FILE, None, "Mirror a panorama left to right."),
@@ -183,6 +183,8 @@ def photo(
     jobs: int | None = None,
 ) -> None:
     """Relight the people in a photo, or in each photo of a folder."""
+    from rich.console import Console
+
     from relight.core.errors import UserError
     from relight.photos.folder import BEFORE_AFTER, relight_file, relight_folder
     from relight.photos.mask.find import NoMaskNetwork
@@ -201,7 +203,11 @@ def photo(
         if summary.failed:
             raise typer.Exit(1)
         return
-    relight = functools.partial(relight_file, network, path, out, look, mask, maps, **options)
+
+    def relight() -> dict[str, Any]:
+        with Console(stderr=True).status(f"relighting {path.name}"):
+            return relight_file(network, path, out, look, mask, maps, **options)
+
     try:
         record = relight()
     except NoMaskNetwork:

@@ -28,7 +28,6 @@ from relight.photos.opening import list_photos, list_pictures, mask_beside, mask
 from relight.photos.scene import Scene, SceneOptions, require_white_balance
 from relight.photos.write import (
     write_before_after,
-    write_inference,
     write_json,
     write_light_files,
     write_maps,
@@ -62,7 +61,7 @@ def relight_file(
         out: the folder.
         look: of the result.
         mask: its file; by default it is found.
-        maps: whether the maps are also written as maps.exr.
+        maps: whether the inferred maps are also written.
         **options: of `Scene.of`.
 
     Returns:
@@ -83,9 +82,8 @@ def relight_file(
     relit = next(scene.turned(look, light, background))
     write_picture(out / f"relit{picture.suffix}", relit)
     write_before_after(out / BEFORE_AFTER, picture.rgba, relit)
-    write_inference(out, scene)
     if maps:
-        write_maps(out / "maps.exr", scene)
+        write_maps(out, scene)
     for i, person in enumerate(people, 1):
         write_light_files(
             out / ("light" if len(people) == 1 else f"light_{i}"), person.light, f"inferred from {picture.name}"
@@ -183,7 +181,7 @@ def relight_folder(
             alpha, or an automatic mask.
         weights: of the network (.onnx); None for the one that comes with relight.
         jobs: processes; by default as many as there are cores.
-        maps: whether the maps are also written as maps.exr.
+        maps: whether the inferred maps are also written.
         **options: of `Scene.of`.
 
     Raises:

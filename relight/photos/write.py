@@ -55,10 +55,11 @@ def write_before_after(path: Path, before: np.ndarray, after: np.ndarray) -> Non
         strip.save(tmp, format="JPEG", quality=90)
 
 
-def write_inference(folder: Path, scene: Scene) -> None:
-    """Writes the inferred maps as pictures, albedo.png and shading.png, transparent around the people.
+def write_maps(folder: Path, scene: Scene) -> None:
+    """Writes the inferred maps: to see, albedo.png and shading.png, transparent around the people; and maps.exr.
 
-    The shading is scaled for display (color.display_shading).
+    The shading is scaled for display (color.display_shading). In maps.exr, which has `layers`, the display window is
+    the picture, and the data window the part with people.
     """
     pixels, people = scene.picture.pixels, scene.people
     pictures = {name: np.zeros((*scene.picture.shape, 4), np.uint8) for name in ("albedo", "shading")}
@@ -71,6 +72,7 @@ def write_inference(folder: Path, scene: Scene) -> None:
                 pictures[name][window][own, :3] = codes
     for name, picture in pictures.items():
         write_picture(folder / f"{name}.png", picture)
+    _write_layers(folder / "maps.exr", scene)
 
 
 def layers(scene: Scene) -> tuple[dict[str, np.ndarray], int, int]:
@@ -100,8 +102,7 @@ def layers(scene: Scene) -> tuple[dict[str, np.ndarray], int, int]:
     return channels, top, left
 
 
-def write_maps(path: Path, scene: Scene) -> None:
-    """Writes the `layers` of a scene as an OpenEXR: the display window is the picture, the data window their part."""
+def _write_layers(path: Path, scene: Scene) -> None:
     channels, top, left = layers(scene)
     (height, width), (rows, columns) = scene.picture.shape, channels["coverage.A"].shape
     header = {
@@ -145,10 +146,9 @@ def placed_maps(
 
 
 def write_light_files(stem: Path, coefficients: np.ndarray, source: str) -> None:
-    """Writes a light (K,3) as `stem`.json and `stem`.relight.npy, and `stem`.png, a matte ball that it lights."""
+    """Writes a light (K,3) as `stem`.json, and `stem`.png, a matte ball that it lights."""
     light = Light(np.asarray(coefficients, np.float64), source)
     write_light(light, stem.with_name(f"{stem.name}.json"))
-    write_light(light, stem.with_name(f"{stem.name}.npy"))
     ball = np.round(lit_ball(light.coefficients, 256) * 255).astype(np.uint8)
     write_picture(stem.with_name(f"{stem.name}.png"), ball)
 

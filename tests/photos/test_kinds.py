@@ -641,7 +641,7 @@ def test_photo_command_writes_in_kind(tmp_path, run, weights, draw, name):
         Image.fromarray(mask).save(tmp_path / mask_name)
     make, type = KINDS[name]
     make(tmp_path / name, codes / 255)
-    light = ("--weights", weights, "--light", "key:#ffffff@60,20", "--stops", "-1")
+    light = ("--weights", weights, "--light", "key:#ffffff@60,20", "--stops", "-1", "--maps")
     for source in ("eight.png", name):
         says = run("photo", tmp_path / source, "--out", tmp_path / f"out_{source}", *light)
     suffix = name[-4:]
@@ -668,9 +668,9 @@ def test_photo_command_keeps_scene_values_above_white(tmp_path, run, weights, dr
     exr(tmp_path / "a.exr", scene)
     run("photo", tmp_path / "a.exr", "--mask", tmp_path / "mask.png", "--weights", weights, "--out", tmp_path / "one")
     run("photo", tmp_path / "a.exr", "--mask", tmp_path / "mask.png", "--weights", weights, "--out", tmp_path / "four",
-        "--stops", 2)  # fmt: skip
+        "--stops", 2, "--maps")  # fmt: skip
     one, four = (Picture.of(tmp_path / out / "relit.exr").pixels for out in ("one", "four"))
-    inside = np.asarray(Image.open(tmp_path / "one/albedo.png"))[..., 3] == 255
+    inside = np.asarray(Image.open(tmp_path / "four/albedo.png"))[..., 3] == 255
     assert inside.mean() > 0.1
     np.testing.assert_allclose(four[inside], 4 * one[inside], rtol=1e-4)
     np.testing.assert_array_equal(one[0, 0], 50)

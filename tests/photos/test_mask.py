@@ -148,7 +148,7 @@ def test_photo_without_a_mask(run, wheel, weights, tmp_path):
     """Three commands' worth: set up, relight, and draw the mask to correct it, which is then the one that counts."""
     pixels, figure = scene()
     Image.fromarray(pixels).save(tmp_path / "me.png")
-    words = ["photo", tmp_path / "me.png", "--light", "key:#ffffff@60,20", "--weights", weights]
+    words = ["photo", tmp_path / "me.png", "--light", "key:#ffffff@60,20", "--weights", weights, "--maps"]
     with pytest.raises(UserError, match=r"me\.png has no mask: .* run `relight mask setup` once; or draw"):
         run(*words)
     run("mask", "setup", "--from", wheel)
