@@ -15,6 +15,7 @@ from relight.photos.network import PhotoNetwork
 from relight.photos.shading import exposure_factor, gain, shading, steady
 
 OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the person
+BRIGHTEST = 0.99  # quantile of a person's values that the network sees as white, if it exceeds that
 LEAST_CHANNEL = 0.2  # of the luminance: lower bound of the channels of `Person.white`, which lights are divided by
 PAPER_GAMMA = 2.2  # a factor on coded values is its power on linear ones, for networks trained with color=paper
 
@@ -27,12 +28,13 @@ class Person:
         crop: the square of the photo that the network was given.
         coverage: (H,W) uint8, of this person in the photo.
         mask: (S,S) bool.
-        image: (S,S,3) the network's input, linear.
+        image: (S,S,3) the photo, linear.
         albedo: (S,S,3).
         transport: (S,S,K).
         light: (K,3) inferred radiance coefficients.
         gamma: 1, or PAPER_GAMMA for networks of coded values.
         white: (3,) color that `balanced` moved from the inferred light to the albedo; 1 without it.
+        exposure: factor on `image` for the network, below 1 for linear photos whose values exceed white.
     """
 
     crop: Crop
@@ -44,6 +46,7 @@ class Person:
     light: np.ndarray
     gamma: float = 1.0
     white: np.ndarray = field(default_factory=lambda: np.ones(3, np.float32))
+    exposure: float = 1.0
 
     def __repr__(self) -> str:
         height, width = self.coverage.shape
@@ -60,8 +63,9 @@ class Person:
 
     @property
     def error(self) -> float:
-        """Reconstruction error: RMSE of albedo * shading against the image over the mask."""
-        difference = (np.clip(self.albedo * self.shading, 0, 1) - self.image)[self.mask]
+        """Reconstruction error: RMSE of albedo * shading against the image over the mask, as the network sees it."""
+        rebuilt, image = (self.exposure * values[self.mask] for values in (self.albedo * self.shading, self.image))
+        difference = np.clip(rebuilt, 0, 1) - np.clip(image, 0, 1)
         return float(np.sqrt((difference**2).mean()))
 
     def fit_gain(self, light: np.ndarray) -> FittedMap:
@@ -136,10 +140,13 @@ def infer_person(network: PhotoNetwork, pixels: np.ndarray, coverage: np.ndarray
     """
     crop = crop or crop_around(coverage, network.size)
     image, mask = network_input(pixels, coverage, crop)
+    exposure = 1 / max(1.0, float(np.quantile(image[mask], BRIGHTEST)))
+    seen = np.minimum(image * np.float32(exposure), 1)
     paper = network.config.get("train", {}).get("color") == "paper"
     if paper:  # these networks were trained with coded values as if they were linear
-        image = encode(image).astype(np.float32)
-    albedo, transport, light = network.infer(image, mask)
+        image = seen = encode(seen).astype(np.float32)
+        exposure = 1.0
+    albedo, transport, light = network.infer(seen, mask)
     return Person(
         crop=crop,
         coverage=coverage,
@@ -147,7 +154,8 @@ def infer_person(network: PhotoNetwork, pixels: np.ndarray, coverage: np.ndarray
         image=image,
         albedo=albedo,
         transport=transport,
-        light=light,
+        light=light / np.float32(exposure),
+        exposure=exposure,
         gamma=PAPER_GAMMA if paper else 1.0,
     )
 
@@ -164,7 +172,7 @@ def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple
         crop: the square.
 
     Returns:
-        The image (S,S,3), linear in [0,1] and zero outside of the mask, and the mask (S,S) bool.
+        The image (S,S,3), linear and zero outside of the mask, and the mask (S,S) bool.
     """
     share = crop.extract(coverage)
     mask = share >= MASK_THRESHOLD
@@ -173,7 +181,7 @@ def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple
     image = np.empty((*mask.shape, 3), np.float32)
     for channel in range(3):  # one at a time: an 8k photo in float32 is 800 MB
         image[..., channel] = crop.extract(to_linear(pixels[..., channel]) * coverage) / np.maximum(share, 1e-3)
-    return np.clip(image * mask[..., None], 0, 1), mask
+    return np.maximum(image * mask[..., None], 0), mask
 
 
 def with_light(person: Person, light: np.ndarray) -> Person:

@@ -55,7 +55,7 @@ def assess(person: Person, training: np.ndarray | None = None, stops: float = 0.
             f"albedo and light rebuild the photo only to {person.error:.2f} (usual: under {ERROR:.2f}): "
             "shadows may have been taken for dark cloth, or the other way round"
         )
-    inferred = person.light * person.white  # as the network has it
+    inferred = person.exposure * person.light * person.white  # as the network has it
     distance = usual = None
     if training is not None and len(training) > 1:
         distance, usual = _distance(inferred, training)
@@ -64,7 +64,7 @@ def assess(person: Person, training: np.ndarray | None = None, stops: float = 0.
                 f"the light is unlike those of the network's training (distance {distance:.2f}, usual {usual:.2f})"
             )
     warnings += _light_warnings(inferred, 2.0**stops)
-    image = person.image[person.mask]
+    image = person.exposure * person.image[person.mask]
     white, black = float((image.max(1) > 0.98).mean()), float((image.max(1) < 0.01).mean())
     if white > WHITE:
         warnings.append(f"{white:.0%} of the figure is blown out to white: what is lost there cannot be relit")

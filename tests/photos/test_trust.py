@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from relight.core.srgb import decode
 from relight.photos.trust import assess
 from relight.sh import basis
 
@@ -57,3 +58,15 @@ def test_error_and_exposure(figure):
     assert any("blown out" in w for w in assess(white).warnings)
     dark = replace(figure, image=np.zeros_like(figure.image))
     assert any("nearly black" in w for w in assess(dark).warnings)
+
+
+@pytest.mark.slow
+def test_a_linear_photo_brighter_than_white_is_inferred_in_the_exposure_that_suits_it(relighter, draw):
+    codes, mask = draw()
+    linear = decode(codes / 255)
+    dim, bright = (relighter.infer(linear * factor, mask, white_balance="scene")[0] for factor in (4.0, 32.0))
+    np.testing.assert_allclose(bright.albedo, dim.albedo, atol=1e-5)
+    np.testing.assert_allclose(bright.light, 8 * dim.light, rtol=1e-3)
+    assert bright.error == pytest.approx(dim.error, rel=1e-3)
+    for figure in (dim, bright):
+        assert not any("blown out" in w or "brighter" in w for w in assess(figure, relighter.network.lights).warnings)
