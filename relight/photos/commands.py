@@ -170,46 +170,60 @@ def with_options(examples: str = "") -> Callable[[Callable], Callable]:
 @app.command()
 @with_options(PHOTO_EXAMPLES)
 def photo(
-    path: Annotated[Path, typer.Argument(help="A photo, or a folder of photos.", metavar="PHOTO")],
+    paths: Annotated[list[Path], typer.Argument(help="A photo, several, or a folder of photos.", metavar="PHOTO...")],
     words: Words,
     mask: Path | None = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder of results; by default PHOTO_relit.", metavar="FOLDER"),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder of results, by default PHOTO_relit, of several photos relit; or a picture, .png or .jpg.",
+            metavar="FOLDER|FILE",
+        ),
     ] = None,
     together: bool = False,
     maps: bool = False,
     weights: Path | None = None,
     jobs: int | None = None,
 ) -> None:
-    """Relight the people in a photo, or in each photo of a folder."""
+    """Relight the people in a photo, in several, or in each photo of a folder."""
     from rich.console import Console
 
     from relight.core.errors import UserError
-    from relight.photos.folder import BEFORE_AFTER, relight_file, relight_folder
+    from relight.core.files import PHOTO_SUFFIXES
+    from relight.photos.folder import BEFORE_AFTER, Summary, photos_in, relight_file, relight_photos, relight_to
     from relight.photos.mask.find import NoMaskNetwork
     from relight.photos.network import read_network
 
-    if not path.exists():
-        raise UserError(f"photo: there is no file or folder {path}")
+    path, several = paths[0], len(paths) > 1
+    for each in paths:
+        if not each.exists() or (several and each.is_dir()):
+            raise UserError(f"photo: there is no file {'' if several else 'or folder '}{each}")
     if out is None:
         named = path.resolve() if path.name in ("", "..") else path  # "." has no name of its own
-        out = named.with_name(f"{named.stem if path.is_file() else named.name}_relit")
+        out = Path("relit") if several else named.with_name(f"{named.stem if path.is_file() else named.name}_relit")
     network = read_network(weights)
     look, options = words.look(network), words.scene(together)
-    if path.is_dir():
-        summary = relight_folder(path, out, look, mask, weights, jobs, maps, **options)
+    if several or path.is_dir():
+        photos, summary = (paths, Summary()) if several else photos_in(path)
+        relight_photos(photos, summary, out, look, mask, weights, jobs, maps, **options)
         print(f"{out}: {summary}")
         if summary.failed:
             raise typer.Exit(1)
         return
 
-    def relight() -> dict[str, Any]:
+    picture = out if out.suffix.lower() in (*PHOTO_SUFFIXES, ".exr") and not out.is_dir() else None  # alone
+
+    def relight() -> tuple[str, list[str]]:
         with Console(stderr=True).status(f"relighting {path.name}"):
-            return relight_file(network, path, out, look, mask, maps, **options)
+            if picture:
+                return f"{picture}", relight_to(network, path, picture, look, mask, **options)
+            record = relight_file(network, path, out, look, mask, maps, **options)
+            return f"{out}/{record['picture']}: {path.name} in the light of {record['light']}", record["notes"]
 
     try:
-        record = relight()
+        says, notes = relight()
     except NoMaskNetwork:
         if not at_terminal():
             raise
@@ -217,10 +231,11 @@ def photo(
         if not typer.confirm("Fetch it now?", default=True):
             raise
         mask_setup()
-        record = relight()
-    print(f"{out}/{record['picture']}: {path.name} in the light of {record['light']}")
-    print(f"{out}/{BEFORE_AFTER}: both side by side")
-    for note in record["notes"]:
+        says, notes = relight()
+    print(says)
+    if not picture:
+        print(f"{out}/{BEFORE_AFTER}: both side by side")
+    for note in notes:
         print(f"note: {note}")
 
 

@@ -5,22 +5,24 @@ import json
 import multiprocessing
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
+from PIL import Image
 
 from relight.core.errors import UserError
-from relight.core.files import writable_folder
+from relight.core.files import atomic_write, writable_file, writable_folder
 from relight.core.processes import has_semaphores
 from relight.core.progress import progress
 from relight.core.version import __version__
-from relight.photos.color import DISPLAY_STOPS, KNEE
+from relight.photos.color import DISPLAY_STOPS, KNEE, on_white
 from relight.photos.look import Look
 from relight.photos.mask.find import automatic_model
 from relight.photos.network import PhotoNetwork, read_network
@@ -39,6 +41,7 @@ RECORD = "photo.json"
 BEFORE_AFTER = "before_after.jpg"
 RESULTS = ("relit", "before_after", "albedo", "shading", "maps", "light", "new_light")  # names of files, without suffix
 BYTES_PER_PIXEL = 54  # of the photo, at most, for the results: three pictures and 19 maps of half floats
+JPEG_QUALITY = 95
 MOST_LINES = 12  # of notes in a summary
 
 
@@ -111,6 +114,46 @@ def relight_file(
     return record
 
 
+def relight_to(
+    network: PhotoNetwork,
+    path: Path,
+    out: Path,
+    look: Look,
+    mask: Path | None = None,
+    **options: Unpack[SceneOptions],
+) -> list[str]:
+    """Relights a photo, and writes the picture alone.
+
+    Args:
+        network: that infers.
+        path: of the photo.
+        out: of the picture: .jpg, or with the suffix of `Picture`.
+        look: of the result.
+        mask: its file; by default it is found.
+        **options: of `Scene.of`.
+
+    Returns:
+        Notes on the photo and the light.
+
+    Raises:
+        UserError: if an input is wrong, or the file cannot be written, or is one of the inputs.
+    """
+    writable_file(out, "--out")
+    for given in (path, mask, look.words["light"], look.background.name):
+        if given and Path(given).resolve() == out.resolve():
+            raise UserError(f"{given} would be overwritten: give another --out")
+    scene = Scene.of(path, mask, network, **options)
+    if (suffix := out.suffix.lower()) not in (".jpg", scene.picture.suffix):
+        raise UserError(f"--out {out}: give a folder, or a picture ending in .jpg or {scene.picture.suffix}")
+    relit = scene.relit(look)
+    if suffix == ".jpg":
+        with atomic_write(out) as tmp:
+            Image.fromarray(on_white(relit)).save(tmp, quality=JPEG_QUALITY)
+    else:
+        write_picture(out, relit)
+    return scene.notes + scene.notes_on(look)
+
+
 def is_result(path: Path | str) -> bool:
     """Returns whether a file has the name of one that `relight_file` writes."""
     return re.sub(r"_\d+$", "", Path(path).name.split(".")[0]) in RESULTS
@@ -158,8 +201,19 @@ def note_lines(notes: dict[str, list[str]]) -> list[str]:
     return lines[:MOST_LINES] + [f"note: {rest} more are in {RECORD} of the photos"] * (rest > 0)
 
 
-def relight_folder(
-    folder: Path | str,
+def photos_in(folder: Path) -> tuple[list[Path], Summary]:
+    """Lists the photos in a folder, and counts what else is there."""
+    photos = list_photos(folder)
+    others = {path for path in folder.iterdir() if not path.name.startswith(".")}
+    others -= {*photos, *map(mask_beside, photos)}
+    folders, unused = {path for path in others if path.is_dir()}, others.intersection(list_pictures(folder))
+    skipped = {"folders": folders, "masks without a photo": unused, "files of other kinds": others - folders - unused}
+    return photos, Summary(skipped={kind: len(paths) for kind, paths in skipped.items()})
+
+
+def relight_photos(
+    photos: Sequence[Path],
+    summary: Summary,
     out: Path | str,
     look: Look,
     masks: Path | str | None = None,
@@ -167,18 +221,19 @@ def relight_folder(
     jobs: int | None = None,
     maps: bool = False,
     **options: Unpack[SceneOptions],
-) -> Summary:
-    """Relights every photo of a folder into `out`/<file name>/.
+) -> None:
+    """Relights photos into `out`/<file name>/.
 
     A photo whose results were made with the same look, options, weights, files and version is skipped. One that fails
     does not stop the others.
 
     Args:
-        folder: of photos.
+        photos: their files.
+        summary: to which it adds what becomes of them.
         out: folder of the results.
         look: of the results.
-        masks: a folder with a mask of the same stem for each photo; by default <stem>_mask.png beside the photo, its
-            alpha, or an automatic mask.
+        masks: a folder that has a mask of the same stem for each photo; by default <stem>_mask.png beside the photo,
+            its alpha, or an automatic mask.
         weights: of the network (.onnx); None for the one that comes with relight.
         jobs: processes; by default as many as there are cores.
         maps: whether the inferred maps are also written.
@@ -187,17 +242,14 @@ def relight_folder(
     Raises:
         UserError: if something is wrong with the arguments, and not with a single photo.
     """
-    photos = list_photos(folder)
     writable_folder(out, "--out")
     if masks and not Path(masks).is_dir():
-        raise UserError(f"mask {masks}: for a folder of photos give a folder of masks")
+        raise UserError(f"mask {masks}: for several photos give a folder of masks")
+    for one, other in pairwise(sorted(photos, key=lambda path: path.name)):
+        if one.name == other.name:
+            raise UserError(f"{one} and {other} have one name, and so would their results: relight them one by one")
     require_white_balance(options.get("white_balance", "keep"))
     network = read_network(weights).digest
-    others = {path for path in Path(folder).iterdir() if not path.name.startswith(".")}
-    others -= {*photos, *map(mask_beside, photos)}
-    folders, unused = {path for path in others if path.is_dir()}, others.intersection(list_pictures(folder))
-    skipped = {"folders": folders, "masks without a photo": unused, "files of other kinds": others - folders - unused}
-    summary = Summary(skipped={kind: len(paths) for kind, paths in skipped.items()})
     tasks = {}
     for photo in photos:
         mask = (mask_in(masks, photo.stem) or Path(masks) / f"{photo.stem}.png") if masks else mask_beside(photo)
@@ -216,7 +268,6 @@ def relight_folder(
             summary.notes[name] = json.loads((Path(out) / name / RECORD).read_text())["notes"]
         else:
             summary.failed[name] = reason
-    return summary
 
 
 def _run(work: partial, tasks: dict, jobs: int, weights: Path | None) -> Iterator[tuple[str, str | None]]:

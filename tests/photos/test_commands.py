@@ -136,7 +136,7 @@ def bad(tmp_path, weights):
     yield [me, "--background", "nothing such"], "background"
     yield [me, "--weights", tmp_path / "old.pt"], "no network of relight"
     yield [me, "--weights", tmp_path / "mine.safetensors"], "`relight export mine.safetensors mine.onnx` writes"
-    yield [me, "--out", me], "is a file"
+    yield [me, "--out", me], "would be overwritten"
     yield [me, "--out", me / "sub"], "nothing can be written there"
     yield [me, "--out", "/proc/relight"], "nothing can be written there"
     yield [me, "--background", tmp_path / "none.png"], r"background: there is no file .*none\.png"
@@ -204,10 +204,33 @@ def test_the_folder_here_is_relit_beside_itself(photo_files, monkeypatch, tmp_pa
     from relight.photos import folder
 
     asked = []
-    monkeypatch.setattr(folder, "relight_folder", lambda path, out, *_, **__: asked.append(out) or folder.Summary())
+    monkeypatch.setattr(folder, "relight_photos", lambda photos, summary, out, *_, **__: asked.append(out))
     monkeypatch.chdir(tmp_path)
     CliRunner().invoke(app, ["photo", "."])
     assert asked == [tmp_path.with_name(f"{tmp_path.name}_relit")]
+
+
+@pytest.mark.slow
+def test_several_photos_and_the_picture_alone(photo_files, run, weights, monkeypatch, tmp_path):
+    me, mask, *_ = photo_files
+    words = ("--light", "room:3", "--weights", weights, "--jobs", 1)
+    monkeypatch.setattr("relight.photos.folder.has_semaphores", lambda: False)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "b").mkdir()
+    for name in ("you.png", "you_mask.png", "b/me.png"):
+        (tmp_path / name).write_bytes((mask if "mask" in name else me).read_bytes())
+    assert "2 relit, 0 already there, 0 failed" in run("photo", me, "you.png", *words)
+    with pytest.raises(UserError, match=r"have one name, and so would their results"):
+        run("photo", me, "b/me.png", *words)
+    with pytest.raises(UserError, match="there is no file b"):
+        run("photo", me, "b", *words)
+    for name in ("one.png", "one.jpg"):
+        assert run("photo", me, "--out", name, *words).startswith(name)
+    assert np.array_equal(picture("one.png"), picture("relit/you.png/relit.png"))
+    assert np.abs(picture("one.jpg").astype(int) - picture("one.png")).mean() < 20  # of noise
+    for name, says in {"one.webp": r"ending in \.jpg or \.png", me: "would be overwritten"}.items():
+        with pytest.raises(UserError, match=says):
+            run("photo", me, "--out", name, *words)
 
 
 def test_changed_options_or_files_are_relit_again(photo_files, weights, tmp_path):
