@@ -96,6 +96,11 @@ def numbers(
         repair=repair,
         upside_down=upside_down,
     )
+    written = []  # before anything is printed, which may go to a pipe that closes
+    for path in paths:
+        if path in pictures:
+            write_light_picture(loaded, path)
+        written.append(path if path in pictures else write_light(loaded, path, to))
     channels = "BGR" if to == "kanamori2018" else "RGB"
     table = Table("l, m", *channels, title=f"{loaded.source}, convention {to}", title_justify="left")
     for k, (l, row) in enumerate(zip(bands(loaded.order), from_relight(loaded.coefficients, to))):
@@ -107,12 +112,8 @@ def numbers(
         console.print(f"  {name:32s} {value}")
     for note in loaded.notes:
         typer.echo(note, err=True)
-    for path in paths:
-        if path in pictures:
-            write_light_picture(loaded, path)
-            console.print(f"written: {path}", soft_wrap=True)
-        else:
-            console.print(f"written: {write_light(loaded, path, to)}", soft_wrap=True)
+    for path in written:
+        console.print(f"written: {path}", soft_wrap=True)
 
 
 @app.command()

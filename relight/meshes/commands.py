@@ -1,11 +1,12 @@
 """`relight scans`: lists a folder, checks a file."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-app = typer.Typer(help="Your own figures: list a folder, check a file.", no_args_is_help=True)
+app = typer.Typer(help="Your own figures: list a folder, check files.", no_args_is_help=True)
 
 
 @app.command("list")
@@ -21,11 +22,18 @@ def list_(folder: Annotated[Path, typer.Argument(help="Folder of scans.")]) -> N
 
 @app.command()
 def check(
-    mesh: Annotated[Path, typer.Argument(help="A .ply, .obj, .glb or .gltf file.")],
+    mesh: Annotated[Path, typer.Argument(help="A .ply, .obj, .glb or .gltf file, or a folder of them.")],
     up: Annotated[str, typer.Option(help="Axis that points up: +y, +z, ... or auto.")] = "auto",
     front: Annotated[str, typer.Option(help="Axis that the figure faces, or auto.")] = "auto",
 ) -> None:
-    """Read, clean and align one file, and print what was found and repaired."""
+    """Read, clean and align a file, or each of a folder, and print what was found and repaired."""
+    from relight.meshes.scans import list_scans
+
+    for path in [scan.path for scan in list_scans(mesh).values()] if mesh.is_dir() else [mesh]:
+        _check(path, up, front)
+
+
+def _check(mesh: Path, up: str, front: str) -> None:
     from relight.meshes import align, clean, read_mesh
     from relight.settings import Align
 
@@ -43,3 +51,4 @@ def check(
         print(f"  {what}: {count}")
     for warning in result.info["warnings"]:
         print(f"  warning: {warning}")
+    print(f"  to see it  relight bake {shlex.quote(str(mesh))} --out {shlex.quote(mesh.stem)}.png --rays 16")

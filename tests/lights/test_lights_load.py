@@ -1,5 +1,6 @@
 import json
 import re
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -212,7 +213,7 @@ def test_normalised_scales_the_front_to_the_target_and_limits_back_lit_lights():
         load_light("key:#000000@0,0,0")
 
 
-def test_the_command_prints_writes_and_draws(tmp_path):
+def test_the_command_prints_writes_and_draws(tmp_path, monkeypatch):
     run = CliRunner().invoke
     done = run(
         app, ["room:12", "--out", str(tmp_path / "a.json"), "-o", str(tmp_path / "a.npy"), "--to", "kanamori2018"]
@@ -224,6 +225,10 @@ def test_the_command_prints_writes_and_draws(tmp_path):
     )
     np.testing.assert_allclose(load_light(tmp_path / "a.json").coefficients, load_light("room:12").coefficients)
     assert "reference brightness" in done.output and len(re.findall(r"-?\d\.\d{6}", done.output)) == 27
+    monkeypatch.setattr("rich.console.Console.print", Mock(side_effect=BrokenPipeError))
+    run(app, ["room:12", "--out", str(tmp_path / "piped.json")])
+    assert (tmp_path / "piped.json").exists()  # although `| head` closed the pipe
+    monkeypatch.undo()
     done = run(app, ["room:12", "--out", str(tmp_path / "a.png"), "--yaw", "30"])
     assert done.exit_code == 0, done.output
     from PIL import Image

@@ -16,6 +16,6 @@ def test_list_and_check(tmp_path, person):
     write(tmp_path / "eve.ply", person())
     listed = CliRunner().invoke(app, ["list", str(tmp_path)])
     assert listed.exit_code == 0 and listed.output.split() == ["eve", "eve", str(tmp_path / "eve.ply")]
-    checked = CliRunner().invoke(app, ["check", str(tmp_path / "eve.ply")])
-    assert checked.exit_code == 0, checked.exception
+    checked, each = (CliRunner().invoke(app, ["check", str(path)]) for path in (tmp_path / "eve.ply", tmp_path))
+    assert checked.exit_code == 0 and checked.output == each.output, checked.exception
     assert "5280 faces" in checked.output and "+y up, facing +z" in checked.output and "parts: 10" in checked.output
