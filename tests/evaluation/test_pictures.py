@@ -5,15 +5,9 @@ from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.srgb import encode
-from relight.evaluation.experiments.occlusion import (
-    HISTOGRAM,
-    UNKNOWN,
-    measure_occlusion,
-    occlusion,
-    read_occlusion,
-)
+from relight.evaluation.experiments.occlusion import measure_occlusion, occlusion, read_occlusion
 from relight.evaluation.pictures.canvas import ball, heat, transport_bands
-from relight.evaluation.pictures.charts import plot_curves, plot_errors
+from relight.evaluation.pictures.charts import plot_errors
 from relight.evaluation.pictures.contact import clearest_light, contact_sheet
 from relight.evaluation.pictures.panels import COLUMNS, Shown, plates, relit, shadings
 from relight.evaluation.scoring.evaluate import infer, load
@@ -32,19 +26,15 @@ def test_occlusion_closed_form(world, tmp_path):
     norm = np.linalg.norm(unoccluded(maps.normal[maps.mask]), axis=1)
     assert found["lost"] == pytest.approx(np.sqrt((((1 - ao) * norm) ** 2).mean()), rel=2e-3)
     assert (found["ao"], found["dark"]) == pytest.approx((ao.mean(), (ao < 0.5).mean()))
-    shares = [found[name] for name in HISTOGRAM]
-    np.testing.assert_allclose(shares, np.histogram(ao, 20, (0, 1))[0] / len(ao))
-    assert sum(shares[:10]) == pytest.approx(found["dark"], abs=2 / len(ao))
 
 
 def test_measure_occlusion_skips_left_out_figures(world, tmp_path):
     write_left_out(tmp_path / "broken.exr", {"name": "broken"}, "it is a plane")
-    made = measure_occlusion([*world.maps, tmp_path / "broken.exr"], tmp_path / "occlusion.csv")
-    assert list(made.name) == [path.stem for path in world.maps]
-    assert set(made.pose) == set(made.garments) == {UNKNOWN} and (made.pixels > 0).all()
+    measure_occlusion([*world.maps, tmp_path / "broken.exr"], tmp_path / "occlusion.csv")
+    expected = pd.DataFrame([occlusion(read_maps(path)) for path in world.maps])
     found = read_occlusion(tmp_path / "occlusion.csv")
-    pd.testing.assert_frame_equal(found, made, check_dtype=False, atol=1e-5, rtol=0)
-    (tmp_path / "other.csv").write_text("name,pixels\na,1\n")
+    pd.testing.assert_frame_equal(found, expected, check_dtype=False, atol=1e-5, rtol=0)
+    (tmp_path / "other.csv").write_text("name,ao\na,1\n")
     with pytest.raises(UserError, match="not a table of occlusion"):
         read_occlusion(tmp_path / "other.csv")
 
@@ -175,20 +165,12 @@ def test_relit_by_several_lights(world, small_network, tmp_path):
         assert found[0] > 0.9 and found[0] > found[1] + 0.3
 
 
-def test_plot_errors_and_plot_curves_are_reproducible(tmp_path):
+def test_plot_errors_is_reproducible(tmp_path):
     rng = np.random.default_rng(0)
     columns = {c: rng.random((5, 2)) for c in TABLE2_COLUMNS}
     given = {name: [Scores(list("abcde"), [0, 1], columns)] for name in ("sfsnet", "ours_full")}
     table = experiment_table("table1", given, {"mean_light": given["sfsnet"]})
-    for name in ("a.svg", "b.svg", "c.png"):
+    for name in ("a.png", "b.png"):
         plot_errors(table, ["sfsnet", "ours_full"], tmp_path / name)
-    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
-    assert Image.open(tmp_path / "c.png").width > 500
-    curve = "step,lr,loss,light\n10,.1,3,.2\n20,.1,1,.1\n"
-    for name in ("ours_full.s0.csv", "ours_full.s1.csv", "sfsnet.s0.csv"):
-        (tmp_path / name).write_text(curve)
-    plot_curves(sorted(tmp_path.glob("*.csv")), tmp_path / "curves.svg")
-    assert (tmp_path / "curves.svg").stat().st_size > 5000
-    (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(UserError, match="table of training curve"):
-        plot_curves([tmp_path / "bad.csv"], tmp_path / "none.svg")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    assert Image.open(tmp_path / "a.png").width > 500

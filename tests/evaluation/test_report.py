@@ -1,7 +1,6 @@
 """The sections of the report: each verdict from scores that are made so that it must come out, and the page itself."""
 
 import json
-import os
 import re
 from dataclasses import asdict
 from html import unescape
@@ -14,7 +13,6 @@ import yaml
 from PIL import Image
 from samples import lights_of
 
-from relight.evaluation.experiments.occlusion import HISTOGRAM
 from relight.evaluation.report import build, provenance, sections
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import Verdict
@@ -24,7 +22,7 @@ from relight.settings import CONF, Experiment
 
 pytestmark = pytest.mark.usefixtures("few_resamples")
 FIGURES = [f"f{i}" for i in range(10)]
-BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is", "cut_2", "cut_3")
+BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is")
 LEVEL = {"shading": 0.3, "transport": 0.4, "light": 0.2, "albedo": 0.1}
 
 
@@ -90,7 +88,7 @@ TABLES = [path.stem for path in (CONF / "experiment").glob("*.yaml") if "table: 
 @pytest.mark.slow
 def test_section_of_every_table_of_trainings(tmp_path, preset):
     made = build.experiment(results(tmp_path, preset, {}), preset)
-    assert not made.failed and made.name == preset and "<table" in made.html
+    assert made.name == preset and "<table" in made.html
     assert "data:image/png" in made.html
     check(made.html)
 
@@ -98,7 +96,7 @@ def test_section_of_every_table_of_trainings(tmp_path, preset):
 def test_section_without_such_figures(tmp_path):
     made = results(tmp_path, "sitting", {}, sitting=[])
     section = build.experiment(made, "sitting")
-    assert not section.failed and "<table" not in section.html and made.table("sitting").rows == {}
+    assert "<table" not in section.html and made.table("sitting").rows == {}
     sections.write_score_table(made.table("sitting"), "Sitting", tmp_path / "sitting")
     assert (tmp_path / "sitting.md").stat().st_size > 50
 
@@ -163,7 +161,7 @@ def test_pairs_of_rows_that_are_not_trained_are_left_out(tmp_path):
     for kind in ("trainings", "scores", "usual"):
         del made.experiments["data_size"][kind]["figures_128"]
     found = verdicts(sections.experiment(made, "data_size"))
-    assert found["Ours (full) against Ours, 8 figures: more figures", "shading RMSE"] is Verdict.BETTER
+    assert found["Ours (full) against figures_8: more figures", "shading RMSE"] is Verdict.BETTER
     assert len(found) == 4 * 4 and not any("128" in what for what, _ in found)
 
 
@@ -177,29 +175,6 @@ def test_summary_effects_and_bounds(tmp_path):
     assert {"†" in value for value in frame["by"]} == {True, False}  # what the paper prints under 3.5 %
 
 
-def test_quarters_hold_the_right_figures(tmp_path):
-    """Figures in the set grow harder with their number, and are the less occluded the higher it is."""
-    made = results(tmp_path, "table2", {})
-    write_occlusion(made.report / "occlusion.csv", 1 - np.arange(10) / 10)
-    (grid,) = sections.quarters(made, "table2")["quarters"].values()
-    own = made.scores("table2")["no_tv"][0].columns["shading_rmse"].mean(1)
-    wanted = [own[part].mean() for part in (slice(7, 10), slice(4, 7), slice(2, 4), slice(0, 2))]
-    means = [cell.mean for cell in grid.frame["shading RMSE"].loc["w/o TV"]]
-    assert means == pytest.approx(wanted)
-    assert grid.kinds == ["network"] * 4 + ["baseline"] * len(BASELINES)
-    table = pd.read_csv(made.report / "table2_occlusion.csv", index_col=0)
-    assert table.filter(like="shading RMSE").filter(regex="lost$").loc["w/o TV"].tolist() == pytest.approx(
-        wanted, rel=1e-5
-    )
-    write_occlusion(made.report / "occlusion.csv", np.ones(9), FIGURES[1:])
-    assert sections.quarters(made, "table2") == {}
-
-
-def write_occlusion(path, lost, figures=FIGURES):
-    row = {"pose": "standing", "garments": "a", "pixels": 9, "ao": 0.9, "dark": 0, **dict.fromkeys(HISTOGRAM, 0.05)}
-    pd.DataFrame([{**row, "name": f, "lost": x} for f, x in zip(figures, lost)]).to_csv(path, index=False)
-
-
 def whole_run(folder, *presets: str, **options):
     """All that a report reads, made small."""
     made = [results(folder, preset, {}, **options) for preset in presets]
@@ -211,13 +186,10 @@ def whole_run(folder, *presets: str, **options):
         "g<1>": {"name": "g<1>", "left_out": "it is a plane"}
     }
     (folder / "figures.json").write_text(json.dumps({"figures": infos, "left_out": {"g<1>": "it is a plane"}}))
-    write_occlusion(folder / "report" / "occlusion.csv", np.full(10, 0.3))
-    for name in ("figures", "occlusion", "lights"):
+    occlusion = [{"name": name, "ao": 0.9, "dark": 0, "lost": 0.3} for name in FIGURES]
+    pd.DataFrame(occlusion).to_csv(folder / "report" / "occlusion.csv", index=False)
+    for name in ("figures", "lights"):
         Image.new("RGB", (30, 20), "red").save(folder / "report" / f"{name}.png")
-    for preset in asked:
-        for row in asked[preset]["rows"]:
-            (folder / "train").mkdir(exist_ok=True)
-            (folder / "train" / f"{row}.s0.csv").write_text("step,lr,loss,light\n10,.1,3,.2\n20,.1,1,.1\n")
     (folder / "lights").mkdir()
     steps = [{"step": "read", "in": 5, "out": 4, "why": {"dark": 1}}]
     chain = {"steps": steps, "lights": {"train": 3, "validation": 0, "test": 1}, "warnings": [], "repaired": {}}
@@ -226,9 +198,6 @@ def whole_run(folder, *presets: str, **options):
     save_lights(folder / "lights")
     told = yaml.safe_load((folder / "run.yaml").read_text()) | {"overrides": ["scale=smoke", "model=glob(*)"]}
     (folder / "run.yaml").write_text(yaml.safe_dump(told))
-    place = folder / "benchmark" / "bake"
-    place.mkdir(parents=True)
-    (place / "g0.tsv").write_text("s\tmax_rss\tcpu_time\n2.5\t1024\t2\n1.5\t-\t1\n")
     return folder, asked
 
 
@@ -251,39 +220,31 @@ def test_build_report_is_whole_and_stands_alone(tmp_path):
         "how-to-read",
         "table1",
         "table2",
-        "training",
         "figures",
         "lights",
-        "cost",
     ]
     assert "failed" not in found.classes and "10.1145/3272127.3275104" in html
     assert {f"#{name}" for name in found.names} <= set(found.links)
-    assert all(source.startswith("data:image/") for source in found.sources) and len(found.sources) >= 5
+    assert all(source.startswith("data:image/") for source in found.sources) and len(found.sources) >= 4
     assert not re.search(r"@import|url\(", html) and "g&lt;1&gt;" in html
     assert "relight run scale=smoke 'model=glob(*)'" in unescape(html)
     assert "8 trainings of 1,005 to 1,017 steps;" in html
-    assert "validation/" not in html and "Nothing can be concluded" not in html
+    assert "Nothing can be concluded" not in html
     assert f"<dd>{len(FIGURES)} figures, " in html  # not counting the one that was left out
-    for said in ("it is a plane", "its front is a guess", "x.hdr", "bright at 36 of 36 headings", "4.0"):
+    for said in ("it is a plane", "its front is a guess", "x.hdr", "bright at 36 of 36 headings"):
         assert said in html
 
 
 @pytest.mark.slow
-def test_build_report_with_failed_sections(tmp_path, capsys):
-    folder, asked = whole_run(tmp_path, "table1", "table2")
-    (folder / "evaluate" / "test-test" / "no_tv.s0.csv").write_text("a,b\n1,2\n")
-    (folder / "lights" / "chain.json").unlink()
+def test_build_report_with_a_failed_experiment(tmp_path):
+    folder, asked = whole_run(tmp_path, "table1")
     asked["light_transfer"] = {"title": "", "question": "", "table": False, "plates": False}
-    asked["light_transfer"] |= {"rows": [], "trainings": {}}
-    asked["light_transfer"] |= {"failed": ["light_transfer/a.csv"]}
+    asked["light_transfer"] |= {"rows": [], "trainings": {}, "failed": ["light_transfer/a.csv"]}
     out = folder / "report" / "report.html"
     build.build_report(Results(folder, asked), out)
     found = check(out.read_text())
-    # The summary needs table2, and so does the chart of the first table.
-    assert found.classes.count("failed") >= 3 and {"table1", "figures", "light_transfer"} <= set(found.names)
-    assert "sections could not be made" in out.read_text()
-    assert "light_transfer/a.csv" in out.read_text() and "no_tv.s0.csv" in out.read_text()
-    assert "Traceback" in capsys.readouterr().err
+    assert found.classes.count("failed") == 1 and {"table1", "light_transfer"} <= set(found.names)
+    assert "1 experiment could not be finished" in out.read_text() and "light_transfer/a.csv" in out.read_text()
 
 
 class Outline(HTMLParser):
@@ -318,19 +279,6 @@ def check(html: str) -> Outline:
     return found
 
 
-def test_costs_of_overlapping_jobs(tmp_path):
-    """Two jobs side by side, a pause, and a third: 4 + 2 s of wall time, 9 s of jobs."""
-    for stage, name, seconds, end in (("bake", "a", 4, 104), ("bake", "b", 3, 103), ("evaluate/x-y", "c", 2, 202)):
-        path = tmp_path / "benchmark" / stage / f"{name}.tsv"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(f"s\tmax_rss\tcpu_time\n{seconds}\t{1024 * seconds}\t-\n")
-        os.utime(path, (end, end))
-    found, wall = provenance.costs(tmp_path)
-    assert wall == pytest.approx(6) and found.seconds.to_dict() == {"bake": 7, "evaluate": 2}
-    assert found.loc["bake"].to_dict() == {"jobs": 2, "mean": 3.5, "seconds": 7, "cpu": 0, "memory": 4}
-    assert provenance.costs(tmp_path / "none")[1] == 0
-
-
 def test_head_draws_no_conclusion_from_a_few_figures(tmp_path):
     for figures, concludes in ((4, False), (10, True)):
         folder = tmp_path / str(figures)
@@ -338,7 +286,8 @@ def test_head_draws_no_conclusion_from_a_few_figures(tmp_path):
         for file in (folder / "evaluate" / "test-test").glob("*.csv"):
             table = pd.read_csv(file)
             table[table["figure"].isin(FIGURES[:figures])].to_csv(file, index=False)
-        head = build.head("run", made, failed=0)
+        made.record, made.lights = {"figures": dict.fromkeys(FIGURES), "left_out": {}}, {"lights": {"train": 3, "test": 1}}
+        head = build.head("run", made, outcome=None)
         assert ("Knowing occlusion makes shading better" in head) == concludes
         assert ("concluded from this run: its networks are tested on 4 figures." in head) != concludes
 

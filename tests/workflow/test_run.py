@@ -139,7 +139,7 @@ def test_remove_outdated_of_experiments_that_are_not_in_the_run(tmp_path, change
 
     report, ends = tmp_path / "report", (".csv", ".md")
     report.mkdir()
-    planned = {f"{name}{end}" for name in ("table1", "table1_occlusion", "light_transfer") for end in ends}
+    planned = {f"{name}{end}" for name in ("table1", "light_transfer") for end in ends}
     others = {"order_plates.png", *(f"order{end}" for end in ends)}
     kept = planned | {"occlusion.csv", "notes.md", "table1_plates.png"}
     for name in kept | others:

@@ -62,7 +62,6 @@ rule sheets:
         figures=f"{OUT}/report/figures.png",
         lights=f"{OUT}/report/lights.png",
         occlusion=f"{OUT}/report/occlusion.csv",
-        histogram=f"{OUT}/report/occlusion.png",
     log:
         f"{OUT}/log/sheets.log",
     benchmark:
@@ -86,14 +85,9 @@ rule report:
         ),
         record=f"{DATA}/figures.json",
         chain=f"{DATA}/lights/chain.json",
-        curves=expand(f"{OUT}/train/{{training}}.csv", training=PLAN.scored),
         sheets=rules.sheets.output,
     output:
-        page=report(
-            f"{OUT}/report/report.html",
-            category="Report",
-        ),
-        charts=[f"{OUT}/report/curves.png"] if PLAN.tables else [],
+        report(f"{OUT}/report/report.html", category="Report"),
     log:
         f"{OUT}/log/report.log",
     benchmark:

@@ -5,5 +5,5 @@ from relight.evaluation.report.results import Results
 from relight.lab.job import job
 
 with job(snakemake):
-    page, data = Path(snakemake.output.page), Path(snakemake.input.record).parent
+    page, data = Path(snakemake.output[0]), Path(snakemake.input.record).parent
     build_report(Results(page.parents[1], snakemake.params.experiments, data), page)

@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from relight.evaluation.experiments.occlusion import measure_occlusion, plot_occlusion
+from relight.evaluation.experiments.occlusion import measure_occlusion
 from relight.evaluation.pictures.contact import clearest_light, contact_sheet
 from relight.lab.job import job
 from relight.lights import read_light_set, write_contact_sheet
@@ -9,7 +9,7 @@ SHEET_FIGURES = 48  # of the contact sheet
 
 with job(snakemake):
     maps, out = [Path(path) for path in snakemake.params.maps], snakemake.output
-    plot_occlusion(measure_occlusion(maps, Path(out.occlusion)), Path(out.histogram))
+    measure_occlusion(maps, Path(out.occlusion))
     lights = read_light_set(Path(snakemake.input.lights))
     write_contact_sheet(lights, Path(out.lights))
     contact_sheet(maps[:SHEET_FIGURES], clearest_light(lights.of("test").coefficients), Path(out.figures))

@@ -1,4 +1,4 @@
-"""Computes the numbers of the sections about training, figures, lights and cost.
+"""Computes the numbers of the sections about figures and lights.
 
 Each of them returns the context of a template in templates/sections.
 """
@@ -6,23 +6,12 @@ Each of them returns the context of a template in templates/sections.
 import os
 from typing import Any
 
-import pandas as pd
-
 from relight.evaluation.experiments.occlusion import read_occlusion
-from relight.evaluation.pictures import charts
 from relight.evaluation.report.formats import TextTable
-from relight.evaluation.report.provenance import costs
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.paper import IMPLIED_AO, IMPLIED_LOST
 
 Numbers = dict[str, Any]
-
-
-def training(results: Results) -> Numbers:
-    """Draws the training curves."""
-    curves = results.report / "curves.png"
-    charts.plot_curves([results.folder / "train" / f"{name}.csv" for name in results.trainings], curves)
-    return {"curves": curves}
 
 
 def figures(results: Results) -> Numbers:
@@ -42,7 +31,6 @@ def figures(results: Results) -> Numbers:
         "infos": infos,
         "left_out": _two_columns(["left out", "reason"], left_out),
         "sheet": results.report / "figures.png",
-        "histogram": results.report / "occlusion.png",
         "occlusion": table,
         "implied": (IMPLIED_AO, IMPLIED_LOST),
         "repairs": TextTable.of(["figure", "repairs"], repairs),
@@ -70,22 +58,6 @@ def lights(results: Results) -> Numbers:
         "unreadable": _two_columns(["file", "reason"], record["unreadable"]),
         "repaired": _two_columns(["file", "how"], record["repaired"]),
     }
-
-
-def cost(results: Results) -> Numbers:
-    """Computes the numbers of the section about the cost."""
-    stage_costs, wall = costs(results.folder)
-    return {"costs": _cost_table(stage_costs), "wall": wall, "seconds": float(stage_costs.seconds.sum())}
-
-
-def _cost_table(stage_costs: pd.DataFrame) -> TextTable:
-    """Returns a grid of `provenance.costs`, with the sums."""
-    rows = stage_costs.reset_index().to_numpy(object).tolist()
-    totals = stage_costs.seconds.sum(), stage_costs.cpu.sum(), stage_costs.memory.max()
-    rows.append(["all", int(stage_costs.jobs.sum()), None, *totals])
-    heads = ["stage", "jobs", "s a job", "s in total", "CPU s", "largest memory, GB"]
-    digits = {"s a job": 1, "s in total": 1, "CPU s": 1, "largest memory, GB": 2}
-    return TextTable.of(heads, rows, digits=digits)
 
 
 def _two_columns(heads: list[str], pairs: dict[str, str]) -> TextTable:

@@ -1,17 +1,16 @@
-"""Formats tables: pandas frames of cells, written as CSV, Markdown and HTML.
+"""Formats tables: pandas frames of cells, written as CSV and Markdown.
 
 Bold is the best network of a column; n.s. marks values that do not differ significantly from it.
 """
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from markupsafe import escape
 
 from relight.core.files import atomic_write
 from relight.evaluation.scoring.comparisons import Comparison, Verdict
@@ -61,19 +60,6 @@ class TextTable:
             grids.append(TextTable(part, [kind for kind, is_kept in zip(self.kinds, kept) if is_kept], self.digits))
         return grids
 
-    def texts(self, style: "TextFormat") -> pd.DataFrame:
-        """Returns the frame with cells, labels and heads as text, escaped for a file format."""
-        heads = [head if isinstance(head, tuple) else (head,) for head in self.frame.columns]
-        cells = [
-            [style.cell(value, self.digits.get(head[-1], 3)) for value, head in zip(row, heads)]
-            for row in self.frame.itertuples(index=False, name=None)
-        ]
-        plain = [text if isinstance(text, str) else str(text) for text in self.frame.index]  # str(Markup) is no Markup
-        labels = [style.label(text, kind) for text, kind in zip(plain, self.kinds)]
-        escaped = [tuple(map(style.escape, head)) for head in heads]
-        columns = pd.MultiIndex.from_tuples(escaped) if heads and len(heads[0]) > 1 else [head[0] for head in escaped]
-        return pd.DataFrame(cells, pd.Index(labels, name=style.escape(self.frame.index.name or "")), columns)
-
     def statistics(self) -> pd.DataFrame:
         """Returns the frame as numbers: each estimate as mean, low and high, to six significant digits."""
         statistics = {}
@@ -92,50 +78,38 @@ class TextTable:
         return pd.DataFrame(statistics, self.frame.index).map(rounded)
 
 
-@dataclass
-class TextFormat:
-    """The format strings of a file format, in which {} is the text.
-
-    Attributes:
-        bold, italic: formats of the best value, and of baselines' labels.
-        margin: format of the half-width of an interval.
-        not_significant: the mark of values that do not differ significantly from the best.
-        escape: escapes plain text.
-    """
-
-    bold: str
-    italic: str
-    margin: str
-    not_significant: str
-    escape: Callable[[str], str]
-
-    def label(self, text: str, kind: str) -> str:
-        """Returns the label of a row: baselines in italics, the paper's rows marked as printed."""
-        text = self.escape(text if kind != "paper" else f"{text}, as printed")
-        return self.italic.format(text) if kind == "baseline" else text
-
-    def cell(self, value: object, digits: int) -> str:
-        """Returns a cell as text: estimates with their margin, numbers with `digits` decimals, empty for None."""
-        if value is None:
-            return ""
-        if isinstance(value, Estimate):
-            mean, margin = (self.escape(number(part, digits)) for part in (value.mean, value.margin))
-            shown = (self.bold if value.best else "{}").format(mean) + self.margin.format(margin)
-            return shown + self.not_significant * value.not_significant
-        if isinstance(value, Verdict):
-            return f"{SIGNS[value]} {value.value}"
-        if isinstance(value, float):
-            return self.escape(number(value, digits))
-        return self.escape(value if isinstance(value, str) else str(value))
-
-
-MARKDOWN = TextFormat("**{}**", "*{}*", " ± {}", " n.s.", lambda text: text.replace("|", "\\|"))
-HTML = TextFormat("<b>{}</b>", "{}", "<small>±{}</small>", "<i>n.s.</i>", lambda text: str(escape(text)))
-
-
 def to_markdown(grid: TextTable) -> str:
-    """Returns a grid as a table in Markdown."""
-    return grid.texts(MARKDOWN).to_markdown(disable_numparse=True)
+    """Returns a grid in Markdown, a table per block of columns: baselines in italics, the paper's rows as printed."""
+    tables = []
+    for block in grid.blocks():
+        heads = [_escaped(head) for head in block.frame.columns]
+        digits = [block.digits.get(head, 3) for head in block.frame.columns]
+        labels = [_label(str(text), kind) for text, kind in zip(block.frame.index, block.kinds)]
+        cells = [list(map(_cell, row, digits)) for row in block.frame.itertuples(index=False, name=None)]
+        corner = _escaped(block.frame.index.name or "")
+        tables.append(pd.DataFrame(cells, pd.Index(labels, name=corner), heads).to_markdown(disable_numparse=True))
+    return "\n\n".join(tables)
+
+
+def _escaped(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+def _label(text: str, kind: str) -> str:
+    text = _escaped(text if kind != "paper" else f"{text}, as printed")
+    return f"*{text}*" if kind == "baseline" else text
+
+
+def _cell(value: object, digits: int) -> str:
+    """Returns a cell as text: estimates with their margin, numbers with `digits` decimals, empty for None."""
+    if value is None:
+        return ""
+    if isinstance(value, Estimate):
+        mean, margin = (number(part, digits) for part in (value.mean, value.margin))
+        return f"{f'**{mean}**' if value.best else mean} ± {margin}{' n.s.' * value.not_significant}"
+    if isinstance(value, Verdict):
+        return f"{SIGNS[value]} {value.value}"
+    return number(value, digits) if isinstance(value, float) else _escaped(str(value))
 
 
 def write_tables(
@@ -151,14 +125,14 @@ def write_tables(
     Args:
         stem: path without suffix.
         title, note: of the table; what explains the numbers. Both are in Markdown.
-        shown: the table; a table per block in Markdown.
+        shown: the table.
         statistics: content of the CSV; by default the statistics of `shown`.
         others: a further grid for the Markdown file.
     """
     statistics = shown.statistics() if statistics is None else statistics
-    parts = [f"## {title}", note, *map(to_markdown, shown.blocks())]
+    parts = [f"## {title}", note, to_markdown(shown)]
     if others is not None:
-        parts += ["### Other readings of the same scores", *map(to_markdown, others.blocks())]
+        parts += ["### Other readings of the same scores", to_markdown(others)]
     texts = {
         ".csv": statistics.to_csv(index=statistics.index.name is not None, lineterminator="\n"),
         ".md": "\n\n".join(parts) + "\n",

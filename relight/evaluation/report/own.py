@@ -1,9 +1,5 @@
-"""Computes the numbers of experiments that are not tables of trainings, and writes their tables.
+"""Computes the numbers of light transfer, which is not a table of trainings, and writes its table."""
 
-OWN has the function of each, which returns the context of templates/sections/experiment.md.
-"""
-
-from collections.abc import Callable
 from typing import Any
 
 from relight.evaluation.experiments import transfer
@@ -27,7 +23,11 @@ SWAPS = {
 
 
 def light_transfer(results: Results, name: str) -> Numbers:
-    """Compares relit pictures of figures that swap lights with the unchanged pictures, and with parts of the truth."""
+    """Compares relit pictures of figures that swap lights with the unchanged pictures, and with parts of the truth.
+
+    Returns:
+        The context of templates/sections/experiment.md.
+    """
     rows = gather([results.folder / name / "scores.csv"])
     networks = {row: trainings for row, trainings in rows.items() if ":" not in row and row not in transfer.BASELINES}
     heads = {"reconstruction_rmse": "relit, RMSE", "reconstruction_ssim": "relit, SSIM", "light_rmse": "light, RMSE"}
@@ -59,6 +59,3 @@ def light_transfer(results: Results, name: str) -> Numbers:
         "plates": [plate],
         "comparisons": comparison_grid(comparisons),
     }
-
-
-OWN: dict[str, Callable[[Results, str], Numbers]] = {"light_transfer": light_transfer}

@@ -2,7 +2,6 @@
 
 import base64
 import io
-import re
 from functools import cache
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from markupsafe import Markup
 from PIL import Image
 
 from relight.core.files import existing_file
-from relight.core.progress import duration
 from relight.evaluation.report import formats
 from relight.evaluation.scoring.comparisons import MARGIN, Verdict
 from relight.evaluation.scoring.labels import column_label, label
@@ -36,9 +34,14 @@ def environment() -> Environment:
         "count": formats.count,
         "column": column_label,
         "label": label,
-        "duration": duration,
     }
-    made.globals |= {"table": table, "picture": picture, "ALPHA": ALPHA, "MARGIN": MARGIN, "Verdict": Verdict}
+    made.globals |= {
+        "table": formats.to_markdown,
+        "picture": picture,
+        "ALPHA": ALPHA,
+        "MARGIN": MARGIN,
+        "Verdict": Verdict,
+    }
     return made
 
 
@@ -56,16 +59,6 @@ def section(template: str, **context) -> Markup:
 def page(template: str, **context) -> str:
     """Renders a template as it is, such as HTML."""
     return environment().get_template(template).render(context)
-
-
-def table(grid: formats.TextTable) -> Markup:
-    """Renders a grid as HTML tables, one per block of columns, without blank lines so that Markdown can contain it."""
-    parts = []
-    for block in grid.blocks():
-        texts = block.texts(formats.HTML)
-        rows = [(label, kind, cells) for (label, *cells), kind in zip(texts.itertuples(name=None), block.kinds)]
-        parts.append(page("table.html", corner=texts.index.name, heads=texts.columns, rows=rows))
-    return Markup(re.sub(r"\n\s*\n", "\n", "".join(parts)))
 
 
 def picture(path: Path, caption: str) -> Markup:

@@ -1,4 +1,4 @@
-"""Collects the provenance of a report: date, code, machine, cost, and the command that repeats the run."""
+"""Collects the provenance of a report: date, code, machine, and the command that repeats the run."""
 
 import platform
 import shlex
@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import psutil
 import yaml
 
@@ -58,36 +57,3 @@ def command(folder: Path) -> str:
     if list(config.get("settings", {}).get("experiments", ())) == ["sweep"]:
         return f"snakemake all --configfile results/{folder.name}/run.yaml"
     return shlex.join(["relight", "run", *config.get("overrides", [])])
-
-
-def costs(folder: Path) -> tuple[pd.DataFrame, float]:
-    """Sums Snakemake's measurements of jobs by stage, of the results in a folder.
-
-    For jobs of a few seconds, Snakemake's samples miss a part of the CPU time and of the memory.
-
-    Returns:
-        A row per stage: number of jobs, mean and sum of their seconds, CPU seconds, and the largest memory in GB. And
-        the seconds during which at least one of the jobs ran, without pauses between interrupted runs.
-    """
-    lines, times = [], []
-    top = folder / "benchmark"
-    for path in sorted(top.rglob("*.tsv")):
-        jobs = pd.read_csv(path, sep="\t", na_values=["-", "NA"])
-        seconds, end = float(jobs["s"].sum()), path.stat().st_mtime  # Snakemake writes the file when a job ends
-        times.append((end - seconds, end))
-        cpu = float(jobs["cpu_time"].sum()) if "cpu_time" in jobs else float("nan")
-        stage, memory = path.relative_to(top).parts[0], jobs["max_rss"].max() / 1024  # GB of MB
-        lines.append([stage, seconds, cpu, memory])
-    frame = pd.DataFrame(lines, columns=["stage", "seconds", "cpu", "memory"])
-    by_stage = frame.groupby("stage").agg(
-        jobs=("seconds", "size"),
-        mean=("seconds", "mean"),
-        seconds=("seconds", "sum"),
-        cpu=("cpu", "sum"),
-        memory=("memory", "max"),
-    )
-    wall, end_so_far = 0.0, float("-inf")
-    for begin, end in sorted(times):
-        wall += max(0.0, end - max(begin, end_so_far))  # only what no earlier job covers
-        end_so_far = max(end_so_far, end)
-    return by_stage, wall

@@ -2,16 +2,13 @@
 
 import json
 from collections.abc import Iterable
-from contextlib import suppress
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
-from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.tables import Rows, Table, columns_of, experiment_table
@@ -45,17 +42,6 @@ class Results:
         """The experiments that are tables of trainings."""
         return [name for name, told in self.experiments.items() if told["table"] and not told.get("failed")]
 
-    @cached_property
-    def readable(self) -> list[str]:
-        """Those of `tables` whose scores can be read; a broken file does not affect the other tables."""
-        names = []
-        for name in self.tables:
-            with suppress(UserError):
-                for usual in (False, True):
-                    _ = self.scores(name, usual), self.baselines(name, usual)
-                names.append(name)
-        return names
-
     def title(self, name: str) -> str:
         """Returns the title of an experiment, which is its name if it has none."""
         return self.experiments[name]["title"] or name
@@ -63,7 +49,7 @@ class Results:
     @cached_property
     def trainings(self) -> list[str]:
         """The trainings that the tables compare."""
-        rows = (row for name in self.readable for row in self.experiments[name]["trainings"].values())
+        rows = (row for name in self.tables for row in self.experiments[name]["trainings"].values())
         return list(dict.fromkeys(chain.from_iterable(rows)))
 
     @cached_property
@@ -112,19 +98,11 @@ class Results:
         if not rows:
             return Table(self.columns(name))
         pool: Rows = {}
-        for other in dict.fromkeys([name, *self.readable]):
+        for other in dict.fromkeys([name, *self.tables]):
             for condition in (False, True):
                 if self._files(other, condition)[""] == self._files(name, usual)[""]:  # the same pairs
                     pool |= self.scores(other, condition)
         return experiment_table(name, rows, self.baselines(name, usual), self.columns(name), pool)
-
-    def part(self, name: str, figures: np.ndarray) -> Table:
-        """Returns the table of an experiment over some of its figures, by index."""
-        rows, baselines = (
-            {row: [scores.part(figures) for scores in trainings] for row, trainings in given.items()}
-            for given in (self.scores(name), self.baselines(name))
-        )
-        return experiment_table(name, rows, baselines, self.columns(name))
 
     def columns(self, name: str) -> tuple[str, ...]:
         """Returns the columns of the scores that an experiment's table shows: RMSE and SSIM of its quantities."""

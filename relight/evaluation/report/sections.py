@@ -4,10 +4,6 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
-
-from relight.evaluation.experiments.occlusion import read_occlusion
 from relight.evaluation.pictures import charts
 from relight.evaluation.report.formats import (
     SIGNS,
@@ -23,7 +19,7 @@ from relight.evaluation.report.formats import (
 )
 from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
-from relight.evaluation.scoring.comparisons import Comparison, Verdict, compare_rows, correct, orderings
+from relight.evaluation.scoring.comparisons import Comparison, Verdict, compare_rows, orderings
 from relight.evaluation.scoring.labels import column_label, label
 from relight.evaluation.scoring.tables import Table
 
@@ -38,7 +34,6 @@ PLATES = {  # pictures of an experiment, by the ends of their files
     "plates": "Test figures: the truth, and the inference of each network.",
     "relit": "One of them relit by test lights: the truth, and each network's result from the first picture alone.",
 }
-MIN_QUARTER_FIGURES = 8  # least number of test figures for a division into quarters
 Numbers = dict[str, Any]
 Comparisons = dict[str, dict[str, Comparison]]  # what is compared -> column -> comparison
 
@@ -64,7 +59,6 @@ def experiment(results: Results, name: str) -> Numbers:
         "tables": {name: score_grid(table, table.columns)},
         "others": score_grid(table, other_columns(table)),
         "plates": [(files[kind], words) for kind, words in PLATES.items() if settings["plates"]],
-        **quarters(results, name),
     }
 
 
@@ -99,50 +93,9 @@ def _compare_pairs(table: Table, settings: dict[str, Any], usual: Table | None =
     return {words: by_column for words, by_column in compared.items() if by_column}
 
 
-def quarters(results: Results, name: str) -> Numbers:
-    """Compares the rows over quarters of the test figures, from the least to the most occluded, and writes the errors.
-
-    Returns:
-        `quarters`, the errors of each row as a grid, and `leads`, the experiment's pairs in each quarter; empty if
-        there are too few figures, or their occlusion is unknown.
-    """
-    file, rows = results.report / "occlusion.csv", results.scores(name)
-    figures = next(iter(rows.values()))[0].figures
-    if len(figures) < MIN_QUARTER_FIGURES or not file.exists():
-        return {}
-    lost = read_occlusion(file).set_index("name")["lost"].reindex(figures)
-    if lost.isna().any():
-        return {}
-    parts = np.array_split(np.argsort(lost.to_numpy(), kind="stable"), 4)
-    heads = [
-        f"{what}, {number(float(lost.iloc[part].mean()), 2)} lost"
-        for what, part in zip(("least", "second", "third", "most"), parts)
-    ]
-    tables = {head: results.part(name, part) for head, part in zip(heads, parts)}
-    first_table = tables[heads[0]]
-    columns = {
-        (column_label(column), head): [cells.get(column) for cells in table.rows.values()]
-        for column in first_table.present(first_table.columns)
-        if column.endswith("rmse")
-        for head, table in tables.items()
-    }
-    frame = pd.DataFrame(columns, pd.Index(map(label, first_table.rows), name="row"), dtype=object)
-    shown = TextTable(frame, [first_table.kind(row) for row in first_table.rows])
-    settings = results.experiments[name]
-    by_head = {
-        head: _compare_pairs(table, settings | {"compare_in": settings["compare_in"][:1]})
-        for head, table in tables.items()
-    }
-    leads = {f"{pair}, {head}": compared[pair] for pair in by_head[heads[0]] for head, compared in by_head.items()}
-    correct([comparison for by_column in leads.values() for comparison in by_column.values()])
-    title = f"{results.title(name)}, by occlusion"
-    write_tables(results.report / f"{name}_occlusion", title, text("notes/quarters.md"), shown)
-    return {"quarters": {f"{name}_occlusion": shown}, "leads": comparison_grid(leads)}
-
-
 def summary(results: Results) -> Numbers:
     """Returns the context of templates/sections/summary.md: which of the paper's orderings hold in this run."""
-    tables = [results.table(name) for name in results.readable if results.usual(name)]
+    tables = [results.table(name) for name in results.tables if results.usual(name)]
     tables = [table for table in tables if table.rows]
     tested, counts = orderings(tables), [count for table in tables for count in table.trainings.values()]
     verdicts = Counter(ordering.comparison.verdict for ordering in tested)

@@ -8,7 +8,6 @@
 | `no_occlusion`  | transport of the true normals: the upper bound of SfSNet        | true normals, albedo, light |
 | `ao_occlusion`  | the same times the true AO: the upper bound of SfSNet-AO        | and the true AO             |
 | `as_it_is`      | the input picture in place of the relit one                     | the picture                 |
-| `cut_2`, ...    | the true transport to order 2: the upper bound of order 2       | true maps, the true light    |
 """
 
 from pathlib import Path
@@ -20,7 +19,7 @@ from relight.core.errors import UserError
 from relight.evaluation.scoring.evaluate import Condition, Predictor, pixel_rows, pixels, truth, write_all_scores
 from relight.evaluation.scoring.truth import Inferred
 from relight.learning.data import RelitSet, read_split
-from relight.sh import coefficient_count, order_of, unoccluded
+from relight.sh import order_of, unoccluded
 
 
 def evaluate_baselines(
@@ -82,10 +81,6 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
     def as_it_is(figure: int, lights: np.ndarray) -> Inferred:
         return Inferred(relit=truth(data, figure, lights).maps["reconstruction"])
 
-    def truncated(to_order: int) -> Predictor:
-        """Returns the predictor of the true transport without the coefficients above an order."""
-        return lambda figure, lights: Inferred(transport=true("transport", figure)[..., : coefficient_count(to_order)])
-
     return {
         "mean_figure": mean_figure,
         "mean_light": lambda figure, lights: Inferred(light=np.repeat(mean_light, len(lights), 0)),
@@ -93,7 +88,6 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
         "no_occlusion": no_occlusion,
         "ao_occlusion": ao_occlusion,
         "as_it_is": as_it_is,
-        **{f"cut_{to_order}": truncated(to_order) for to_order in range(2, order)},
     }
 
 

@@ -3,7 +3,6 @@
 from relight.evaluation.scoring.truth import COLUMNS
 from relight.settings.schema import READINGS
 
-STEPS = (4000, 16000)  # of the experiment `steps`, in addition to those of the scale
 LABELS = {
     "sfsnet": "SfSNet",
     "sfsnet_ao": "SfSNet-AO",
@@ -31,13 +30,6 @@ LABELS = {
     "no_occlusion": "true light, true normals without occlusion",
     "ao_occlusion": "true light, true normals and AO",
     "as_it_is": "the picture as it is",
-    **{f"cut_{order}": f"true light, true maps to order {order}" for order in range(2, 8)},
-    **{f"order_{order}": f"Ours, order {order}" for order in range(2, 8)},
-    **{f"figures_{count}": f"Ours, {count} figures" for count in (8, 16, 32, 64, 128)},
-    **{f"width_1_{part}": f"Ours, width 1/{part}" for part in (2, 4, 8)},
-    "ours_weighted": "Ours (transport × 4)",
-    **{f"{losses}_{n}": f"Ours ({losses}), {n:,} steps" for losses in ("min", "full") for n in STEPS},
-    **{f"weighted_{n}": f"Ours (transport × 4), {n:,} steps" for n in STEPS},
 }
 # Quantities whose label is not their capitalized name.
 QUANTITIES = {"shading_true_light": "Shading, true light", "transport_with_ao": "Transport × AO", "ao": "AO"}

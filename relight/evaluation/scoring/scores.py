@@ -33,11 +33,6 @@ class Scores:
         """Returns scores from those of each figure, column -> (L,), in the order of their names."""
         return cls(figures, lights.tolist(), {name: np.stack([part[name] for part in scores]) for name in scores[0]})
 
-    def part(self, figures: np.ndarray) -> "Scores":
-        """Returns the scores of some of the figures, by their indices (N,)."""
-        columns = {name: values[figures] for name, values in self.columns.items()}
-        return Scores([self.figures[index] for index in figures], self.lights, columns)
-
     def frame(self, predictor: str) -> pd.DataFrame:
         """Returns a row per figure and light, with the predictor's name. Raises UserError about an unknown column."""
         pairs = pd.MultiIndex.from_product([[predictor], self.figures, self.lights], names=KEYS)

@@ -65,18 +65,16 @@ class Estimate:
 
 @dataclass
 class Difference:
-    """The difference of two rows, first minus second.
+    """The difference of two rows.
 
     Attributes:
-        mean, low, high: the mean, and the ends of its 95 % interval.
+        mean: first minus second.
         p: two-sided p-value of the hypothesis that they are equal.
         error, freedom: the standard error of the mean and its degrees of freedom (Student's t); infinite and 1 if there
             are too few figures to estimate it.
     """
 
     mean: float
-    low: float
-    high: float
     p: float
     error: float = np.inf
     freedom: float = 1.0
@@ -185,7 +183,7 @@ def compare(first: Estimate, second: Estimate) -> Difference:
     mean = float(first.mean - second.mean)
     components = _variance_components(first, second)
     if not components:
-        return Difference(mean, low=-np.inf, high=np.inf, p=1.0)
+        return Difference(mean, p=1.0)
     if first.freedom == second.freedom:
         trainings = [(first.error**2 + second.error**2, first.freedom)]  # both have the pooled spread, one estimate
     else:
@@ -193,12 +191,10 @@ def compare(first: Estimate, second: Estimate) -> Difference:
     components += [component for component in trainings if component[1]]
     variance = sum(component for component, _ in components)
     if variance <= 0:
-        return Difference(mean, low=mean, high=mean, p=float(mean == 0), error=0.0)
+        return Difference(mean, p=float(mean == 0), error=0.0)
     freedom = float(variance**2 / sum(component**2 / n for component, n in components))  # Satterthwaite
     error = float(np.sqrt(variance))
-    half_width = float(t.ppf((1 + CONFIDENCE) / 2, freedom)) * error
-    p = float(2 * t.sf(abs(mean) / error, freedom))
-    return Difference(mean, mean - half_width, mean + half_width, p, error, freedom)
+    return Difference(mean, float(2 * t.sf(abs(mean) / error, freedom)), error, freedom)
 
 
 def _variance_components(first: Estimate, second: Estimate) -> list[tuple[float, float]]:
