@@ -184,18 +184,6 @@ class Plan:
         settings = self.settings(training)
         return [settings["model"]["name"], *settings["loss"]["extra"]]
 
-    def split(self, training: str) -> str:
-        """Returns the file of the split on which a network is trained and scored."""
-        return f"{self.out}/split/{self.settings(training)['split']['kind']}.json"
-
-    def split_kind(self, experiment: str) -> str:
-        """Returns the kind of split (`split.kind`) of an experiment's scores.
-
-        It is that of the first row: rows with different splits must have the same test figures.
-        """
-        kind: str = self.record["rows"][self.experiments[experiment].rows[0]]["split"]["kind"]
-        return kind
-
     def tracking(self) -> dict[str, Any]:
         """Returns what MLflow records of the workflow with each training.
 
@@ -255,7 +243,7 @@ class Plan:
         folder = "evaluate/" if usual else f"evaluate/{self.condition(experiment)}"
         rows = self.experiments[experiment].rows
         files = {row: [f"{folder}{training}.csv" for training in self.trainings_of(row)] for row in rows}
-        return {**files, "": [f"{folder}baselines.{self.split_kind(experiment)}.csv"]}
+        return {**files, "": [f"{folder}baselines.csv"]}
 
     @property
     def score_files(self) -> list[str]:

@@ -17,7 +17,7 @@ from relight.core.errors import UserError
 from relight.settings import CONF, MAX_NAME_LENGTH, Experiment, check_name, composed, flat
 from relight.settings.composition import quoted
 
-ROW_GROUPS = ("model", "loss", "train", "augment", "split", "track")  # that rows may change; of the split its kind
+ROW_GROUPS = ("model", "loss", "train", "augment")  # that rows may change
 Record = dict[str, Any]
 
 
@@ -82,10 +82,8 @@ def _row_settings(row: str, overrides: list[str], shared: dict[str, Any]) -> dic
         if word.lstrip("+").startswith("train.seed="):
             raise UserError(f"{word}: give the seeds of all trainings, sweep.seeds=[{word.partition('=')[2]}]")
     settings: Any = OmegaConf.to_container(composed(overrides))
-    may_differ = {group: settings[group] for group in ROW_GROUPS if group != "split"}
-    may_differ["split"] = {**shared["split"], "kind": settings["split"]["kind"]}
-    for group, expected in {**shared, **may_differ}.items():
-        if settings[group] != expected:
+    for group, expected in shared.items():
+        if group not in ROW_GROUPS and settings[group] != expected:
             raise UserError(f"row {row} changes {group}, which all rows share: change it for all, under a new name")
     if settings["train"]["start"] == row:
         raise UserError(f"row {row}: train.start={row} is the row itself: name another row")

@@ -1,6 +1,6 @@
 """Trains a network from files; needs only torch, numpy, hydra and safetensors of this project's dependencies.
 
-    python -m relight.learning --packed packed.safetensors --lights lights.npz --split subject.json \\
+    python -m relight.learning --packed packed.safetensors --lights lights.npz --split split.json \\
         --out ours.safetensors scale=study model=ours loss=full train.seed=1
     torchrun --nproc-per-node 8 -m relight.learning ...        # the same on eight GPUs
 

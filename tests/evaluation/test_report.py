@@ -286,7 +286,10 @@ def test_head_draws_no_conclusion_from_a_few_figures(tmp_path):
         for file in (folder / "evaluate" / "test-test").glob("*.csv"):
             table = pd.read_csv(file)
             table[table["figure"].isin(FIGURES[:figures])].to_csv(file, index=False)
-        made.record, made.lights = {"figures": dict.fromkeys(FIGURES), "left_out": {}}, {"lights": {"train": 3, "test": 1}}
+        made.record, made.lights = (
+            {"figures": dict.fromkeys(FIGURES), "left_out": {}},
+            {"lights": {"train": 3, "test": 1}},
+        )
         head = build.head("run", made, outcome=None)
         assert ("Knowing occlusion makes shading better" in head) == concludes
         assert ("concluded from this run: its networks are tested on 4 figures." in head) != concludes

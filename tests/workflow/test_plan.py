@@ -94,7 +94,7 @@ def test_experiments_share_runs_and_keep_their_conditions():
     assert found["table1"]["scores"]["ours_full"] == ["evaluate/ours_full.s0.csv"]
     assert found["sitting"]["scores"]["ours_full"] == ["evaluate/sitting-test/ours_full.s0.csv"]
     assert found["sitting"]["usual"]["ours_full"] == ["evaluate/ours_full.s0.csv"]
-    assert found["unusual_lights"]["scores"][""] == ["evaluate/test-unusual/baselines.subject.csv"]
+    assert found["unusual_lights"]["scores"][""] == ["evaluate/test-unusual/baselines.csv"]
     assert len(plan.score_files) == len(set(plan.score_files))
 
 

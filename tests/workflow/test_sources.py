@@ -74,7 +74,7 @@ def test_too_few_usable_meshes_end_the_run(sources, tmp_path):
         shutil.copy(sources / "scans" / f"{name}.ply", folder)
     repo = copy(tmp_path)
     run = relight(
-        repo, "run", *WORDS, "figures=scans", f"figures.folder={folder}", "--target", "results/mine/split/subject.json"
+        repo, "run", *WORDS, "figures=scans", f"figures.folder={folder}", "--target", "results/mine/split.json"
     )
     assert run.returncode == 1 and "only 1 of 2 figures are usable" in run.stdout and "Traceback" not in run.stdout
     assert not (repo / "results/mine/packed.safetensors").exists()

@@ -27,6 +27,7 @@ except UserError as error:
     raise WorkflowError(str(error)) from None
 OUT, DATA, SETTINGS = PLAN.out, PLAN.data, PLAN.shared
 LIGHTS, PACKED = f"{DATA}/lights/lights.npz", f"{DATA}/packed.safetensors"
+SPLIT = f"{OUT}/split.json"
 # What jobs need to know, and what is no reason to run them again.
 config["process"], config["tracking"] = os.getpid(), PLAN.tracking()
 sys.executable = shlex.quote(
@@ -50,5 +51,4 @@ wildcard_constraints:
     batch="|".join(map(re.escape, PLAN.batches)),
     training="|".join(map(re.escape, PLAN.trainings)),
     experiment="|".join(map(re.escape, PLAN.experiments)),
-    kind="subject|paper",
     on="((test|sitting)-(test|unusual)/)?",

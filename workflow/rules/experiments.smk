@@ -1,13 +1,10 @@
 # Experiments that are not tables of trainings. Their rows are the networks that they use.
-TEST_SPLIT = f"{OUT}/split/{SETTINGS['split']['kind']}.json"
-
-
 rule light_transfer:
     "Lights each person by the light that is inferred of another."
     input:
         networks=PLAN.networks("light_transfer").values(),
         packed=PACKED,
-        split=TEST_SPLIT,
+        split=SPLIT,
         lights=LIGHTS,
     output:
         scores=f"{OUT}/light_transfer/scores.csv",

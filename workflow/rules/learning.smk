@@ -4,14 +4,14 @@ rule split:
         packed=PACKED,
         record=f"{DATA}/figures.json",
     output:
-        f"{OUT}/split/{{kind}}.json",
+        SPLIT,
     log:
-        f"{OUT}/log/split/{{kind}}.log",
+        f"{OUT}/log/split.log",
     benchmark:
-        f"{OUT}/benchmark/split/{{kind}}.tsv"
+        f"{OUT}/benchmark/split/all.tsv"
     localrule: True
     params:
-        split={key: value for key, value in SETTINGS["split"].items() if key != "kind"},
+        split=SETTINGS["split"],
         code=code_hash("split"),
     script:
         "../scripts/split.py"
@@ -22,7 +22,7 @@ rule train:
     input:
         packed=PACKED,
         lights=LIGHTS,
-        split=lambda wildcards: PLAN.split(wildcards.training),
+        split=SPLIT,
         start=lambda wildcards: PLAN.settings(wildcards.training)["train"]["start"]
         or [],
     output:
@@ -52,7 +52,7 @@ rule evaluate:
         f"{OUT}/train/{{training}}.safetensors",
         PACKED,
         LIGHTS,
-        lambda wildcards: PLAN.split(wildcards.training),
+        SPLIT,
     output:
         f"{OUT}/evaluate/{{on}}{{training}}.csv",
     log:
@@ -75,13 +75,13 @@ rule baselines:
     input:
         PACKED,
         LIGHTS,
-        f"{OUT}/split/{{kind}}.json",
+        SPLIT,
     output:
-        f"{OUT}/evaluate/{{on}}baselines.{{kind}}.csv",
+        f"{OUT}/evaluate/{{on}}baselines.csv",
     log:
-        f"{OUT}/log/evaluate/{{on}}baselines.{{kind}}.log",
+        f"{OUT}/log/evaluate/{{on}}baselines.log",
     benchmark:
-        f"{OUT}/benchmark/baselines/{{on}}{{kind}}.tsv"
+        f"{OUT}/benchmark/baselines/{{on}}all.tsv"
     resources:
         mem_mb=8000,
     params:

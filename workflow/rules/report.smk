@@ -35,7 +35,7 @@ rule plates:
         ],
         packed=PACKED,
         lights=LIGHTS,
-        split=lambda wildcards: f"{OUT}/split/{PLAN.split_kind(wildcards.experiment)}.json",
+        split=SPLIT,
     output:
         plates=f"{OUT}/report/{{experiment}}_plates.png",
         relit=f"{OUT}/report/{{experiment}}_relit.png",
@@ -105,9 +105,7 @@ rule viewer:
         expand(f"{DATA}/maps/{{batch}}", batch=PLAN.batches),
         networks=[PLAN.network(first) for first in FIRST_TABLE.values()],
         packed=PACKED,
-        split=(
-            PLAN.split(next(iter(FIRST_TABLE.values()))) if FIRST_TABLE else TEST_SPLIT
-        ),
+        split=SPLIT,
         lights=LIGHTS,
     output:
         f"{OUT}/report/viewer.html",
