@@ -1,14 +1,12 @@
 """Cuts and trims of garments: hulls, drops, necklines, collars, bands, belts, ties, fits."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from relight.figures import outfits, wear
 from relight.figures.body.person import build_body, sample_person
 from relight.figures.cloth import colliders
 from relight.figures.cloth.colliders import Collider
@@ -17,8 +15,7 @@ from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose import stances
 from relight.figures.pose.motion import build_motion
 from relight.figures.surfaces import border_loops, edges, grid_faces, loop
-from relight.figures.tailor import collars, drops, fitting, patterns, suit, trims
-from relight.figures.tailor.fabrics import Fabric
+from relight.figures.tailor import collars, fitting, patterns, suit, trims
 from relight.figures.tailor.garments import wardrobe
 
 UP, LEFT, AHEAD = np.eye(3)[[1, 0, 2]]
@@ -54,22 +51,6 @@ def test_build_pattern_has_no_length_for_the_hollow_of_the_seat(body, name):
     assert hollow(seat) > 0.009, "the body is hollow there"
 
 
-def test_trunk_hull_is_exact_on_a_known_outline():
-    """Two cylinders beside each other: their hull is a stadium."""
-    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
-    ring = np.concatenate([np.stack([x + 0.1 * np.sin(turn), 0.1 * np.cos(turn)], 1) for x in (-0.1, 0.1)])
-    heights = np.arange(0.0, 0.5, 0.005)
-    points = np.concatenate([np.insert(ring, 1, y, axis=1) for y in heights])
-    fields = {"arm_shareL": np.zeros(len(points)), "arm_shareR": np.zeros(len(points))}
-    hull = suit.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25, "neck": 0.45})
-    asked = np.array([[0.0, 0.2, 0.05], [0.3, 0.2, 0.0], [0.1, 0.2, 0.02]])
-    assert hull.radius(asked)[:2] == pytest.approx([0.1, 0.2], abs=1e-3)
-    moved = hull.expand(asked, np.array([1.0, 1.0, 0.5]))
-    assert moved[0] == pytest.approx([0, 0.2, 0.1], abs=1e-3)
-    np.testing.assert_allclose(moved[1], asked[1], atol=1e-12)  # what is outside stays
-    assert 0.02 < moved[2, 2] < 0.1
-
-
 def test_trunk_hull_bridges_heights_without_vertices():
     """A cone whose vertices have a gap of 8 cm, as between the rings of a very tall person."""
     turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
@@ -80,34 +61,6 @@ def test_trunk_hull_bridges_heights_without_vertices():
     hull = suit.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25, "neck": 0.45})
     for y in (0.2, 0.24, 0.28):
         assert hull.radius(np.array([[0.0, y, 0.05]]))[0] == pytest.approx(0.1 + 0.2 * y, abs=5e-3)
-
-
-def test_hull_straightened_spans_hollows():
-    """A body of revolution as slim as an hourglass between a chest and a seat of one width, and a bump at its foot."""
-    heights = np.linspace(0, 1, 21)
-    radii = np.repeat((0.2 - 0.08 * np.sin(np.pi * heights))[:, None], suit.BEARINGS, axis=1)
-    hull = suit.Hull(0.0, heights, radii)
-    np.testing.assert_allclose(hull.straightened(-1.0, 1.0).radii, 0.2, atol=1e-12)
-    np.testing.assert_allclose(hull.straightened(-1.0, 0.5).radii, (0.2 + radii) / 2, atol=1e-12)
-    above = hull.straightened(0.5, 1.0).radii  # straight from the waist up to the chest, as cut below it
-    np.testing.assert_allclose(above[:11], radii[:11], atol=1e-12)
-    np.testing.assert_allclose(above[10:, 0], 0.12 + 0.16 * (heights[10:] - 0.5), atol=1e-12)
-    bulging = suit.Hull(0.0, heights, 0.4 - radii)
-    np.testing.assert_allclose(bulging.straightened(-1.0, 1.0).radii, bulging.radii, atol=1e-12)
-
-
-def test_cleft_is_where_two_boxes_meet():
-    """Two boxes beside each other: the sides by which they meet, at the height of the seat, and no others."""
-    boxes = [trimesh.creation.box((0.1, 0.6, 0.1)).apply_translation((x, 0, 0)) for x in (-0.055, 0.055)]
-    both = trimesh.util.concatenate([box.subdivide().subdivide().subdivide() for box in boxes])
-
-    found = wear.cleft(SimpleNamespace(heights={"crotch": 0.0}), both.vertices, both.faces)
-    middle, normal = both.triangles_center[found], both.face_normals[found]
-    assert found.sum() > 40 and (np.abs(middle[:, 0]) < 0.006).all() and (np.abs(normal[:, 0]) > 0.99).all()
-    low, high = wear.CLEFT_HEIGHTS
-    inner = np.abs(both.triangles_center[:, 0]) < 0.006
-    within = (both.triangles_center[:, 1] > low) & (both.triangles_center[:, 1] < high)
-    assert found.sum() == (inner & within).sum()
 
 
 def lengths(points: np.ndarray, ring: np.ndarray) -> float:
@@ -125,23 +78,6 @@ def test_drop_rows_start_in_folds_of_the_same_length(body, name):
     assert lengths(level.start, hem) == pytest.approx(lengths(level.rest_shape, hem), rel=0.02)
     wide = [np.ptp(x[hem], axis=0)[[0, 2]].mean() for x in (level.start, level.rest_shape)]
     assert wide[0] < 0.9 * wide[1], "it hangs narrower than it is cut"
-
-
-def test_split_border_keeps_the_surface():
-    turn = 2 * np.pi * np.arange(12) / 12
-    points = np.concatenate([np.stack([np.sin(turn), 0 * turn + y, np.cos(turn)], 1) for y in (0.0, 1.0)])
-    i = np.arange(12)
-    j = (i + 1) % 12
-    faces = np.concatenate([np.stack([i, j, i + 12], 1), np.stack([j, j + 12, i + 12], 1)])
-    ring, closed = drops.lowest_border(faces, points[:, 1])
-    assert closed and sorted(ring) == list(range(12))
-    matrix, finer, parent = drops.split_border(faces, len(points), ring)
-    finest = matrix @ points
-    area = [trimesh.Trimesh(p, f, process=False).area for p, f in ((points, faces), (finest, finer))]
-    assert area[1] == pytest.approx(area[0], rel=1e-12)
-    assert len(finer) == len(faces) + 12 and (np.bincount(parent) == [2] * 12 + [1] * 12).all()
-    assert sorted(len(r) for r in border_loops(finer)) == [12, 24]
-    assert edges(finer)[2].max() == 2
 
 
 def tube(radius: float = 0.06, columns: int = 24) -> tuple[np.ndarray, np.ndarray]:
@@ -278,20 +214,6 @@ def test_over_leaves_room_for_the_inner_garment():
         assert all(o > i for o, i in zip(outer.torso_ease, inner.torso_ease)) and all(
             o > i for o, i in zip(outer.arm_ease, inner.arm_ease)
         )
-
-
-def test_in_other_fabrics_keeps_the_cut():
-    person = sample_person(np.random.default_rng(5))
-    outfit = replace(
-        outfits.sample_outfit(np.random.default_rng(5), person),
-        tie=None,
-        belt=Fabric("leather", (0.1,) * 3, (0.2,) * 3, 1, 1),
-    )
-    other = outfits.in_other_fabrics(outfit, np.random.default_rng(9))
-    assert [worn.garment for worn in other.garments] == [worn.garment for worn in outfit.garments]
-    assert all(new.fabric != old.fabric for new, old in zip(other.garments, outfit.garments))
-    assert all(worn.fabric.kind in worn.garment.fabrics for worn in other.garments)
-    assert other.tie is None and other.belt != outfit.belt and other.shoe == outfit.shoe and other.hair == outfit.hair
 
 
 @pytest.mark.parametrize("name", sorted(wardrobe()))

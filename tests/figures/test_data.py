@@ -5,7 +5,6 @@ import sys
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from relight.figures import surfaces
 from relight.figures.body import makehuman
@@ -33,22 +32,6 @@ def test_import_of_dress_loads_neither_anny_nor_torch():
 def test_build_body_heights_are_those_of_adults():
     heights = [np.ptp(build_body(sample_person(np.random.default_rng(s))).skin[:, 1]) for s in range(6)]
     assert 1.4 < min(heights) and max(heights) < 2.1
-
-
-def test_rotation_between_takes_one_direction_to_the_other():
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        a, b = rng.normal(size=(2, 3))
-        turned = solver.rotation_between(a, b).apply(a / np.linalg.norm(a))
-        np.testing.assert_allclose(turned, b / np.linalg.norm(b), atol=1e-12)
-
-
-def test_middle_joint_keeps_the_lengths_of_both_bones():
-    root, goal, pole = np.zeros(3), np.array([0.3, -0.4, 0.1]), np.array([0.0, 0.0, -1.0])
-    middle = solver.middle_joint(root, goal, 0.3, 0.35, pole)
-    assert np.linalg.norm(middle - root) == pytest.approx(0.3)
-    assert np.linalg.norm(middle - goal) == pytest.approx(0.35)
-    assert middle[2] < 0  # bends toward the pole
 
 
 def test_build_motion_begins_at_rest_and_ends_on_the_ground(person):
@@ -88,17 +71,6 @@ def test_pose_solver_wrists_and_ankles_reach_their_goals(person):
         goal = shoulder + trunk.apply(np.array(hand.wrist) * [sign, 1, 1] * arm)
         # the turn of the forearm sits half-way down it, off the straight line by the forearm's own bend
         assert np.linalg.norm(wrist - goal) < 0.015
-
-
-def test_twist_and_swing_make_the_rotation(person):
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        rotation = Rotation.from_rotvec(rng.normal(size=3))
-        axis = solver.unit(rng.normal(size=3))
-        angle, swing = solver.twist_and_swing(rotation, axis)
-        again = Rotation.from_rotvec(angle * axis) * swing
-        np.testing.assert_allclose(again.as_matrix(), rotation.as_matrix(), atol=1e-12)
-        assert abs(swing.as_rotvec() @ axis) < 1e-9 and -np.pi < angle <= np.pi
 
 
 @pytest.mark.parametrize("name", ["hand on hip, stepping", "arms crossed", "waving", "with a cup and a phone"])
