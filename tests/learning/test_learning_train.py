@@ -107,21 +107,6 @@ def test_the_same_again_and_the_same_after_any_interruption(run, changes):
 
 
 @pytest.mark.slow
-def test_kill_9_between_the_log_and_the_state(run, tmp_path):
-    """The process dies at step 6 after logging it; the next one starts from step 4 and ends with the same bits."""
-    whole = run("whole", epoch=2)()
-    killed = run("killed", epoch=2)
-    die = "lambda values, step: os.kill(os.getpid(), signal.SIGKILL) if step == 6 else None"
-    command = [sys.executable, "-c", killed.program(None, die)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == -9, done.stderr
-    assert torch.load(killed.state, weights_only=True)["step"] == 4
-    assert sorted(path.name for path in killed.state.parent.iterdir()) == ["state.pt"]
-    assert killed() == whole
-    assert [step for step, _ in killed.logged] == [6, 8]
-
-
-@pytest.mark.slow
 def test_a_state_of_other_settings_or_data_is_ignored(run, world, tmp_path, capsys):
     first = run()
 
@@ -147,15 +132,14 @@ def test_a_state_of_other_settings_or_data_is_ignored(run, world, tmp_path, caps
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "steps"), [("ours", 250), ("sfsnet_ao", 100)])
-def test_one_figure_under_one_light_is_learned_by_heart(run, world, tmp_path, name, steps):
+def test_one_figure_under_one_light_is_learned_by_heart(run, world, tmp_path):
     split = tmp_path / "one.json"
     split.write_text('{"train": ["figure2"], "test": []}')
     table = dict(np.load(world["lights"]))
     table["split"] = np.where(np.arange(6) == 3, "train", "test")
     np.savez(tmp_path / "one.npz", **table)
-    changes = {"norm": "instance", "dropout": 0.0, "name": name}
-    heart = run("heart", changes, {"tv_albedo": 0, "tv_transport": 0}, steps=steps, batch=1, epoch=50, lr=4e-3)
+    changes = {"norm": "instance", "dropout": 0.0, "name": "sfsnet_ao"}
+    heart = run("heart", changes, {"tv_albedo": 0, "tv_transport": 0}, steps=100, batch=1, epoch=50, lr=4e-3)
     heart.inputs = replace(heart.inputs, lights=tmp_path / "one.npz", split=split)
     heart()
     network, _ = load_network(heart.out)
@@ -167,8 +151,7 @@ def test_one_figure_under_one_light_is_learned_by_heart(run, world, tmp_path, na
     def rms(error: torch.Tensor) -> float:
         return (error.square().sum() / (batch.inside.sum() * error.shape[-1])).sqrt().item()
 
-    shape = "transport" if name == "ours" else "normal"
-    errors = {key: rms(batch.gather(outputs[key]) - getattr(batch, key)) for key in ("albedo", shape)}
+    errors = {key: rms(batch.gather(outputs[key]) - getattr(batch, key)) for key in ("albedo", "normal")}
     spread = {key: rms(getattr(batch, key) - getattr(batch, key).mean(1) * batch.inside) for key in errors}
     assert all(errors[key] < 0.4 * spread[key] for key in errors), (errors, spread)
     assert (outputs["light"] - batch.light).abs().mean() < 0.02
@@ -344,17 +327,7 @@ def test_learning_needs_torch_alone():
     program = f"import sys\nfor name in {names.split()}: __import__('relight.learning.' + name)\nprint(*sys.modules)"
     modules = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
     loaded = {name.split(".")[0] for name in modules.stdout.split()}
-    assert not loaded & {
-        "open3d",
-        "pymeshlab",
-        "snakemake",
-        "mlflow",
-        "warp",
-        "anny",
-        "matplotlib",
-        "sklearn",
-        "pandas",
-    }
+    assert not loaded & {*"open3d pymeshlab snakemake mlflow warp anny matplotlib sklearn pandas".split()}
 
 
 @pytest.mark.parametrize("capability", [None, "amx_bf16", "avx512_bf16"])

@@ -39,7 +39,7 @@ def web_runtime():
 
 @pytest.fixture(scope="module")
 def exported(web_runtime, exported_network):
-    return exported_network("unet") / "a.onnx"
+    return exported_network / "a.onnx"
 
 
 @pytest.fixture(scope="module")
