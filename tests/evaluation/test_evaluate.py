@@ -1,6 +1,4 @@
 import json
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -69,20 +67,6 @@ def test_evaluate_agrees_with_predictions_one_at_a_time(name, checkpoints, world
             assert scores.columns["light_rmse"][f, l] == pytest.approx(error, rel=1e-3)
     assert ("transport_with_ao_rmse" in scores.columns) == (name == "sfsnet_ao")
     assert ("normal_rmse" in scores.columns) == (name != "ours")
-
-
-@pytest.mark.slow
-def test_evaluate_writes_the_same_bytes_in_another_process(checkpoints, world, tmp_path):
-    here, there = tmp_path / "here.csv", tmp_path / "there" / "here.csv"
-    evaluate(checkpoints["ours"], world.packed, world.lights, world.split, world.condition, here)
-    code = (
-        "import sys; from pathlib import Path; "
-        "from relight.evaluation.scoring.evaluate import TEST, evaluate; p = [Path(a) for a in sys.argv[1:]]; "
-        "evaluate(*p[:4], TEST, p[4])"
-    )
-    paths = (checkpoints["ours"], world.packed, world.lights, world.split, there)
-    subprocess.run([sys.executable, "-c", code, *map(str, paths)], check=True, env={"OMP_NUM_THREADS": "2", "PATH": ""})
-    assert here.read_bytes() == there.read_bytes()
 
 
 def test_evaluate_and_plates_without_figures_or_lights(checkpoints, world, tmp_path):
