@@ -244,12 +244,10 @@ ROWS = [[round(0.5 - 0.1 * row + 0.2 * column, 2) for column in range(3)] for ro
 # what a table of coefficients may look like
 TABLES = {
     "blanks": "\n".join(" ".join(map(str, row)) for row in ROWS).encode(),
-    "commas": "\n".join(",".join(map(str, row)) for row in ROWS).encode(),
     "a mark and CR LF": ("\ufeff" + "\r\n".join(",".join(map(str, row)) for row in ROWS)).encode(),
     "utf-16": "\n".join("\t".join(map(str, row)) for row in ROWS).encode("utf-16"),
     "semicolons": "\n".join(";".join(map(str, row)) for row in ROWS).encode(),
     "decimal commas": "\n".join(";".join(map(str, row)).replace(".", ",") for row in ROWS).encode(),
-    "decimal commas and tabs": "\n".join("\t".join(map(str, row)).replace(".", ",") for row in ROWS).encode(),
     "quotes": "\n".join(",".join(f'"{value}"' for value in row) for row in ROWS).encode(),
     "comments in Latin-1": b"# \xe9clair\n" + "\n".join(" ".join(map(str, row)) for row in ROWS).encode(),
 }  # fmt: skip
@@ -272,18 +270,11 @@ KEYS = {
     "key:rad@0,0": "'rad' is no color: give #ffeedd, or a name such as red",
     "key:#ff@45,30": "'#ff' is no color",
     "key:": "'' is no color",
-    "key:#ffffff": "after the @ must come azimuth, elevation and perhaps fill",
-    "key:#ffffff@45": "after the @ must come azimuth",
     "key:#ffffff@45,30,1,2": "after the @ must come azimuth",
     "key:#ffffff@a,b": "'a' is not a number",
-    "key:#ffffff@45,": "'' is not a number",
     "key:#ffffff@400,30": "azimuth 400 must be in -360 to 360",
-    "key:#ffffff@-361,30": "azimuth -361 must be",
-    "key:#ffffff@nan,30": "azimuth nan must be",
     "key:#ffffff@0,95": "elevation 95 must be in -90",
-    "key:#ffffff@0,-90.5": "elevation -90.5 must be",
     "key:#ffffff@0,0,-1": "fill -1 must be at least 0",
-    "key:#ffffff@0,0,inf": "fill inf must be at least 0",
     "key:#000000@0,0": "key:#000000@0,0 is black",
 }
 

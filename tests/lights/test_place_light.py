@@ -5,10 +5,9 @@ import pytest
 
 from relight.core.srgb import encode, to_bytes
 from relight.lights.light import direction
-from relight.lights.place import IRRADIANCE, features, lamp_parts, place_light, place_statistics, thumbnail
+from relight.lights.place import IRRADIANCE, features, place_light, place_statistics, thumbnail
 from relight.lights.statistics import moment_eigenvalue
 from relight.panoramas import luminance
-from relight.sh import basis
 
 MIRROR = np.array([1, 1, 1, -1, -1, 1, 1, -1, 1.0])[:, None]
 
@@ -92,10 +91,3 @@ def test_features_of_known_pictures():
     levels = np.array([0.5, 1.5, 0.25, 0.75])
     assert contrast == pytest.approx(np.log(levels.std() / levels.mean()))
     assert (red, blue) == (pytest.approx(0), pytest.approx(np.log(0.5)))
-
-
-def test_lamp_parts_add_up_to_a_lamp():
-    toward = direction(200, -20, "lamp")
-    even, first, second = lamp_parts(toward).T
-    np.testing.assert_allclose(basis(toward, 0)[0] * even + first + second, basis(toward, 2), atol=1e-12)
-    assert lamp_parts(np.stack([toward, -toward])).shape == (2, 9, 3)

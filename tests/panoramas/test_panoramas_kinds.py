@@ -49,26 +49,19 @@ HEADERS = {
     "an indented EXPOSURE": (
         b"in.hdr:\n\tpfilt -e 4\n\tEXPOSURE=4\npcomb in.hdr\nEXPOSURE=2\n", np.divide(CODES, 2), ""),
     "`EXPOSURE=4` after a tab": (b"\tEXPOSURE=4\n", CODES, ""),
-    "EXPOSURE after blanks": (b"  EXPOSURE=4\n", CODES, ""),
     "EXPOSURE in a comment": (b"# EXPOSURE=2\n", CODES, ""),
-    "EXPOSURE in a command": (b"pfilt -e EXPOSURE=2\n", CODES, ""),
     "an indented COLORCORR": (b"\tCOLORCORR=2 4 8\n", CODES, ""),
-    "an indented FORMAT": (b"\tFORMAT=32-bit_rle_xyze\n", CODES, ""),
-    "an indented PRIMARIES": (b"\t" + primaries(P3), CODES, ""),
     "COLORCORR": (b"COLORCORR=1 2 4\n", np.divide(CODES, (1, 2, 4)), ""),
     "PRIMARIES of Rec. 709": (primaries(REC709), CODES, ""),
     "`PRIMARIES` of Radiance": (primaries(PLAIN), CODES, ""),
     "`PRIMARIES` of zeros": (primaries([0] * 8), CODES, ""),
     "`PRIMARIES` of Display P3": (primaries(P3), to_709(P3) @ CODES, CONVERTED),
     "PRIMARIES with white E": (primaries(SHARP), to_709(SHARP) @ CODES, CONVERTED),
-    "PRIMARIES with white D50": (primaries(D50), to_709(D50) @ CODES, CONVERTED),
     "PRIMARIES of CIE XYZ": (primaries(XYZ), np.linalg.solve(
         [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]], CODES), CONVERTED),
     "PRIMARIES and EXPOSURE": (primaries(P3) + b"EXPOSURE=2\n", to_709(P3) @ CODES / 2, CONVERTED),
     "CR LF": (b"EXPOSURE=2\r\n" + primaries(P3).replace(b"\n", b"\r\n"), to_709(P3) @ CODES / 2, CONVERTED),
     "`GAMMA=2.2`": (b"GAMMA=2.2\n", CODES, "its GAMMA of 2.2 is left out: pixels are taken as linear"),
-    "GAMMA of 1": (b"GAMMA=1.0\n", CODES, ""),
-    "an indented GAMMA": (b"\tGAMMA=2.2\n", CODES, ""),
     "a view": (b"VIEW= -vtv -vh 90\nPIXASPECT=1\nCAPDATE= 2020:01:01\n", CODES, ""),
 }  # fmt: skip
 
@@ -91,11 +84,6 @@ def test_hdr_of_this_header(tmp_path, name):
     found = read_panorama(tmp_path / "a.hdr")
     np.testing.assert_allclose(found.pixels[0, 0], np.maximum(radiance, 0), rtol=1e-3, atol=1e-4)
     assert says in " ".join(found.repairs) and bool(says) == bool(found.repairs)
-
-
-def test_hdr_with_a_byte_order_mark(tmp_path):
-    (tmp_path / "a.hdr").write_bytes(hdr(b"", start=codecs.BOM_UTF8 + b"#?RADIANCE\n"))
-    np.testing.assert_allclose(read_panorama(tmp_path / "a.hdr").pixels[0, 0], CODES, rtol=1e-6)
 
 
 def test_hdr_of_impossible_primaries_says_what_was_taken(tmp_path):
@@ -155,11 +143,9 @@ PIXEL = dict(zip("RGB", CODES))
 # channels with their values, header -> the color of a pixel, and what a note says
 EXRS = {
     "channels `X` `Y` `Z` of white, .9505 1 1.089": (dict(zip("XYZ", WHITE)), {}, (1, 1, 1), "taken as CIE XYZ"),
-    "X Y Z, red": (dict(zip("XYZ", RED)), {}, (1, 0, 0), "CIE XYZ"),
     "X Y Z and alpha": ({**dict(zip("XYZ", WHITE)), "A": 1}, {}, (1, 1, 1), "CIE XYZ"),
     "R G B beside X Y Z": (PIXEL | dict(zip("XYZ", WHITE)), {}, CODES, ""),
     "channel `Y`": ({"Y": 100 / 256}, {}, 3 * (100 / 256,), ""),
-    "Y and alpha": ({"Y": 0.5, "A": 1}, {}, (0.5, 0.5, 0.5), ""),
     "Y beside a depth": ({"Y": 0.5, "Z": 9}, {}, (0.5, 0.5, 0.5), ""),
     "channels `R` `G` `B`": (PIXEL, {}, CODES, ""),
     "`chromaticities` of Display P3": (PIXEL, {"chromaticities": P3}, to_709(P3) @ CODES, CONVERTED),
@@ -168,10 +154,8 @@ EXRS = {
         "names the color space ACEScg without chromaticities: taken for linear Rec. 709"),
     "`colorspace` sRGB": (
         PIXEL, {"colorspace": "sRGB"}, ((np.array(CODES) + 0.055) / 1.055) ** 2.4, "its codes were decoded"),
-    "lin_ap1_scene": (PIXEL, {"colorInteropID": "lin_ap1_scene"}, CODES, "color space lin_ap1_scene"),
     "ACES": (PIXEL, {"acesImageContainerFlag": 1}, CODES, "color space ACES"),
     "lin_srgb": (PIXEL, {"oiio:ColorSpace": "lin_srgb"}, CODES, ""),
-    "Linear": (PIXEL, {"oiio:ColorSpace": "Linear"}, CODES, ""),
     "lin_rec709_scene": (PIXEL, {"colorInteropID": "lin_rec709_scene"}, CODES, ""),
     "ACEScg and chromaticities": (PIXEL, {"oiio:ColorSpace": "ACEScg", "chromaticities": REC709}, CODES, ""),
     **{" ".join(map(str, header.items())): (PIXEL, header, CODES, says) for header, says in (
@@ -180,14 +164,11 @@ EXRS = {
         ({"oiio:ColorSpace": "Filmic sRGB"}, "color space Filmic sRGB without chromaticities: taken for linear"),
         ({"oiio:ColorSpace": "sRGB", "colorInteropID": "lin_rec709_scene"}, ""),  # the newer one counts
         ({"colorspace": "ACEScg"}, "color space ACEScg"),
-        ({"ColorSpace": "ACEScg"}, "color space ACEScg"),
         ({"color_space": "ACEScg"}, "color space ACEScg"),
         ({"oiio:colorspace": "lin_rec2020_scene"}, "color space lin_rec2020_scene"),
         ({"exr/oiio:ColorSpace": "ACES2065-1"}, "color space ACES2065-1"),
         ({"colorinteropid": "srgb_p3d65_scene"}, "color space srgb_p3d65_scene"),
-        ({"acesimagecontainerflag": 1}, "color space ACES"),
         ({"colorspace": "Rec709"}, "color space Rec709"),  # by OpenImageIO, codes of BT.709
-        ({"colorspace": "Gamma2.2 Rec.709"}, "color space Gamma2.2"),
         ({"colorspace": "Non-linear sRGB"}, "color space Non-linear sRGB"),
         ({"colorspace": "ACEScct", "chromaticities": REC709}, "color space ACEScct: taken as linear"),
         ({"colorspace": ""}, ""),
