@@ -20,7 +20,8 @@ def bake(
         typer.Option(
             "--out",
             "-o",
-            help="Maps as .exr or as a .png picture, transport per vertex as .ply or .npz; may be repeated. "
+            help="Maps as .exr or as a .png picture, transport per vertex as .ply, .npz or .glb; may be "
+            "repeated. "
             "By default the mesh's name with .exr, in the current folder.",
         ),
     ] = None,
@@ -68,16 +69,16 @@ def bake(
     from relight.core.errors import UserError
 
     targets = out or [Path(mesh.stem + ".exr")]
-    kinds = {".exr", ".png", ".ply", ".npz"}
+    vertex_kinds = (".ply", ".npz", ".glb")
     for target in targets:
-        if target.suffix.lower() not in kinds:
-            raise UserError(f"{target}: maps are written as .exr or .png, transport per vertex as .ply or .npz")
+        if target.suffix.lower() not in (".exr", ".png", *vertex_kinds):
+            raise UserError(f"{target}: maps are written as .exr or .png, transport per vertex as .ply, .npz or .glb")
         if target.resolve() == mesh.resolve():
             raise UserError(f"--out {target} is the mesh itself: choose another file")
     if not 0 <= padding < 0.5:
         raise UserError(f"--padding {padding}: must be a share of the image's height, from 0 to under 0.5")
 
-    per_vertex = any(target.suffix.lower() in (".ply", ".npz") for target in targets)
+    per_vertex = any(target.suffix.lower() in vertex_kinds for target in targets)
     per_pixel = any(target.suffix.lower() in (".exr", ".png") for target in targets)
     alignment = ("up", "front", "padding")
     for name in (*alignment, "yaw", "pitch", "focal", "size", "supersample"):
@@ -130,7 +131,7 @@ def bake(
 
         baked = bake_vertices(source, rays, order, seed, bounces, threads)
         for target in targets:
-            if target.suffix.lower() in (".ply", ".npz"):
+            if target.suffix.lower() in vertex_kinds:
                 baked.save(target)
         typer.echo(f"{mesh.name}: {len(source.vertices):,} vertices", err=True)
         for note in baked.notes:

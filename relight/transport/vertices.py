@@ -53,7 +53,8 @@ class VertexTransport:
         """Writes a file, whole or not at all.
 
         Args:
-            path: .npz (the attributes by name) or .ply (one vertex property per coefficient).
+            path: .npz (the attributes by name), .ply (one vertex property per coefficient), or .glb (attributes _SH0
+                ... _SH8, one per coefficient, _ALBEDO, linear, and _BOUNCED0 ...).
 
         Raises:
             UserError: if the path has another suffix.
@@ -66,8 +67,22 @@ class VertexTransport:
         elif path.suffix.lower() == ".ply":
             with atomic_write(path) as temporary:
                 temporary.write_bytes(self._ply())
+        elif path.suffix.lower() == ".glb":
+            with atomic_write(path) as temporary:
+                temporary.write_bytes(self._glb())
         else:
-            raise UserError(f"{path}: transport per vertex is written as .ply or .npz")
+            raise UserError(f"{path}: transport per vertex is written as .ply, .npz or .glb")
+
+    def _glb(self) -> bytes:
+        import trimesh
+
+        columns = {"_ALBEDO": self.albedo} | {f"_SH{k}": column for k, column in enumerate(self.transport.T)}
+        if self.bounced is not None:
+            columns |= {f"_BOUNCED{k}": self.bounced[:, k] for k in range(self.bounced.shape[1])}
+        mesh = trimesh.Trimesh(self.vertices, self.faces, vertex_normals=self.normals, process=False)
+        mesh.vertex_attributes.update({name: np.ascontiguousarray(column) for name, column in columns.items()})
+        mesh.metadata["convention"] = CONVENTION
+        return mesh.export(file_type="glb", include_normals=True)
 
     def _ply(self) -> bytes:
         """Returns a binary PLY whose vertices have x, nx, albedo_r (linear), L0M0, L1Mn1, bounced_r_L0M0 and so on."""

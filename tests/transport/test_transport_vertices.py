@@ -1,5 +1,6 @@
 """Transport per vertex, and the files that hold it."""
 
+import json
 import re
 
 import numpy as np
@@ -202,7 +203,21 @@ def test_files(tmp_path):
         np.testing.assert_array_equal(data[name], baked.transport[:, i])
         np.testing.assert_array_equal(data[f"bounced_b_{name}"], baked.bounced[:, i, 2])
     np.testing.assert_array_equal(data["albedo_g"], baked.albedo[:, 1])
-    with pytest.raises(UserError, match=r"\.ply or \.npz"):
+    baked.save(tmp_path / "a.glb")
+    content = (tmp_path / "a.glb").read_bytes()
+    size = int.from_bytes(content[12:16], "little")
+    scene, buffer = json.loads(content[20 : 20 + size]), content[28 + size :]
+    (primitive,) = scene["meshes"][0]["primitives"]
+    wanted = {f"_SH{i}": column for i, column in enumerate(baked.transport.T)}
+    wanted |= {"POSITION": baked.vertices, "NORMAL": baked.normals, "_ALBEDO": baked.albedo}
+    wanted["_BOUNCED3"] = baked.bounced[:, 3]
+    for name, values in wanted.items():
+        accessor = scene["accessors"][primitive["attributes"][name]]
+        start = scene["bufferViews"][accessor["bufferView"]].get("byteOffset", 0)
+        assert accessor["type"] == ("SCALAR" if values.ndim == 1 else "VEC3") and accessor["componentType"] == 5126
+        stored = np.frombuffer(buffer, "<f4", values.size, start).reshape(values.shape)
+        np.testing.assert_allclose(stored, values, atol=1e-6)
+    with pytest.raises(UserError, match=r"\.ply, \.npz or \.glb"):
         baked.save(tmp_path / "a.stl")
     with pytest.raises(UserError, match="rays is 0"):
         bake_vertices(mesh, 0)
