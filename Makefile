@@ -46,8 +46,7 @@ test-fast: $(STAMP)  ## the tests without those that take CPU-seconds each
 	@$(PYTEST) -m "not slow" $(ARGS)
 
 fuzz: $(STAMP)  ## feed the readers 5,000 damaged panoramas, meshes and other files each; make fuzz CASES=50000
-	@RELIGHT_FUZZ=$(CASES) $(PYTEST) tests/panoramas/test_panoramas_fuzz.py tests/meshes/test_meshes_malformed.py \
-		tests/reliability/test_reliability_readers.py $(ARGS)
+	@RELIGHT_FUZZ=$(CASES) $(PYTEST) tests/meshes/test_meshes_malformed.py tests/reliability/test_reliability_readers.py $(ARGS)
 
 chaos: $(STAMP)  ## kill the workflow 60 times at random moments; make chaos KILLS=6
 	@RELIGHT_CHAOS=$(KILLS) $(BIN)/python -m pytest -s tests/workflow/test_resume.py $(ARGS)

@@ -108,12 +108,3 @@ def test_a_killed_writers_folder_goes_with_the_next_write(tmp_path):
 def test_a_living_writers_temporary_stays(tmp_path, block, name):
     with block(tmp_path / name) as first, block(tmp_path / name) as second:
         assert first.exists() and second.exists() and first != second
-
-
-def test_a_failed_write_leaves_the_old_file(tmp_path):
-    path = tmp_path / "a.txt"
-    path.write_text("old")
-    with pytest.raises(RuntimeError), atomic_write(path) as temporary:
-        temporary.write_text("new")
-        raise RuntimeError
-    assert path.read_text() == "old" and [found.name for found in tmp_path.iterdir()] == ["a.txt"]

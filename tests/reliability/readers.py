@@ -6,6 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 from PIL import Image, ImageCms
 
 
@@ -119,6 +120,37 @@ def encoded(image: Image.Image, kind: str, **options) -> bytes:
     return file.getvalue()
 
 
+def panoramas(rng: np.random.Generator) -> dict[str, bytes]:
+    """Panoramas of every kind and coding, by name."""
+
+    def values(type: np.dtype = np.float32) -> np.ndarray:
+        return (rng.random((24, 48, 3)) * 10.0 ** rng.uniform(-2, 2, (24, 48, 1))).astype(type)
+
+    def exr(*parts: dict, **header) -> bytes:
+        header, file = {"type": OpenEXR.scanlineimage, **header}, io.BytesIO()
+        several = [OpenEXR.Part({"name": str(i), **header}, part) for i, part in enumerate(parts)]
+        (OpenEXR.File(several) if len(parts) > 1 else OpenEXR.File(header, parts[0])).write(file)
+        return file.getvalue()
+
+    lines = {
+        "flat": lambda: rng.integers(2, 255, 4 * 48, np.uint8).tobytes(),
+        "old": lambda: bytes(rng.integers(2, 140, 4, np.uint8)) + bytes([1, 1, 1, 47]),
+        "new": lambda: bytes([2, 2, 0, 48]) + 4 * (bytes([148, 7, 28]) + rng.integers(90, 140, 28, np.uint8).tobytes()),
+    }
+    header = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1.5\nCOLORCORR=1 1 1\n\n-Y 24 +X 48\n"
+    found = {f"{coding}.hdr": header + b"".join(line() for _ in range(24)) for coding, line in lines.items()}
+    found["a.pfm"] = b"PF\n48 24\n-1.0\n" + values().tobytes()
+    for name in ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "DWAA"):
+        half = np.float16 if name in ("B44", "PIZ") else np.float32
+        found[f"{name}.exr"] = exr({"RGB": values(half)}, compression=getattr(OpenEXR, f"{name}_COMPRESSION"))
+    tiles = OpenEXR.TileDescription()
+    tiles.xSize = tiles.ySize = 16
+    found["tiled.exr"] = exr({"RGB": values()}, type=OpenEXR.tiledimage, tiles=tiles)
+    found["envmap.exr"] = exr({"RGB": values()}, envmap=OpenEXR.ENVMAP_LATLONG)
+    found["parts.exr"] = exr({"Z": values()[..., 0]}, {"RGB": values()})
+    return found
+
+
 def write_whole(folder: Path) -> dict[str, list[Path]]:
     """Files of each kind, by the name of the reader."""
     from relight.learning.checkpoint import save_network
@@ -179,6 +211,8 @@ def write_whole(folder: Path) -> dict[str, list[Path]]:
                   refine=False, sees="image")  # fmt: skip
     save_network(add("network", "network.safetensors"), build(model, 64), model)
 
+    for name, content in panoramas(rng).items():
+        add("panorama", name, content)
     for kind in ("PNG", "JPEG", "TIFF", "WEBP", "BMP"):
         add("photo", f"photo.{kind.lower()}", encoded(pixels(), kind))
     add("photo", "cutout.png", encoded(pixels("RGBA"), "PNG"))

@@ -2,7 +2,6 @@
 
 import errno
 import os
-import resource
 import shutil
 import subprocess
 import sys
@@ -52,36 +51,6 @@ def writers(folder: Path) -> dict:
         "state.pt": lambda path: save_state(path, "digest", {"network": network}, 1, []),
         "light.json": lambda path: write_light(Light(noise[0, :9, :3].astype(float), "test"), path),
     }
-
-
-@contextmanager
-def limited(size: int):
-    """No file may grow beyond `size` bytes: the file system answers EFBIG, and no privilege is needed."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-@pytest.fixture(scope="module")
-def write(tmp_path_factory) -> dict:
-    return writers(tmp_path_factory.mktemp("inputs"))
-
-
-@pytest.mark.parametrize(
-    "name", ["maps.exr", "mesh.npz", "packed.safetensors", "network.safetensors", "state.pt", "light.json"]
-)
-def test_a_write_that_fails_anywhere_leaves_the_old_file_and_says_so(write, tmp_path, name):
-    path = tmp_path / name
-    write[name](path)
-    old, rng = path.read_bytes(), np.random.default_rng(0)
-    for size in (0, 1, len(old) - 1, *rng.integers(2, len(old), 3)):
-        with limited(int(size)), pytest.raises(UserError, match="cannot be written: file too large") as error:
-            write[name](path)
-        assert str(path) in str(error.value) and "\n" not in str(error.value)
-        assert path.read_bytes() == old and [found.name for found in tmp_path.iterdir()] == [name]
 
 
 @contextmanager
@@ -213,14 +182,6 @@ def test_a_state_that_is_damaged_begins_anew(tmp_path):
         path.write_bytes(content)
         step, history, told = restore_state(path, "digest", {}, "cpu")
         assert (step, history) == (0, []) and "cannot be read" in told and "beginning" in told
-
-
-@pytest.mark.slow
-def test_a_cache_that_cannot_be_written_is_not_needed(tmp_path):
-    (tmp_path / "cache").write_text("a file is in the way")
-    command = [sys.executable, "-m", "snakemake", "lights", "-n", "--config", "scale=smoke"]
-    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
-    assert subprocess.run(command, cwd=ROOT, env=environment, capture_output=True).returncode == 0
 
 
 MEMORY = """

@@ -1,7 +1,7 @@
 """Damaged and hostile files of every kind: read, or refused in one sentence, in little time and memory.
 
-Panoramas and meshes have tests of their own beside their readers. The suite takes a seeded sample, `make fuzz` more
-(RELIGHT_FUZZ: damaged files of all kinds together). Files that once broke a reader are in `found/`.
+Meshes have a test of their own beside their readers. The suite takes a seeded sample, `make fuzz` more (RELIGHT_FUZZ:
+damaged files of all kinds together). Files that once broke a reader are in `found/`.
 """
 
 import json
@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 from damage import damaged, outcomes
 from hypothesis import HealthCheck, given, settings
@@ -20,9 +21,9 @@ from readers import write_whole
 from relight.core.errors import UserError
 from relight.lights import load_light
 
-CASES = int(os.environ.get("RELIGHT_FUZZ", "320"))
+CASES = int(os.environ.get("RELIGHT_FUZZ", "450"))
 READERS = ("light", "light_set", "training_lights", "split", "record", "maps", "packed", "network", "photo", "mask",
-           "textured", "scores", "axes")  # fmt: skip
+           "textured", "scores", "axes", "panorama")  # fmt: skip
 FOUND = Path(__file__).parent / "found"
 MEMORY = 900_000  # kilobytes of one reader, torch and its libraries among them
 
@@ -40,6 +41,13 @@ def test_no_damaged_file_crashes_hangs_or_swells(whole):
     for i, reader in enumerate(READERS):
         errors = words[i : CASES : len(READERS)]
         assert errors.count("error") > 0.2 * len(errors), reader
+
+
+@pytest.mark.parametrize("half", [np.float16, np.float32])
+def test_a_small_file_of_a_huge_black_picture_is_refused_before_its_pixels(tmp_path, half):
+    header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+    OpenEXR.File(header, {"Y": np.zeros((6000, 6000), half)}).write(str(tmp_path / "bomb.exr"))
+    assert outcomes([("panorama", tmp_path / "bomb.exr", None)], 200_000) == ["error"]
 
 
 def damaged_files(whole: dict[str, list[Path]]) -> Iterator[tuple[str, Path, bytes | None]]:
@@ -95,7 +103,7 @@ def test_what_a_header_promises_is_not_allocated(whole, tmp_path):
                     lambda inner: st.lists(inner, max_size=10) | st.dictionaries(
                         st.sampled_from(["coefficients", "convention", "object", "sh", "intensity", "x"]), inner
                     ), max_leaves=40))  # fmt: skip
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @pytest.mark.slow
 def test_any_json_is_a_light_or_refused(tmp_path, content):
     path = tmp_path / "light.json"
