@@ -1,10 +1,7 @@
 """The pages point to what exists."""
 
-import os
 import re
 import runpy
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -99,23 +96,3 @@ def test_the_first_hour_runs_and_prints_what_its_page_says(tmp_path, monkeypatch
             np.testing.assert_allclose(found, told, rtol=0.1, atol=0.05)
     shown = re.findall(r"\]\(images/(first_hour_\d\.jpg)\)", page)
     assert shown == sorted(path.name for path in tmp_path.iterdir()) and len(shown) == 8
-
-
-@pytest.mark.parametrize("has_demo", [False, True])
-def test_the_site_builds_without_a_warning_and_shows_the_demo_where_there_is_one(tmp_path, has_demo):
-    pytest.importorskip("mkdocs")
-    demo, site = tmp_path / "demo", tmp_path / "site"
-    if has_demo:
-        demo.mkdir()
-        (demo / "index.html").write_text("turn the light")
-    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(ROOT), "RELIGHT_DEMO": str(demo)}
-    options = ["--strict", "--config-file", "tools/mkdocs.yml", "--site-dir", str(site)]
-    command = [sys.executable, "-m", "mkdocs", "build", *options]
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    docs = ROOT / "docs"
-    pages = {path.relative_to(docs).with_suffix("") for path in [*docs.glob("*.md"), *docs.glob("lab/*.md")]}
-    built = {path.parent.relative_to(site) for path in site.rglob("index.html")} | {Path("index")}
-    assert pages | {Path("settings"), Path("licences")} <= built
-    frames = re.findall(r'<iframe src="([^"]+)"', (site / "viewer" / "index.html").read_text())
-    assert [(site / "viewer" / frame).read_text() for frame in frames] == ["turn the light"] * has_demo

@@ -93,15 +93,3 @@ def test_readme_of_a_site_has_what_a_static_space_asks_for(tmp_path, title):
     assert header["colorFrom"] in colors and header["colorTo"] in colors
     assert len(header["emoji"]) == 1 and header["pinned"] is False and len(header["short_description"]) <= 60
     assert header["license"] == PROJECT["license"].lower() and "LICENSES.txt" in text
-
-
-def test_weights_and_generated_data_have_one_licence():
-    header, _ = front_matter(ROOT / "relight" / "weights" / "README.md")
-    assert header["license"] == "cc0-1.0"
-    notice = " ".join((ROOT / "NOTICE").read_text().split())
-    assert re.search(
-        r"weights in relight/weights, and all that relight generates \([^)]+\), are under CC0 1\.0", notice
-    )
-    for page in ("README.md", "docs/index.md", "docs/figures.md"):
-        sentences = re.findall(r"[^.]*\bCC0(?:-1\.0)?\b[^.]*", (ROOT / page).read_text())
-        assert any("all that relight generates" in " ".join(sentence.split()) for sentence in sentences), page

@@ -7,8 +7,7 @@ import pytest
 
 from relight.benchmark import recipes as recipes_module
 from relight.benchmark.lights import Lamplight, panorama, resampled
-from relight.benchmark.make import ATTEMPTS
-from relight.benchmark.recipes import FIRST_SEED, HASHES, SPARE_OFFSET, digest, draw_recipe, draw_recipes, with_gloss
+from relight.benchmark.recipes import HASHES, digest, draw_recipe, draw_recipes, with_gloss
 from relight.core.errors import UserError
 from relight.lights.chain import GENERATORS
 from relight.lights.statistics import reference_brightness
@@ -23,19 +22,6 @@ from relight.transport.view import View
 def test_draw_recipes_of_the_published_sets():
     for kind, expected in HASHES.items():
         assert digest(draw_recipes(kind)) == expected
-
-
-def test_draw_recipes_share_no_seed():
-    """No figure or spare one is in two sets, and no generated light in two pictures."""
-    made = {kind: draw_recipes(kind) for kind in FIRST_SEED}
-    seeds = [{r.seed + k * SPARE_OFFSET for r in recipes for k in range(ATTEMPTS)} for recipes in made.values()]
-    assert len(set.union(*seeds)) == sum(map(len, seeds)) == 3 * 64 * ATTEMPTS and min(map(min, seeds)) >= 900_000
-    lights = [(one.kind, one.seed) for kind in ("report", "choose") for r in made[kind] for one in (r.light, *r.new)]
-    assert len(lights) == len(set(lights)) == 2 * 128 * 5 and min(seed for _, seed in lights) >= 900_000
-    for kind in HASHES:
-        names = [r.name for r in made[kind]]
-        assert len(set(names)) == 128 and len({r.seed for r in made[kind]}) == 64
-        assert sum(r.varied for r in made[kind]) == 32 and not any(r.varied and r.cut for r in made[kind])
 
 
 def test_draw_recipes_of_real_lights():

@@ -113,13 +113,3 @@ def test_render_picture_has_gloss_and_a_bounce(traced, person, monkeypatch):
     assert bounced.truth.shading[drawn.truth.mask].mean() > drawn.truth.shading[drawn.truth.mask].mean()
     truth = [one.truth for one in (bounced, glossy)]  # gloss is in the pictures alone
     assert all(np.array_equal(*(getattr(one, name) for one in truth)) for name in ("albedo", "shading", "transport"))
-
-
-def test_render_picture_is_reproducible(traced, person, monkeypatch):
-    recipe, drawn = traced
-    monkeypatch.setattr(module, "panorama", harmonic)
-    monkeypatch.setattr(module, "BOUNCES", 0)
-    again = render_picture(recipe, person, SETTINGS)
-    assert np.array_equal(again.relit, drawn.relit)
-    assert np.array_equal(again.shots[""].photo, drawn.shots[""].photo)
-    assert np.array_equal(again.truth.shading, drawn.truth.shading)

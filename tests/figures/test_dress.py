@@ -26,7 +26,7 @@ from relight.figures.commands import app, seeds_of, write_table
 from relight.figures.constraints import Constraints
 from relight.figures.dress import make_figure
 from relight.figures.export import export
-from relight.figures.gloss import GLOSS
+from relight.figures.gloss import GLOSS, LEATHER, with_gloss
 from relight.figures.pose import stances
 from relight.figures.rings import lost_rings
 from relight.figures.surfaces import grid_faces
@@ -344,6 +344,9 @@ def test_with_gloss_gives_materials_the_gloss_of_their_kind(figure):
     found = {material.name: (material.roughness, material.specular) for material in figure.materials}
     assert found["skin"] == pytest.approx(GLOSS["skin"]) and found["eyes"] == pytest.approx(GLOSS["eyes"])
     assert all(0 < roughness <= 1 and 0 < specular <= 1 for roughness, specular in found.values())
+    outfit = dress.sample(0, 0, 1, 0.0).outfit
+    upper = with_gloss(Material(name="shoes: upper"), replace(outfit, shoe=replace(outfit.shoe, name="oxfords")))
+    assert (upper.roughness, upper.specular) == LEATHER
 
 
 @pytest.mark.slow

@@ -55,6 +55,12 @@ def test_lay_out_panels_do_not_overlap_and_uv_finds_the_paint():
     assert np.abs(seen.astype(int) - want.astype(int)).max() <= 3
 
 
+def test_noise_on_a_grid_is_the_same_noise():
+    a, b = np.linspace(-3, 9, 70), np.linspace(-2, 5, 40)
+    u, v = np.broadcast_arrays(a[None], b[:, None])
+    np.testing.assert_allclose(texture.noise(u, v, 3), texture.noise(u.copy(), v.copy(), 3), atol=1e-12)
+
+
 def test_grain_finer_than_a_texel_leaves_its_mean():
     """Averages of a fine grain over texels, against what is drawn at once for texels of that size."""
     side, coarse = 1600, 0.008

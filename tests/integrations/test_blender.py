@@ -41,13 +41,6 @@ def test_basis_is_that_of_relight(light):
     np.testing.assert_allclose(light.basis(directions), harmonics.basis(directions, 2), atol=1e-7)
 
 
-def test_sphere_integrates_the_basis_to_its_norms(light):
-    directions = light.sphere(64)
-    values, angle = light.basis(directions), np.sqrt(1 - directions[..., 2] ** 2) * (np.pi / 64) ** 2
-    products = np.einsum("hwa,hwb,hw->ab", values, values, angle)
-    np.testing.assert_allclose(products, np.eye(9), atol=2e-3)
-
-
 def test_light_on_matte_surfaces_is_found_again(light):
     """Radiance L lights a surface by pi, 2 pi / 3 and pi / 4 of its bands (Ramamoorthi and Hanrahan 2001)."""
     coefficients = np.random.default_rng(1).normal(size=(9, 3))
@@ -176,20 +169,6 @@ def agree(mine: np.ndarray, truth: np.ndarray, mean: float = 0.02, like: float =
 
 
 @in_blender
-def test_bake_transport_gives_what_cycles_renders(addon, scene, tmp_path):
-    import bpy
-
-    item = head()
-    item.rotation_euler, item.scale = (0.3, 0.2, 0.7), (0.9, 0.9, 0.9)
-    scene.world.node_tree.nodes["Mapping"].inputs["Rotation"].default_value = (0.4, -0.3, 1.1)
-    bpy.context.view_layer.update()
-    assert bpy.ops.relight.bake_transport(rays=256) == {"FINISHED"}
-    mine = rendered(scene, tmp_path / "mine.exr", 16)
-    item.material_slots[0].material = white()
-    agree(mine, rendered(scene, tmp_path / "truth.exr", 128))
-
-
-@in_blender
 def test_import_maps_shows_what_cycles_renders(addon, scene, tmp_path):
     """Of the same head, baked by relight in its own frame: x to the right, y up, z toward the camera."""
     import bpy
@@ -206,20 +185,6 @@ def test_import_maps_shows_what_cycles_renders(addon, scene, tmp_path):
     item.hide_render = True
     assert bpy.ops.relight.import_maps(filepath=str(tmp_path / "head.exr")) == {"FINISHED"}
     agree(rendered(scene, tmp_path / "mine.exr", 16), truth)
-
-
-@in_blender
-def test_grown_maps_keep_what_is_known_and_reach_four_pixels_further(addon):
-    known = np.zeros((20, 20), bool)
-    known[8:12, 8:12] = True
-    values = np.random.default_rng(0).normal(size=(20, 20, 2)).astype(np.float32)
-    grown = addon.transport.grown(values, known)
-    np.testing.assert_array_equal(grown[known], values[known])
-    filled = (grown != 0).any(-1)
-    rows, columns = np.indices(known.shape)
-    apart = np.maximum(0, np.maximum(8 - rows, rows - 11)) + np.maximum(0, np.maximum(8 - columns, columns - 11))
-    np.testing.assert_array_equal(filled, apart <= 4)
-    np.testing.assert_allclose(addon.transport.grown(np.ones_like(values), known)[filled], 1, rtol=1e-6)
 
 
 @in_blender

@@ -3,9 +3,7 @@
 import importlib.util
 import json
 import os
-import re
 import sys
-import tomllib
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -139,18 +137,15 @@ def test_batches_take_one_mask_or_one_each(nodes, portrait):
         nodes["RelightRelight"]().run(image, light, *PLAIN, masks)
 
 
-@pytest.mark.parametrize("kind", ["empty", "white", "a small one", "opaque"])
+@pytest.mark.parametrize("kind", ["empty", "opaque"])
 def test_a_frame_that_shows_nobody_passes_as_it_is(nodes, portrait, caplog, kind):
     image, mask = portrait
     (light,) = nodes["RelightNamedLight"]().run("room:3")
-    nobody = {"empty": torch.zeros_like(mask), "white": torch.ones_like(mask), "a small one": torch.zeros_like(mask)}
-    if kind == "a small one":
-        nobody[kind][0, 3:6, 3:6] = 1
     if kind == "opaque":  # ComfyUI's mask of a picture without alpha
         relit, alpha = nodes["RelightRelight"]().run(image, light, *PLAIN, torch.zeros(1, 64, 64))
         assert torch.equal(relit, image) and not alpha.any() and alpha.shape == mask.shape
         return
-    pair, masks = torch.cat([image.flip(2), image]), torch.cat([nobody[kind], mask])
+    pair, masks = torch.cat([image.flip(2), image]), torch.cat([torch.zeros_like(mask), mask])
     relit, alpha = nodes["RelightRelight"]().run(pair, light, *PLAIN, masks)
     alone, own = nodes["RelightRelight"]().run(image, light, *PLAIN, mask)
     assert torch.equal(relit[0], pair[0]) and not alpha[0].any()
@@ -179,18 +174,6 @@ def test_every_frame_is_a_step_that_can_be_interrupted(nodes, portrait, comfy, m
     assert comfy.progress == [3, 1, 1]
 
 
-@pytest.mark.parametrize("kind", [torch.float16, torch.bfloat16])
-def test_half_floats_are_taken_as_they_are(nodes, portrait, kind):
-    image, mask = (values.to(kind) for values in portrait)
-    (light,) = nodes["RelightNamedLight"]().run("key:#ff8040@80,10,0.05")
-    half = nodes["RelightRelight"]().run(image, light, *PLAIN, mask)
-    full = nodes["RelightRelight"]().run(image.float(), light, *PLAIN, mask.float())
-    torch.testing.assert_close(half, full)
-    torch.testing.assert_close(
-        nodes["RelightInferMaps"]().run(image, mask), nodes["RelightInferMaps"]().run(image.float(), mask.float())
-    )
-
-
 @pytest.mark.parametrize("encoding", ["sRGB", "linear"])
 def test_values_above_one_stay(nodes, portrait, encoding):
     """Under its own light a picture that is four times as bright stays so; codes go on along sRGB's curve."""
@@ -216,15 +199,6 @@ def test_a_mask_of_another_size_is_resized(nodes, portrait):
     small = torch.nn.functional.interpolate(mask[None], scale_factor=0.5, mode="area")[0]
     _, alpha = nodes["RelightRelight"]().run(image, light, *PLAIN, small)
     assert alpha.shape == mask.shape and (alpha - mask).abs().mean() < 0.03
-
-
-def test_strips_leave_no_seam(nodes, portrait, monkeypatch):
-    image, mask = portrait
-    (light,) = nodes["RelightNamedLight"]().run("room:3")
-    whole = nodes["RelightRelight"]().run(image, light, *PLAIN, mask), nodes["RelightInferMaps"]().run(image, mask)
-    monkeypatch.setattr("relight.photos.render.STRIP", 50)
-    parts = nodes["RelightRelight"]().run(image, light, *PLAIN, mask), nodes["RelightInferMaps"]().run(image, mask)
-    torch.testing.assert_close(parts, whole, atol=3e-5, rtol=0)
 
 
 def test_without_relight_the_pack_says_what_to_install(monkeypatch):
@@ -321,13 +295,3 @@ def test_the_example_workflow_runs(nodes, portrait):
             values[node["id"], slot] = value
     assert len(shown) == 3 and all(picture.shape == image.shape for picture in shown)
     assert {"RelightFindMask", "RelightNamedLight", "RelightRelight", "RelightInferMaps"} <= types
-
-
-def test_registry_gets_its_fields_and_no_torch():
-    document = tomllib.loads((PACK / "pyproject.toml").read_text())
-    project, comfy = document["project"], document["tool"]["comfy"]
-    assert re.fullmatch(r"[a-zA-Z](?:[-_.]?[a-zA-Z0-9])*", project["name"]) and len(project["name"]) < 100
-    assert "comfyui" not in project["name"].lower() and re.fullmatch(r"\d+\.\d+\.\d+", project["version"])
-    assert project["license"] == {"text": "Apache-2.0"} and {"PublisherId", "DisplayName", "Icon"} <= comfy.keys()
-    assert "Repository" in project["urls"]
-    assert [re.match(r"[\w-]+", line)[0] for line in project["dependencies"]] == ["relight"]

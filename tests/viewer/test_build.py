@@ -59,15 +59,6 @@ def test_a_tight_limit_costs_precision_before_it_refuses(tmp_path, maps, lights)
     assert (tmp_path / "coarse.html").stat().st_size < fine
 
 
-def test_a_gallery_has_room_for_each_of_its_figures(tmp_path, maps, lights, monkeypatch):
-    monkeypatch.setattr("relight.viewer.build.LIMIT", 150_000)
-    monkeypatch.setattr("relight.viewer.build.FURTHER", 60_000)
-    build_viewer(tmp_path / "all.html", [Figure(str(i), maps) for i in range(6)], lights)
-    assert 150_000 < (tmp_path / "all.html").stat().st_size < 450_000
-    with pytest.raises(UserError, match="MB"):
-        build_viewer(tmp_path / "small.html", [Figure(str(i), maps) for i in range(6)], lights, limit=150_000)
-
-
 @pytest.mark.slow
 def test_the_page_of_a_run_shows_some_test_figures(tmp_path, maps):
     from relight.lab import page
