@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from scipy.stats import t
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from people import person
@@ -71,7 +72,8 @@ def table() -> list[float]:
     first, second = (estimate(rng.normal(mean, 0.1, (1, 12, 1)), resamples=500) for mean in (0.5, 0.45))
     difference = compare(first, second)
     rows = [number for one in (first, second) for number in (one.mean, one.low, one.high)]
-    return [*rows, difference.mean, difference.low, difference.high, difference.p]
+    half = t.ppf(0.975, difference.freedom) * difference.error
+    return [*rows, difference.mean, difference.mean - half, difference.mean + half, difference.p]
 
 
 @pytest.mark.parametrize("what", [body, maps, light, network, table], ids=lambda what: what.__name__)
