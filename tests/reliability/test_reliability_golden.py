@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from scipy.stats import t
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from people import person
 from samples import mesh_of
 from scipy.spatial.transform import Rotation
+from scipy.stats import t
 
 from relight.evaluation.scoring.statistics import compare, estimate
 from relight.figures.body.person import build_body, sample_person
