@@ -6,7 +6,7 @@ RELIGHT_LIGHT is a `relight.lights.Light`. torch is ComfyUI's own; relight compu
 
 import hashlib
 import logging
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from pathlib import Path
 
 import comfy.model_management
@@ -38,14 +38,17 @@ IMAGE = ("IMAGE", {"tooltip": "Pictures, one or a batch."})
 MASK = ("MASK", {"tooltip": "White on the people: one for all pictures, or one for each. Found if none is given."})
 NAMES = "A name as in the description, or the path of a file on ComfyUI's machine."
 ENCODING = (["sRGB", "linear"], {"tooltip": "Linear if it comes from a loader of EXR or HDR files."})
+KNOWN = (LIGHT, {"tooltip": "The picture's own light, if you know it; by default it is inferred."})
+BEHIND = ("IMAGE", {"tooltip": "Behind the people, in turn."})
 relighter = cache(load)  # of the weights that come with relight
 
 
-def scene_of(pixels, coverage):
+def scene_of(pixels, coverage, lit_by=None):
     """Infers the people of a picture (H,W,3), uint16 sRGB or float32 linear, once; coverage is (H,W) uint8 or None."""
-    key = pixels.shape, *(hashlib.blake2b(part).digest() for part in (pixels, coverage) if part is not None)
+    parts = pixels, coverage, lit_by and lit_by.coefficients
+    key = pixels.shape, *(part is not None and hashlib.blake2b(np.ascontiguousarray(part)).digest() for part in parts)
     if key not in SCENES:
-        scene = relighter().scene(pixels, coverage)
+        scene = relighter().scene(pixels, coverage, lit_by=lit_by)
         while SCENES and sum(kept.picture.pixels.size for kept in [scene, *SCENES.values()]) > 3 * MEMORY:
             del SCENES[next(iter(SCENES))]
         SCENES[key] = scene
@@ -183,7 +186,7 @@ def panorama_light(self, panorama, encoding):
     "RelightRelight",
     "Relight people",
     {"image": "IMAGE", "mask": "MASK"},
-    {"mask": MASK, "background": ("IMAGE", {"tooltip": "Behind the people, in turn."}), "encoding": ENCODING},
+    {"mask": MASK, "background": BEHIND, "encoding": ENCODING, "lit_by": KNOWN},
     image=IMAGE,
     light=(LIGHT, {"tooltip": "The new light."}),
     mode=(["ratio", "full"], {"tooltip": "Ratio keeps all detail of the picture; full is albedo times shading."}),
@@ -191,12 +194,12 @@ def panorama_light(self, panorama, encoding):
     turn=("FLOAT", {"default": 0.0, "min": -180.0, "max": 180.0, "step": 1.0, "tooltip": "Of the light, degrees."}),
     stops=("FLOAT", {"default": 0.0, "min": -8.0, "max": 8.0, "step": 0.1, "tooltip": "Exposure, powers of two."}),
 )
-def relight(self, image, light, mode, strength, turn, stops, mask=None, background=None, encoding="sRGB"):
+def relight(self, image, light, mode, strength, turn, stops, mask=None, background=None, encoding="sRGB", lit_by=None):
     """The people of a picture under another light. What is not of them stays as it is."""
     behind = ["keep"] if background is None else [pixels_of(picture, encoding) for picture in background]
     looks = [Look(light, mode, picture, turn, stops, strength == MATCHED) for picture in behind]
     out, alpha = image[..., :3].float().cpu().clone(), torch.zeros(image.shape[:3])
-    for i, scene in each(image, mask, encoding, scene_of):
+    for i, scene in each(image, mask, encoding, partial(scene_of, lit_by=lit_by)):
         relit, coverage = scene.relit(looks[i % len(looks)]), scene.picture.coverage
         alpha[i] = torch.from_numpy(coverage) / 255
         for rows in (slice(*part) for part in strips(0, len(relit))):
@@ -211,15 +214,15 @@ def relight(self, image, light, mode, strength, turn, stops, mask=None, backgrou
     "RelightInferMaps",
     "Albedo, shading and normals of people",
     {"albedo": "IMAGE", "shading": "IMAGE", "mask": "MASK", "normal": "IMAGE"},
-    {"mask": MASK, "encoding": ENCODING},
+    {"mask": MASK, "encoding": ENCODING, "lit_by": KNOWN},
     image=IMAGE,
 )
-def maps_of(self, image, mask=None, encoding="sRGB"):
+def maps_of(self, image, mask=None, encoding="sRGB", lit_by=None):
     """What the network infers, 0 where nobody is. The shading is shown at half its strength. Normals are mean
     unoccluded directions as in OpenGL, (n + 1) / 2, toward the camera where nobody is."""
     maps = [torch.zeros(*image.shape[:3], 3) for _ in range(3)]
     alpha, maps[2][:] = torch.zeros(image.shape[:3]), torch.tensor([0.5, 0.5, 1])
-    for i, scene in each(image, mask, encoding, scene_of):
+    for i, scene in each(image, mask, encoding, partial(scene_of, lit_by=lit_by)):
         alpha[i] = torch.from_numpy(scene.picture.coverage) / 255
         for person in scene.people:
             fits = person.fitted_albedo, person.fitted_transport

@@ -112,12 +112,21 @@ def test_relight_by_the_inferred_light_gives_back_the_image(pack, nodes, portrai
     torch.testing.assert_close(relit, image, atol=2e-5, rtol=0)
 
 
+def test_a_light_that_the_user_knows_replaces_the_inferred_one(pack, nodes, portrait):
+    image, mask = portrait
+    lamp = Light(load_light("key:#ffffff@60,30,0.3").coefficients, "lamp")
+    run = nodes["RelightRelight"]().run
+    inferred, known = (run(image, lamp, *PLAIN, mask=mask, lit_by=by)[0] for by in (None, lamp))
+    inside = mask[0] == 1
+    assert (known - image)[0][inside].abs().mean() < 0.02 < (inferred - image)[0][inside].abs().mean()
+
+
 def test_inference_is_done_once_for_a_picture_and_its_mask(nodes, portrait, monkeypatch):
     image, mask = portrait
     module = sys.modules[nodes["RelightRelight"].__module__]
     module.SCENES.clear()
     calls, scene = [], module.relighter().scene
-    monkeypatch.setattr(module.relighter(), "scene", lambda *words: calls.append(1) or scene(*words))
+    monkeypatch.setattr(module.relighter(), "scene", lambda *words, **_: calls.append(1) or scene(*words))
     for name in ("room:1", "room:2"):
         nodes["RelightRelight"]().run(image, *nodes["RelightNamedLight"]().run(name), *PLAIN, mask)
     assert len(calls) == 1
