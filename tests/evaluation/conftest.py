@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 import torch
 from omegaconf import OmegaConf
+from samples import snowman
 
 from relight import settings as config
 from relight.evaluation.scoring.evaluate import TEST, Condition
 from relight.evaluation.scoring.statistics import estimate
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
-from relight.maps import Maps, pack_maps, write_maps
+from relight.maps import pack_maps, write_maps
 from relight.sh import basis, unoccluded
 
 
@@ -26,36 +27,6 @@ class World:
     split: Path
     maps: list[Path]
     condition: Condition = TEST
-
-
-def snowman(size: int, seed: int) -> Maps:
-    """Body and head, colored stripes, darker toward the neck; transport = AO * T(normal) exactly."""
-    rng = np.random.default_rng(seed)
-    x = (2 * np.arange(size) + 1) / size - 1
-    x, y = np.meshgrid(x, -x)
-    mask, normal, depth = np.zeros(x.shape, bool), np.zeros((*x.shape, 3)), np.zeros(x.shape)
-    body, head = rng.uniform(0.28, 0.45), rng.uniform(0.16, 0.22)
-    for centre, radii in ((-0.25, (body, 0.65)), (0.62, (head, 0.26))):
-        u, v = x / radii[0], (y - centre) / radii[1]
-        here = u**2 + v**2 < 1
-        w = np.sqrt(np.where(here, 1 - u**2 - v**2, 0))
-        n = np.stack([u / radii[0], v / radii[1], w / 0.3], -1)
-        normal = np.where(here[..., None], n / np.linalg.norm(n, axis=-1, keepdims=True).clip(1e-9), normal)
-        mask |= here
-        depth = np.where(here, 3 - 0.3 * w, depth)
-    ao = np.where(mask, 1 - 0.7 * np.exp(-(((y - 0.38) / 0.12) ** 2)), 0).astype(np.float32)
-    colors = rng.uniform(0.1, 0.8, (2, 3))
-    albedo = np.where((np.sin(12 * y + rng.uniform(0, 6)) > 0)[..., None], colors[0], colors[1]) * mask[..., None]
-    return Maps(
-        mask,
-        mask.astype(np.float32),
-        albedo.astype(np.float32),
-        (normal * mask[..., None]).astype(np.float32),
-        depth.astype(np.float32),
-        ao,
-        (unoccluded(normal) * (ao * mask)[..., None]).astype(np.float32),
-        info={"name": f"snowman{seed:02d}", "subject": f"s{seed}", "size": size, "order": 2, "repairs": []},
-    )
 
 
 def some_lights(count: int, seed: int) -> np.ndarray:

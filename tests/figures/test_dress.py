@@ -31,14 +31,11 @@ from relight.figures.pose import stances
 from relight.figures.rings import lost_rings
 from relight.figures.surfaces import grid_faces
 from relight.figures.tailor import patterns
-from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.garments import wardrobe
-from relight.figures.wear import DrapedGarment
 from relight.meshes import Material, Mesh, clean, read_mesh
 from relight.meshes.cleaning import FINDINGS
 
 SEED, SUBJECT = 5002, 3  # the second of three figures of one person
-CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
 
 
 def digest(mesh: Mesh) -> str:
@@ -256,17 +253,6 @@ def test_lost_rings_finds_a_limb_that_left_and_none_that_twists(
     monkeypatch.setattr(gates, "share_inside", lambda *_: 0.0)  # cloth moved by hand touches the body, too
     reason = gates.check_garment(pattern, DrapeResult(x, [], np.ones(1000)), motion)
     assert reason is None if turned else f"the left {limb} left it" in reason
-
-
-@pytest.mark.parametrize(("share", "stands", "sits"), [(0.01, True, True), (0.02, False, True), (0.04, False, False)])
-def test_check_outfit_bounds_cloth_through_cloth(snug, monkeypatch, share, stands, sits):
-    _, motion, pattern, x, strain = snug
-    worn = [DrapedGarment(replace(pattern, levels=pattern.levels * 2), CLOTH, DrapeResult(x, [], strain))]
-    monkeypatch.setattr(gates, "crossing", lambda *_: [share])
-    monkeypatch.setattr(gates, "covered_hands", lambda *_: (0.0, 0.0))
-    for sitting, passes in ((False, stands), (True, sits)):
-        reason, measured = gates.check_outfit(worn, motion, sitting)
-        assert (reason is None) == passes and measured["crossing"] == share
 
 
 def two_walls(hole: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from relight.learning.color import LINEAR, decode, encode, photograph, quantised, shade
+from relight.learning.color import LINEAR, decode, encode, photograph, quantised
 
 
 def test_srgb_by_its_published_points():
@@ -27,9 +27,3 @@ def test_photograph():
     code = encode(seen[1]) * 255
     assert code.item() == pytest.approx(round(code.item()), abs=1e-3)
     assert seen[1].item() == pytest.approx(0.3, abs=0.003)
-
-
-def test_shading_is_clipped():
-    transport = torch.tensor([[1.0, 0.0], [-1.0, 0.0], [0.0, 30.0]])
-    light = torch.tensor([[1.0, 2.0, 3.0], [1.0, 0.1, 0.2]])
-    assert shade(transport, light).tolist() == [[1, 2, 3], [0, 0, 0], [10, 3, 6]]

@@ -167,14 +167,6 @@ def test_the_truth_costs_its_own_variation_only(tiny_world, loss):
     assert {key for key, value in found.items() if value > 1e-6} == {"tv_albedo", "tv_transport"}
 
 
-def test_values_outside_the_mask_do_not_matter(tiny_world, loss):
-    batch = batch_of(tiny_world)
-    outputs = inferred(batch)
-    wild = {k: v if k == "light" else v + 100 * (1 - batch.mask) for k, v in outputs.items()}
-    (_, tame), (_, same) = losses(outputs, batch, loss()), losses(wild, batch, loss())
-    assert all(torch.equal(tame[key], same[key]) for key in tame)
-
-
 def parts_of(name: str) -> set[str]:
     """The outputs that a loss must teach: those in its name, all of them for `full`."""
     if name == "detail_shading":  # under the true light

@@ -8,14 +8,12 @@ import pytest
 
 from relight.core.errors import UserError
 from relight.panoramas import read_panorama
-from relight.panoramas.color import REC709, XYZ, chromaticity_matrix
+from relight.panoramas.color import REC709, XYZ
 
 P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
-REC2020 = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290)
 E = (1 / 3, 1 / 3)
 SHARP = (0.6898, 0.3206, 0.0736, 0.9003, 0.1166, 0.0374, *E)  # Radiance's, for spectral accuracy
 PLAIN = (0.640, 0.330, 0.290, 0.600, 0.150, 0.060, *E)  # Radiance's default
-D50 = (*REC709[:6], 0.3457, 0.3585)
 ORANGE = np.array([200, 100, 50, 128], np.uint8)
 CODES = (200 / 256, 100 / 256, 50 / 256)
 
@@ -125,17 +123,6 @@ def test_hdr_on_the_page_is_read_as_here_or_refused(on_the_page, tmp_path):
             np.testing.assert_allclose(np.reshape(pixels, shape), found.pixels, rtol=1e-6, err_msg=name)
             assert bool(said) == bool(found.repairs), name
     assert refused_there == [*(name for name, (*_, says) in HEADERS.items() if says == CONVERTED), "XYZE"]
-
-
-@pytest.mark.parametrize("xy", [P3, REC2020, D50, SHARP])
-def test_exr_and_hdr_convert_chromaticities_alike(tmp_path, xy):
-    (tmp_path / "a.hdr").write_bytes(hdr(primaries(xy)))
-    planes = {c: np.full((32, 64), code, np.float32) for c, code in zip("RGB", CODES)}
-    OpenEXR.File({"chromaticities": xy}, planes).write(str(tmp_path / "a.exr"))
-    for name in ("a.hdr", "a.exr"):
-        pixel = read_panorama(tmp_path / name).pixels[0, 0]
-        np.testing.assert_allclose(pixel, np.maximum(to_709(xy) @ CODES, 0), rtol=1e-3, atol=1e-4)
-    np.testing.assert_allclose(chromaticity_matrix(xy) @ np.ones(3), 1, atol=1e-4)  # white stays white
 
 
 WHITE, RED = (0.9505, 1.0, 1.089), (0.4124, 0.2126, 0.0193)
@@ -309,14 +296,6 @@ def test_pfm_of_another_scale_says_so(tmp_path, name):
 def test_pfm_in_another_order_than_it_says_is_refused(tmp_path, values):
     (tmp_path / "a.pfm").write_bytes(b"PF\n64 32\n1.0\n" + values.astype("<f4").tobytes())
     with pytest.raises(UserError, match="as if its bytes were in another order"):
-        read_panorama(tmp_path / "a.pfm")
-
-
-@pytest.mark.parametrize("extra", [-3, 3, 12])
-def test_pfm_of_another_length_is_refused(tmp_path, extra):
-    data = b"PF\n64 32\n-1.0\n" + np.ones(64 * 32 * 3, "<f4").tobytes()
-    (tmp_path / "a.pfm").write_bytes(data + bytes(extra) if extra > 0 else data[:extra])
-    with pytest.raises(UserError, match=r"left over|too few"):
         read_panorama(tmp_path / "a.pfm")
 
 

@@ -57,15 +57,3 @@ def test_the_camera_sees_ahead_and_turns_with_the_light():
     assert camera_view(panorama, (60, 90), np.radians(180)).max() < 0.1
     blurred = camera_view(panorama, (60, 90), 0, 5.0)[..., 0]
     assert blurred.max() < 0.6 * view.max() and abs(blurred.sum() / view.sum() - 1) < 0.1
-
-
-def test_a_turned_panorama_lights_as_it_looks():
-    """The light turned by an angle is the projection of what one sees turned by it."""
-    from relight.sh import rotate_y, rotation_about_y
-
-    panorama = Panorama(smooth((64, 128), 3))
-    directions, weights = sphere_quadrature(120)
-    angle = 0.7
-    seen = lookup(panorama, directions @ rotation_about_y(angle))  # as `see` does
-    light = basis(directions, 2).T @ (weights[:, None] * seen)
-    assert np.abs(light - rotate_y(project(panorama, 2), angle)).max() < 0.02

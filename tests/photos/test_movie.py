@@ -11,7 +11,7 @@ from relight.core.errors import UserError
 from relight.core.srgb import encode
 from relight.maps.square import crop_around
 from relight.photos.look import Look
-from relight.photos.movie import smooth_over_time, windows, with_masks, write_movie
+from relight.photos.movie import smooth_over_time, with_masks, write_movie
 from relight.photos.opening import mask_in
 from relight.photos.person import Person
 from relight.photos.picture import Picture
@@ -238,15 +238,6 @@ def test_a_mask_is_found_whatever_the_photo_is_called(tmp_path):
     (tmp_path / "IMG[1]_mask.png").touch()
     (tmp_path / "IMG1.png").touch()
     assert mask_in(tmp_path, "IMG[1]") == tmp_path / "IMG[1]_mask.png" and mask_in(tmp_path, "other") is None
-
-
-def test_windows_see_each_neighbour():
-    for count in (0, 1, 2, 7, 20):
-        for radius in (1, 3):
-            seen = list(windows(iter(range(count)), radius))
-            assert [near[i] for near, i in seen] == list(range(count))
-            for k, (near, _) in enumerate(seen):
-                assert near == list(range(max(k - radius, 0), min(k + radius + 1, count)))
 
 
 def test_smoothing_removes_flicker_and_keeps_what_is_still():

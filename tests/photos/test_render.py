@@ -28,7 +28,7 @@ from relight.photos.shading import (
     shading_floor,
     steady,
 )
-from relight.sh import UNOCCLUDED_T00, rotate_y, rotation_matrix, unoccluded
+from relight.sh import UNOCCLUDED_T00, rotate_y, unoccluded
 
 LIGHT = np.zeros((9, 3), np.float32)
 LIGHT[0], LIGHT[1], LIGHT[2], LIGHT[3] = (0.7, 0.75, 0.8), 0.2, (0.3, 0.25, 0.2), (0.2, 0.1, 0.0)
@@ -139,32 +139,6 @@ def test_people_of_a_photo_share_its_white():
     one, two = balanced([figure, other])
     mean = one.shading[mask].mean(0) + 4 * two.shading[mask].mean(0)
     assert np.array_equal(one.white, two.white) and np.ptp(mean) < 1e-4 * mean[0]
-
-
-def test_mirrored_ball_under_the_mirrored_light():
-    """All but the network is exactly symmetric."""
-    pixels, figure, mask = ball()
-    mirror = rotation_matrix(np.diag([-1.0, 1, 1]), 2).astype(np.float32)
-    place = figure.crop
-    mirrored = Person(
-        Crop(
-            place.top,
-            160 - place.left - place.side,
-            place.side,
-            place.rows,
-            tuple(160 - c for c in place.columns[::-1]),
-            128,
-        ),
-        figure.coverage[:, ::-1],
-        mask[:, ::-1],
-        figure.image[:, ::-1],
-        figure.albedo[:, ::-1],
-        (figure.transport @ mirror.T)[:, ::-1],
-        mirror @ figure.light,
-    )
-    one = render(pixels, [figure], OTHER)
-    two = render(np.ascontiguousarray(pixels[:, ::-1]), [mirrored], mirror @ OTHER)
-    assert np.abs(one[:, ::-1].astype(int) - two).max() <= 1
 
 
 def test_exposure_matches_itself_and_does_not_turn():

@@ -36,13 +36,6 @@ def test_rotate_y_is_the_closed_form():
         np.testing.assert_allclose(rotate_y(light, a)[:, 0], first + second, atol=1e-14)
 
 
-def test_36_steps_of_ten_degrees_come_back():
-    light = turned = np.random.default_rng(4).normal(size=(16, 3))
-    for _ in range(36):
-        turned = rotate_y(turned, np.radians(10))
-    np.testing.assert_allclose(turned, light, atol=1e-13)
-
-
 def test_rotation_about_y_is_scipys():
     expected = Rotation.from_rotvec([0, 0.7, 0]).as_matrix()
     np.testing.assert_allclose(rotation_about_y(0.7), expected, atol=1e-15)

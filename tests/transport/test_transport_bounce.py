@@ -67,12 +67,3 @@ def test_backs_reflect_nothing():
     mesh = corner(0)
     mesh.faces[2:] = mesh.faces[2:, ::-1]
     assert not bake(mesh, 24, 64, bounces=1).bounced.any()
-
-
-def test_no_bounce_without_albedo():
-    mesh, _ = integrating_sphere(subdivisions=3)
-    mesh.materials = [Material(np.zeros(3, np.float32))]
-    maps = bake(mesh, 16, 32, bounces=2)
-    assert maps.bounced.shape == (16, 16, 9, 3) and not maps.bounced.any()
-    assert bake(mesh, 16, 32).bounced is None
-    np.testing.assert_array_equal(maps.transport, bake(mesh, 16, 32).transport)

@@ -1,4 +1,4 @@
-"""A small figure with real occlusion, and a real Chromium driven over a pipe (DevTools protocol, no dependency)."""
+"""A small figure, and a real Chromium driven over a pipe (DevTools protocol, no dependency)."""
 
 import base64
 import fcntl
@@ -13,73 +13,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from samples import snowman
 
-from relight.maps import Maps
 from relight.sh import basis
-
-SIZE = 96
-BALLS = np.array(  # x, y, z, radius; then albedo
-    [
-        [0.0, 0.62, 0.05, 0.22, 0.80, 0.60, 0.50],
-        [0.0, 0.08, 0.0, 0.34, 0.20, 0.35, 0.70],
-        [-0.42, 0.22, 0.18, 0.15, 0.75, 0.55, 0.45],
-        [0.42, 0.10, 0.25, 0.15, 0.75, 0.55, 0.45],
-        [-0.17, -0.55, 0.05, 0.24, 0.10, 0.10, 0.12],
-        [0.18, -0.58, -0.05, 0.24, 0.90, 0.88, 0.80],
-    ]
-)
-
-
-def strike(origins, directions):
-    """Nearest ball and distance along each ray, (N,), inf and -1 where none is struck."""
-    nearest, which = np.full(len(origins), np.inf), np.full(len(origins), -1)
-    for i, (x, y, z, radius, *_) in enumerate(BALLS):
-        to_centre = np.array([x, y, z]) - origins
-        along = (to_centre * directions).sum(-1)
-        square = radius**2 - (to_centre**2).sum(-1) + along**2
-        distance = along - np.sqrt(np.maximum(square, 0))
-        hit = (square > 0) & (distance > 1e-4) & (distance < nearest)
-        nearest, which = np.where(hit, distance, nearest), np.where(hit, i, which)
-    return nearest, which
-
-
-def make_maps(size=SIZE, rays=300, seed=0):
-    """Balls in front of an orthographic camera, their transport by rays over the sphere (numpy, slow and plain)."""
-    grid = (2 * np.arange(size) + 1) / size - 1
-    x, y = np.meshgrid(grid, -grid)
-    origins = np.stack([x, y, np.full_like(x, 2.0)], -1).reshape(-1, 3)
-    depth, which = strike(origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape))
-    mask = which >= 0
-    points = origins[mask] - depth[mask, None] * [0, 0, 1]
-    ball = BALLS[which[mask]]
-    normals = (points - ball[:, :3]) / ball[:, 3:4]
-    generator = np.random.default_rng(seed)
-    transport = np.zeros((len(points), 9))
-    for _ in range(rays):
-        direction = generator.normal(size=points.shape)
-        direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-        cosine = np.maximum((direction * normals).sum(-1), 0)
-        cosine *= strike(points + 1e-3 * normals, direction)[1] < 0
-        transport += basis(direction) * cosine[:, None] * 4 * np.pi / rays
-    maps = {"mask": mask.reshape(size, size)}
-    stripes = 0.75 + 0.25 * np.sign(np.sin(40 * points[:, 1:2]))
-    values = {
-        "albedo": ball[:, 4:7] * stripes,
-        "normal": normals,
-        "transport": transport,
-        "depth": depth[mask],
-        "ao": np.clip(transport[:, 0] / 0.886227, 0, 1),
-    }
-    for name, value in values.items():
-        maps[name] = np.zeros((size * size, *value.shape[1:]), np.float32)
-        maps[name][mask] = value
-        maps[name] = maps[name].reshape(size, size, *value.shape[1:])
-    return Maps(coverage=maps["mask"].astype(np.float32), **maps)
 
 
 @pytest.fixture(scope="session")
 def maps():
-    return make_maps()
+    """A figure of 96 px: body and head, darker toward the neck."""
+    return snowman(96, 0)
 
 
 @pytest.fixture(scope="session")

@@ -46,12 +46,3 @@ def test_a_package_is_kept_and_unpacked(package, tmp_path):
         kept.write_bytes(damaged)
         with pytest.raises(UserError, match="damaged: run `relight web setup` again"):
             runtime.unpack(tmp_path / "site")
-
-
-def test_another_package_is_refused_and_leaves_what_was(package, tmp_path):
-    runtime.setup(package)
-    other = tmp_path / "other.tgz"
-    other.write_bytes(package.read_bytes() + b"x")
-    with pytest.raises(UserError, match="its SHA-512 differs"):
-        runtime.setup(other)
-    assert runtime.package_file().read_bytes() == package.read_bytes()
