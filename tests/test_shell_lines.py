@@ -10,11 +10,9 @@ import pytest
 import trimesh
 import typer
 from PIL import Image
-from samples import lights_of
 
 from relight.cli import app
 from relight.lab.record import expand_sweep
-from relight.lights import write_light_set
 from relight.settings import composed
 
 ROOT = Path(__file__).parents[1]
@@ -133,10 +131,6 @@ def inputs(tmp_path, monkeypatch):
 @pytest.mark.parametrize("page", ["lights", "transport"])
 def test_the_lines_about_lights_and_baking_run(page, inputs, capsys):
     """With a few rays and pixels: the last of two equal options counts."""
-    if page == "lights":
-        folder = Path("results/smoke/lights")
-        folder.mkdir(parents=True)
-        write_light_set(lights_of(["train", "test"]), folder)
     lines = [line for line in shell_lines(DOCS / f"{page}.md") if re.match("relight (light|bake) ", line)]
     lines = [line for line in lines if not line.startswith(tuple(NOT_RUN))]
     assert len(lines) >= 4

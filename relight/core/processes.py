@@ -1,10 +1,13 @@
 """Utilities for processes: cores, output of git, and termination together with the parent process."""
 
 import ctypes
+import io
 import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 
 PR_SET_PDEATHSIG = 1  # prctl(2)
@@ -36,6 +39,23 @@ def has_semaphores() -> bool:
     except (ImportError, OSError):
         return False
     return True
+
+
+@contextmanager
+def without_messages() -> Iterator[None]:
+    """Suppresses what libraries print inside the `with`: native code to stderr, and Python to stdout."""
+    null_device, saved_stderr = os.open(os.devnull, os.O_WRONLY), None
+    try:
+        with suppress(OSError):  # the process may have closed stderr
+            saved_stderr = os.dup(2)
+            os.dup2(null_device, 2)
+        with redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        if saved_stderr is not None:
+            os.dup2(saved_stderr, 2)
+            os.close(saved_stderr)
+        os.close(null_device)
 
 
 def end_with_parent(parent: int) -> None:

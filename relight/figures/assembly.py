@@ -8,7 +8,7 @@ from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.layers import Cover, push_under
 from relight.figures.hair.heads import build_hair
 from relight.figures.outfits import Outfit
-from relight.figures.paints import GarmentPaint, accessory_paint, cord_paint, hair_material, shoe_paint, skin_material
+from relight.figures.paints import accessory_paint, cord_paint, garment_paint, hair_material, shoe_paint, skin_material
 from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import Surface, loop, normals, quarters, stacked, thickened
 from relight.figures.tailor import collars, footwear, panels, trims
@@ -117,7 +117,7 @@ class Assembly:
         garment, is_scarf = pattern.garment, pattern.garment.kind == "scarf"
         positions, keep = self.under_outer_layers(worn, self.covers[number + 1 :])
         atlas = panels.lay_out(*panels.cloth_coordinates(pattern), self.detail.texture)
-        paint = GarmentPaint.of(pattern, number, atlas)
+        paint = garment_paint(pattern, number, atlas)
         # A scarf is seen from both sides; other garments get an inner layer along their borders, 2 or 3 edges wide.
         rings = None if is_scarf else 3 if self.detail.refine > 1 else 2
         vertices, thick_faces, outer_vertex = thickened(positions, faces, garment.thickness, rings)

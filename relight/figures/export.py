@@ -150,10 +150,6 @@ def write_glb(mesh: Mesh, path: Path) -> None:
             "NORMAL": document.accessor(normals[index].astype(np.float32), "VEC3", FLOAT, ARRAY),
             "TEXCOORD_0": document.accessor(uv_from_top.astype(np.float32), "VEC2", FLOAT, ARRAY),
         }
-        if mesh.color is not None:  # those of generated figures are the same at all corners of a vertex
-            color = np.empty((len(mesh.vertices), 3), np.float32)
-            color[mesh.faces] = mesh.color
-            attributes["COLOR_0"] = document.accessor(color[index], "VEC3", FLOAT, ARRAY)
         triangles = document.accessor(faces.astype(np.uint32).reshape(-1), "SCALAR", UINT32, ELEMENT)
         primitive = {"attributes": attributes, "indices": triangles, "material": document.material(material)}
         name = material.name or f"part {number}"

@@ -1,7 +1,6 @@
 """Paints of a figure's parts: functions from an outfit to a material, and the materials that all outfits share."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from relight.figures.outfits import Outfit
 from relight.figures.tailor import footwear, panels, trims
 from relight.figures.tailor.aging import Patch, aged
 from relight.figures.tailor.fabrics import Fabric
-from relight.figures.tailor.garments import Garment
 from relight.figures.tailor.marks import images, marks
 from relight.figures.tailor.patterns import Pattern
 from relight.figures.tailor.seams import stitched
@@ -21,46 +19,30 @@ from relight.figures.texture import coded, noise
 from relight.meshes import Material
 
 
-@dataclass(frozen=True)
-class GarmentPaint:
-    """Paints the texture atlas of a garment: its fabric, seams and wear.
+def garment_paint(pattern: Pattern, number: int, atlas: panels.Panels) -> Paint:
+    """Returns the paint of a garment's texture: its fabric, seams and wear.
 
-    Attributes:
-        number: number of the garment in the outfit.
-        garment: as it was cut.
-        atlas: its panels.
-        marks: (side,side) images of seams, edges, rubbed and bent cloth by name, rows from the bottom up.
+    Args:
+        pattern: by which the garment is cut.
+        number: of the garment in the outfit.
+        atlas: panels of the garment's texture.
     """
+    garment, worn_places, texel = pattern.garment, images(atlas, marks(pattern)), 1 / atlas.scale
 
-    number: int
-    garment: Garment
-    atlas: panels.Panels
-    marks: dict[str, np.ndarray]
+    def paint(outfit: Outfit) -> Material:
+        worn = outfit.garments[number]
 
-    @classmethod
-    def of(cls, pattern: Pattern, number: int, atlas: panels.Panels) -> "GarmentPaint":
-        """Returns the paint of a garment.
-
-        Args:
-            pattern: by which the garment is cut.
-            number: of the garment in the outfit.
-            atlas: panels of the garment's texture.
-        """
-        return cls(number, pattern.garment, atlas, images(atlas, marks(pattern)))
-
-    def __call__(self, outfit: Outfit) -> Material:
-        """Returns the material of the garment in an outfit."""
-        worn, texel = outfit.garments[self.number], 1 / self.atlas.scale
-
-        def paint(panel: str, u: np.ndarray, v: np.ndarray, place: tuple[slice, slice]) -> np.ndarray:
-            faces = self.atlas.panel == self.atlas.names.index(panel)
-            top = self.atlas.cloth[faces][..., 1].max()  # v of the panel's upper end
+        def paint_panel(panel: str, u: np.ndarray, v: np.ndarray, place: tuple[slice, slice]) -> np.ndarray:
+            faces = atlas.panel == atlas.names.index(panel)
+            top = atlas.cloth[faces][..., 1].max()  # v of the panel's upper end
             color = woven(worn.fabric, panel, u, v, texel)
-            color = stitched(self.garment, worn.fabric.kind, panel, u, v, top, color)
-            marks_here = {mark: image[place] for mark, image in self.marks.items()}
-            return aged(Patch(self.garment, worn.fabric, panel, u, v, marks_here, texel, color))
+            color = stitched(garment, worn.fabric.kind, panel, u, v, top, color)
+            marks_here = {mark: image[place] for mark, image in worn_places.items()}
+            return aged(Patch(garment, worn.fabric, panel, u, v, marks_here, texel, color))
 
-        return Material(texture=panels.draw(self.atlas, paint), name=worn.garment.name)
+        return Material(texture=panels.draw(atlas, paint_panel), name=worn.garment.name)
+
+    return paint
 
 
 def cord_paint(number: int) -> Paint:

@@ -232,7 +232,10 @@ def finished(
     garment, level = pattern.garment, pattern.levels[-1]
     crimp = wrinkles.varied(garment.cloth.crimp, fabric.seed)
     hang = np.clip(4 * pattern.fields["drop"], 0, 1) * (garment.drop > FREE_DROP)
-    x = wrinkles.folded(pattern.levels, pattern.refine, draped.positions, crimp, hang, fabric.seed)
+    height = wrinkles.folds(pattern.levels, pattern.refine, draped.positions, crimp, hang, fabric.seed)
+    facing = smoothed(normals(draped.positions, level.faces), level.faces, times=3)
+    facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-9)
+    x = draped.positions + height[:, None] * facing
     if garment.kind == "top":
         without_folds = motion.skin(level.weights, level.fitted)
         x = collars.banded(x, level.faces, without_folds, collars.neck_of(motion))

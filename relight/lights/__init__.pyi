@@ -5,7 +5,6 @@ from relight.lights.light import write_light as write_light
 from relight.lights.load import load_light as load_light
 from relight.lights.select import select_lights as select_lights
 from relight.lights.show import lit_ball as lit_ball
-from relight.lights.show import write_contact_sheet as write_contact_sheet
 from relight.lights.show import write_light_picture as write_light_picture
 from relight.lights.statistics import measure as measure
 from relight.lights.statistics import reference_brightness as reference_brightness

@@ -12,7 +12,7 @@ LIGHT = Annotated[
     str,
     typer.Argument(
         help="A panorama (.hdr, .exr), coefficients (.npy, .json), a photo of a place (street.jpg, street.jpg@-60,40), "
-        "hall, room:7, key:#ffeedd@45,30. With --out sheet.png also a set of lights (.npz)."
+        "hall, room:7, key:#ffeedd@45,30, lights.npz:12 of a set."
     ),
 ]
 ORDER = Annotated[int, typer.Option(min=0, max=6, help="Order of the spherical harmonics; 2 gives nine coefficients.")]
@@ -39,7 +39,7 @@ OUT = Annotated[
     typer.Option(
         "--out",
         "-o",
-        help="Also write the coefficients (.json, .npy) or draw lit ball, diffuse panorama and statistics (.png); "
+        help="Also write the coefficients (.json, .npy) or draw panorama, diffuse panorama and lit ball (.png); "
         "may be repeated.",
     ),
 ]
@@ -67,24 +67,14 @@ def numbers(
     from rich.console import Console
     from rich.table import Table
 
-    from relight.core.errors import UserError
     from relight.lights.light import write_light
     from relight.lights.load import load_light
-    from relight.lights.show import format_statistics, write_contact_sheet, write_light_picture
-    from relight.lights.table import read_light_set
+    from relight.lights.show import format_statistics, write_light_picture
     from relight.sh import bands, from_relight
 
     name = light.partition("@")[0]
     if Path(name).suffix.lower() in PHOTO_SUFFIXES and not name.startswith("place:"):
         light = f"place:{light}"
-    paths = out or []
-    pictures = [path for path in paths if path.suffix.lower() == ".png"]
-    if Path(light).suffix == ".npz":
-        if not paths or pictures != paths:
-            raise UserError(f"{light} is a set of lights: name one ({light}:0), or draw all with --out sheet.png")
-        for path in pictures:
-            write_contact_sheet(read_light_set(light), path)
-        return
     loaded = load_light(
         light,
         order,
@@ -97,10 +87,12 @@ def numbers(
         upside_down=upside_down,
     )
     written = []  # before anything is printed, which may go to a pipe that closes
-    for path in paths:
-        if path in pictures:
+    for path in out or []:
+        if path.suffix.lower() == ".png":
             write_light_picture(loaded, path)
-        written.append(path if path in pictures else write_light(loaded, path, to))
+            written.append(path)
+        else:
+            written.append(write_light(loaded, path, to))
     channels = "BGR" if to == "kanamori2018" else "RGB"
     table = Table("l, m", *channels, title=f"{loaded.source}, convention {to}", title_justify="left")
     for k, (l, row) in enumerate(zip(bands(loaded.order), from_relight(loaded.coefficients, to))):

@@ -1,34 +1,23 @@
-"""Draws lights: ball, diffuse panorama and statistics of one light; contact sheets of light sets."""
+"""Draws a light: ball, diffuse panorama, statistics."""
 
-import math
-import textwrap
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from PIL import Image
 
 from relight.core.files import atomic_write
-from relight.core.srgb import encode
+from relight.core.srgb import encode, to_bytes
 from relight.lights.light import MIN_EIGENVALUE, Light
-from relight.lights.statistics import measure, reference_brightness
-from relight.lights.table import LightSet
+from relight.lights.statistics import measure
 from relight.panoramas.lookup import lookup
 from relight.panoramas.projection import latlong_directions
 from relight.sh import irradiance, order_of, unoccluded
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 ALBEDO = 0.5  # of the balls, so that lights above the reference brightness are not clipped
-TEXT, MUTED_TEXT, WHITE, ACCENT, DARK = "#1c1f24", "#7a808a", "#ffffff", "#c2410c", "#15171b"
 BRIGHTEST = 0.85  # linear value in the picture of a light at its brightest normal
-MAX_UNUSUAL = 20  # on a contact sheet
-COLUMNS = 10  # of a contact sheet
-CELL = 1.22  # inches of the side of its cells
-ROW = 1.28 * CELL  # inches from row to row
-HEAD = 0.42  # inches of the title of a part
+PANE = 256  # pixels of the height of a panorama in it
+DARK = 0.08  # code around the ball
 EVEN = 0.005  # contrast |L1| / L00 that is shown as 0.00: such light has no direction
 SAMPLES = 2  # of a ball, per pixel in each direction
 
@@ -87,52 +76,20 @@ def diffuse_panorama(coefficients: np.ndarray, height: int) -> np.ndarray:
 
 
 def write_light_picture(light: Light, path: Path | str) -> None:
-    """Writes a picture of a light as PNG: its panorama if known, diffuse panorama, lit ball and statistics.
+    """Writes a picture of a light as PNG: its panorama if it is known, its diffuse panorama, and a lit ball.
 
-    Ball and diffuse panorama are exposed for the brightest normal; the statistics are not scaled.
+    The panoramas are lat-long, with -z (away from the camera) in the middle. Ball and diffuse panorama are exposed for
+    the brightest normal.
     """
-    from matplotlib.figure import Figure
-
     max_irradiance = float(measure(light.coefficients[None])["most"][0])
     drawn = light.coefficients * BRIGHTEST / (ALBEDO * max(max_irradiance, 1e-12))
-    figure = Figure(figsize=(11, 5), dpi=130, facecolor=WHITE)
-    title = light.source if len(light.source) <= 70 else "…" + light.source[-69:]
-    figure.text(0.03, 0.93, title, color=TEXT, fontsize=14, weight="bold", va="center")
-    panes = [("Diffuse panorama", encode(diffuse_panorama(drawn, 128) * np.pi * ALBEDO))]
+    panes = [encode(diffuse_panorama(drawn, PANE) * np.pi * ALBEDO)]
     if light.panorama is not None:
-        is_reoriented = light.panorama.yaw % 360 or light.panorama.flip or light.panorama.front == "+z"
-        name = "Panorama, as turned" if is_reoriented else "Panorama"
-        panes.insert(0, (name, _tone_mapped(lookup(light.panorama, latlong_directions(256, 512)))))
-    # Boxes of axes are left, bottom, width and height in shares of the figure.
-    for i, (name, picture) in enumerate(panes):
-        axes = figure.add_axes((0.03, 0.51 - 0.45 * i, 0.36, 0.335))
-        axes.imshow(picture, aspect="auto", interpolation="bilinear")
-        axes.set_title(name, fontsize=9, color=MUTED_TEXT, loc="left", pad=4)
-        _label_directions(axes, picture.shape)
-    background = figure.add_axes((0.415, 0.06, 0.30, 0.785), facecolor=DARK)
-    background.set(xticks=[], yticks=[])
-    background.set_title("Matt ball, from the camera", fontsize=9, color=MUTED_TEXT, loc="left", pad=4)
-    background.spines[:].set_visible(False)
-    axes = figure.add_axes((0.425, 0.06, 0.28, 0.785))
-    axes.imshow(lit_ball(drawn, 420))
-    axes.axis("off")
-    for i, (name, value) in enumerate(format_statistics(light)):
-        y = 0.815 - 0.052 * i
-        figure.text(0.74, y, name, color=MUTED_TEXT, fontsize=9)
-        figure.text(0.975, y, value, color=TEXT, fontsize=9, ha="right", family="monospace")
-    for i, note in enumerate(light.notes[:4]):
-        figure.text(0.74, 0.20 - 0.09 * i, textwrap.fill(note, 44), color=ACCENT, fontsize=7, va="top")
+        panes.insert(0, _tone_mapped(lookup(light.panorama, latlong_directions(PANE, 2 * PANE))))
+    color, alpha = np.split(lit_ball(drawn, PANE * len(panes)), [3], axis=-1)
+    picture = np.concatenate([np.concatenate(panes), color * alpha + DARK * (1 - alpha)], axis=1)
     with atomic_write(path) as temporary:
-        figure.savefig(temporary, format="png")
-
-
-def _label_directions(axes: "Axes", shape: tuple[int, ...]) -> None:
-    """Labels the directions below a lat-long picture with -z at the centre."""
-    axes.set(xticks=[], yticks=[])
-    axes.spines[:].set_visible(False)
-    for i, name in enumerate(("camera", "left", "away", "right", "camera")):
-        align = "left" if i == 0 else "right" if i == 4 else "center"
-        axes.text(shape[1] * i / 4 - 0.5, shape[0] * 1.075, name, fontsize=7, color=MUTED_TEXT, ha=align)
+        Image.fromarray(to_bytes(picture)).save(temporary, "png")
 
 
 def _tone_mapped(pixels: np.ndarray) -> np.ndarray:
@@ -162,68 +119,3 @@ def format_statistics(light: Light) -> list[tuple[str, str]]:
         ("realisable (moments)", f"{'yes' if stats['moment'] >= MIN_EIGENVALUE else 'NO'}  {stats['moment']:+.3f}"),
         ("order", f"{light.order}"),
     ]
-
-
-def write_contact_sheet(lights: LightSet, path: Path | str) -> None:
-    """Writes a contact sheet of a light set as PNG: all usual lights, and some of the unusual ones.
-
-    Each cell holds a lit ball, all at the same exposure, and the horizon of the diffuse panorama.
-    """
-    from matplotlib.figure import Figure
-
-    train, validation, test, unusual = (lights.of(split) for split in ("train", "validation", "test", "unusual"))
-    # Unusual lights are sampled evenly over all reasons; a random sample would show the commonest one only.
-    order = np.argsort([reason.split(" ")[0] for reason in unusual.reason], kind="stable")
-    picked = order[np.unique(np.linspace(0, len(order) - 1, min(len(order), MAX_UNUSUAL)).round().astype(int))]
-    parts = [
-        (f"{len(train)} training lights", train, TEXT),
-        (f"{len(validation)} validation lights", validation, TEXT),
-        (f"{len(test)} test lights", test, ACCENT),
-        (f"Unusual lights, left out: {len(picked)} of the {len(unusual)} kept", unusual.rows(picked), MUTED_TEXT),
-    ]
-    parts = [part for part in parts if len(part[1])]
-    rows = [math.ceil(len(part) / COLUMNS) for _, part, _ in parts]
-    width, height = COLUMNS * CELL + 0.4, sum(rows) * ROW + HEAD * len(parts) + 0.25
-    figure = Figure(figsize=(width, height), dpi=120, facecolor=WHITE)
-    top = height - 0.12
-    for (title, part, color), row_count in zip(parts, rows):
-        figure.text(0.25 / width, (top - 0.2) / height, title, color=color, fontsize=11, weight="bold", va="center")
-        top -= HEAD
-        for i in range(len(part)):
-            row, column = divmod(i, COLUMNS)
-            _draw_cell(figure, part.rows(np.array([i])), 0.2 + column * CELL, top - (row + 1) * ROW, width, height)
-        top -= row_count * ROW
-    with atomic_write(path) as temporary:
-        figure.savefig(temporary, format="png")
-
-
-def _draw_cell(figure: "Figure", light: LightSet, x: float, y: float, width: float, height: float) -> None:
-    """Draws one light of a contact sheet: ball and horizon on a dark ground, its source and heading, and the reason.
-
-    `x` and `y` are the lower left corner of the cell, and `width` and `height` those of the figure, inches.
-    """
-
-    def add_axes(left: float, bottom: float, box_width: float, box_height: float) -> "Axes":
-        box = ((x + left) / width, (y + bottom) / height, box_width / width, box_height / height)
-        return figure.add_axes(box)
-
-    def add_text(bottom: float, words: str, size: float, color: str) -> None:
-        place = (x + CELL / 2) / width, (y + bottom) / height
-        figure.text(*place, words, fontsize=size, color=color, ha="center", va="center")
-
-    coefficients = light.coefficients[0]
-    background = add_axes(0.05, 0.30, CELL - 0.1, CELL - 0.02)
-    background.set(xticks=[], yticks=[], facecolor=DARK)
-    background.spines[:].set_visible(False)
-    axes = add_axes(0.11, 0.44, CELL - 0.22, CELL - 0.22)
-    axes.imshow(lit_ball(coefficients, 120), interpolation="bilinear")
-    axes.axis("off")
-    band = add_axes(0.11, 0.34, CELL - 0.22, 0.06)
-    horizon = diffuse_panorama(coefficients, 24)[11:13].mean(0, keepdims=True)  # the two rows in the middle
-    band.imshow(encode(horizon * np.pi * ALBEDO), aspect="auto", interpolation="bilinear")
-    band.axis("off")
-    source = light.source[0].rsplit("/", 1)[-1]
-    name = source if len(source) <= 16 else source[:7] + "…" + source[-8:]
-    add_text(0.215, f"{name}  {light.yaw[0]:.0f}°", 6.2, TEXT)
-    detail = light.reason[0].replace(" ", ", ") or f"E {reference_brightness(coefficients):.2f}"
-    add_text(0.10, detail if len(detail) <= 24 else detail[:23] + "…", 5.6, MUTED_TEXT)

@@ -10,7 +10,6 @@ NORMAL_COUNT = 1000  # on which the irradiance is sampled
 # Factors of 1, of x, y and z, of xy, yz and xz, of 3z^2-1, and of x^2-y^2 in the spherical harmonics.
 Y_0, Y_1, Y_XY = 0.28209479177387814, 0.4886025119029199, 1.0925484305920792
 Y_ZZ, Y_XX = 0.31539156525252005, 0.5462742152960396
-BEARINGS = 72  # of upright surfaces
 MAX_BELOW = 1.1  # irradiance from below over that from above; lights beyond it get a note
 
 
@@ -70,7 +69,6 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
         back_mean: mean over the other normals
         channel_most: irradiance of the brightest channel on the normals that face the camera
         up, down: irradiance of the normals (0,1,0) and (0,-1,0), over the mean
-        side_least, side_most: of upright surfaces (normals with y = 0), over the mean
         first, second: |L1| / L00 and |L2| / L00, norms of bands 1 and 2
         elevation: elevation of the main direction, degrees above the horizon
         azimuth: azimuth of the main direction, degrees from the camera toward +x
@@ -87,9 +85,6 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
     faces_camera = normals[:, 2] > 0
     mean = luminances[:, 0] * unoccluded(FRONT, 0)[0]
     positive_mean = np.where(mean > 0, mean, np.inf)
-    circle = np.linspace(0, 2 * np.pi, BEARINGS, endpoint=False)
-    horizontal = np.stack([np.sin(circle), np.zeros(BEARINGS), np.cos(circle)], -1)
-    side = luminances @ unoccluded(horizontal, order).T
     up, down, front = (luminances @ unoccluded(np.array(d, float), order) for d in ((0, 1, 0), (0, -1, 0), (0, 0, 1)))
     positive_l00 = np.where(luminances[:, 0] > 0, luminances[:, 0], np.inf)
     direction = luminances[:, [3, 1, 2]] if order else np.zeros((len(luminances), 3))
@@ -109,8 +104,6 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
         "channel_most": channel,
         "up": up / positive_mean,
         "down": down / positive_mean,
-        "side_least": side.min(1) / positive_mean,
-        "side_most": side.max(1) / positive_mean,
         "first": np.linalg.norm(direction, axis=-1) / positive_l00,
         "second": np.linalg.norm(luminances[:, 4:9], axis=-1) / positive_l00,
         "elevation": np.degrees(np.arcsin(np.clip(direction[:, 1] / length, -1, 1))),

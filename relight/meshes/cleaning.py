@@ -22,7 +22,7 @@ MIN_KEPT = 0.5  # least share of the surface that must remain
 MAIN_PART = 0.5  # least share of the surface of a part that is most of the figure
 MIN_SOLIDITY = 0.1  # of a part that has an inside; hair cards and collars have about 0
 MAX_DEGENERATE = 0.1  # share of faces without area above which there is a warning
-FINDINGS = ("seam vertices", "holes", "boundary edges", "parts")  # are counted, and change neither shape nor albedo
+FINDINGS = ("merged vertices", "holes", "boundary edges", "parts")  # change neither shape nor albedo
 
 
 def clean(mesh: Mesh) -> Mesh:
@@ -110,9 +110,7 @@ def _repair(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
         return work.current_mesh().face_number()
 
     work.meshing_remove_duplicate_vertices()
-    merged = len(mesh.vertices) - work.current_mesh().vertex_number()
-    repairs["seam vertices"] = _seam_vertices(mesh)
-    repairs["duplicate vertices"] = merged - repairs["seam vertices"]
+    repairs["merged vertices"] = len(mesh.vertices) - work.current_mesh().vertex_number()
     work.meshing_remove_null_faces()
     repairs["faces without area"] = len(mesh.faces) - face_count()
     work.meshing_remove_duplicate_faces()
@@ -146,22 +144,6 @@ def _repair(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
     )
     changed = (before != after).any(axis=1)
     return _oriented(mesh, changed, repairs)
-
-
-def _seam_vertices(mesh: Mesh) -> int:
-    """Returns how many vertices repeat the place of another one only to have other texture coordinates or material.
-
-    Formats with one uv and one material for each vertex, such as glTF, split vertices at seams: that is no damage.
-    """
-    # + 0.0 makes negative zeros positive.
-    position = np.unique(mesh.vertices + 0.0, axis=0, return_inverse=True)[1].reshape(-1)
-    low, high = np.full((len(position), 2), np.inf), np.full((len(position), 2), -np.inf)  # uv of each vertex
-    np.minimum.at(low, mesh.faces, mesh.uv)
-    np.maximum.at(high, mesh.faces, mesh.uv)
-    material = np.zeros(len(position))
-    material[mesh.faces] = mesh.material[:, None]
-    different_vertices = len(np.unique(np.column_stack([position, low, high, material]), axis=0))
-    return different_vertices - (int(position.max(initial=-1)) + 1)
 
 
 def _split_non_manifold_edges(mesh: pymeshlab.Mesh) -> pymeshlab.MeshSet:

@@ -3,11 +3,8 @@
 Only `OpenEXR.File` is used: the older `InputFile` crashes the process on truncated files.
 """
 
-import io
-import os
 import re
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from relight.core.errors import UserError
+from relight.core.processes import without_messages
 from relight.core.srgb import decode
 from relight.panoramas.color import XYZ, convert_primaries
 from relight.panoramas.panorama import check_size
@@ -91,7 +89,7 @@ def read_exr(path: Path) -> ExrPicture:
     number = _choose_part(path, headers)
     header = headers[number]
     try:
-        with _suppress_output():
+        with without_messages():  # about damaged files
             parts = OpenEXR.File(str(path), separate_channels=True, num_threads=1).parts
         if len(parts) < len(headers):  # the binding omits unreadable parts, which shifts the indices of the others
             missing = "its pixels" if len(headers) == 1 else f"the pixels of {len(headers) - len(parts)} of its parts"
@@ -125,7 +123,7 @@ def _read_headers(path: Path, OpenEXR: Any) -> list[Header]:
     envmaps = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
     try:
         headers = []
-        with _suppress_output():
+        with without_messages():
             parts = OpenEXR.File(str(path), header_only=True).parts
         for part in parts:
             header = {name.lower(): value for name, value in part.header.items()}  # of any spelling
@@ -171,23 +169,6 @@ def _decode(header: Header, pixels: np.ndarray) -> list[str]:
     if header.chromaticities is not None:
         return [] if not header.space or LINEAR_SPACE.match(header.space) else [f"{said}: taken as linear"]
     return [] if REC709_SPACE.fullmatch(header.space) else [f"{said} without chromaticities: taken for linear Rec. 709"]
-
-
-@contextmanager
-def _suppress_output() -> Iterator[None]:
-    """Suppresses the messages that OpenEXR prints about damaged files, from C++ to stderr and from Python to stdout."""
-    null_device, saved_stderr = os.open(os.devnull, os.O_WRONLY), None
-    try:
-        with suppress(OSError):  # the process may have closed stderr
-            saved_stderr = os.dup(2)
-            os.dup2(null_device, 2)
-        with redirect_stdout(io.StringIO()):
-            yield
-    finally:
-        if saved_stderr is not None:
-            os.dup2(saved_stderr, 2)
-            os.close(saved_stderr)
-        os.close(null_device)
 
 
 def _choose_part(path: Path, headers: list[Header]) -> int:

@@ -1,43 +1,5 @@
 """Spherical harmonics: basis, rotation, irradiance, windows, and the conventions of other programs."""
 
-from relight.sh.conventions import CONVENTIONS, from_relight, to_relight
-from relight.sh.harmonics import (
-    UNOCCLUDED_T00,
-    bands,
-    basis,
-    coefficient_count,
-    cosine_factors,
-    irradiance,
-    mean_direction,
-    order_of,
-    per_coefficient,
-    rotate_y,
-    rotation_about_y,
-    rotation_matrix,
-    sphere_quadrature,
-    sphere_spiral,
-    unoccluded,
-)
-from relight.sh.window import deringed
+from relight.core.lazy import entry_points
 
-__all__ = [
-    "CONVENTIONS",
-    "UNOCCLUDED_T00",
-    "bands",
-    "basis",
-    "coefficient_count",
-    "cosine_factors",
-    "deringed",
-    "from_relight",
-    "irradiance",
-    "mean_direction",
-    "order_of",
-    "per_coefficient",
-    "rotate_y",
-    "rotation_about_y",
-    "rotation_matrix",
-    "sphere_quadrature",
-    "sphere_spiral",
-    "to_relight",
-    "unoccluded",
-]
+__getattr__, __dir__, __all__ = entry_points(__name__, __file__)

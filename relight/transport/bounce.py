@@ -36,10 +36,12 @@ def solve_radiosity(
     Returns:
         A ray caster of the mesh with long edges split, and the radiosity (F,K,3) float32 of its faces.
     """
+    from trimesh.triangles import points_to_barycentric  # .4 s to import, and figures rarely need it
+
     split_caster, parent = _split_long_edges(caster)
-    centroid = split_caster.corners.mean(1)
-    color = sample_albedo(mesh, parent, _barycentric(caster.corners[parent], centroid))[:, None, :]
     has_area = split_caster.areas > 0
+    parent, centroid = parent[has_area], split_caster.corners[has_area].mean(1)
+    color = sample_albedo(mesh, parent, points_to_barycentric(caster.corners[parent], centroid))[:, None, :]
     normals = split_caster.normals[has_area]
     rays = max(MIN_RAYS, rays // RAY_DIVISOR)
     radiosity: np.ndarray | None = None
@@ -48,7 +50,7 @@ def solve_radiosity(
         # linear system.
         direct, gathered = integrate(
             split_caster,
-            points=centroid[has_area],
+            points=centroid,
             normals=normals,
             geometric=normals,
             rays=rays,
@@ -58,7 +60,7 @@ def solve_radiosity(
         )
         total = direct[..., None] if gathered is None else direct[..., None] + gathered
         radiosity = np.zeros((len(has_area), total.shape[1], 3), np.float32)
-        radiosity[has_area] = color[has_area] * total
+        radiosity[has_area] = color * total
     assert radiosity is not None  # bounces is at least 1
     return split_caster, radiosity
 
@@ -69,25 +71,10 @@ def _split_long_edges(caster: RayCaster) -> tuple[RayCaster, np.ndarray]:
     longest = np.linalg.norm(caster.corners - np.roll(caster.corners, 1, 1), axis=2).max(1)
     if (longest <= limit).all():
         return caster, np.arange(len(caster.faces))
-    from trimesh.remesh import subdivide_to_size  # .4 s to import, and figures rarely need it
+    from trimesh.remesh import subdivide_to_size
 
     vertices_of_faces = caster.corners.reshape(-1, 3)  # each face has its own three
     vertices, faces, parent = subdivide_to_size(
         vertices_of_faces, np.arange(len(vertices_of_faces)).reshape(-1, 3), limit, max_iter=30, return_index=True
     )
     return RayCaster(vertices, faces, caster.threads), parent
-
-
-def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Returns barycentric weights (N,3) of points (N,3) in triangles (N,3,3); thirds in triangles without area."""
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    p = points - corners[:, 0]  # = v a + w b, whose products with a and b are two equations for v and w
-    aa, ab, bb = (np.einsum("nx,nx->n", *pair) for pair in ((a, a), (a, b), (b, b)))
-    pa, pb = np.einsum("nx,nx->n", p, a), np.einsum("nx,nx->n", p, b)
-    determinant = aa * bb - ab * ab
-    is_degenerate = determinant <= 0
-    divisor = np.where(is_degenerate, 1, determinant)
-    v, w = (pa * bb - pb * ab) / divisor, (pb * aa - pa * ab) / divisor
-    weights = np.stack([1 - v - w, v, w], 1)
-    weights[is_degenerate] = 1 / 3
-    return weights

@@ -69,23 +69,22 @@ def bake(
     from relight.core.errors import UserError
 
     targets = out or [Path(mesh.stem + ".exr")]
-    vertex_kinds = (".ply", ".npz", ".glb")
     for target in targets:
-        if target.suffix.lower() not in (".exr", ".png", *vertex_kinds):
+        if target.suffix.lower() not in (".exr", ".png", ".ply", ".npz", ".glb"):
             raise UserError(f"{target}: maps are written as .exr or .png, transport per vertex as .ply, .npz or .glb")
         if target.resolve() == mesh.resolve():
             raise UserError(f"--out {target} is the mesh itself: choose another file")
     if not 0 <= padding < 0.5:
         raise UserError(f"--padding {padding}: must be a share of the image's height, from 0 to under 0.5")
 
-    per_vertex = any(target.suffix.lower() in vertex_kinds for target in targets)
-    per_pixel = any(target.suffix.lower() in (".exr", ".png") for target in targets)
+    of_maps = [target for target in targets if target.suffix.lower() in (".exr", ".png")]
+    of_vertices = [target for target in targets if target not in of_maps]
     alignment = ("up", "front", "padding")
     for name in (*alignment, "yaw", "pitch", "focal", "size", "supersample"):
         given_by = ctx.get_parameter_source(name)
         if given_by is None or given_by.name != "COMMANDLINE":
             continue
-        if not per_pixel:
+        if not of_maps:
             raise UserError(f"--{name} is for maps, and transport per vertex is all that --out names: omit it")
         if as_is and name in alignment:
             raise UserError(f"--{name} aligns the mesh, which --as-is leaves as it is: omit one of them")
@@ -104,35 +103,34 @@ def bake(
     for note in source.info.get("warnings", []):
         typer.echo(f"{mesh.name}: {note}", err=True)
     start = time.monotonic()
-    if (as_is or per_vertex) and (count := count_opposed_faces(source)):
-        advice = "remove them, since baking per vertex does not repair" if per_vertex else "omit --as-is to repair them"
+    if (as_is or of_vertices) and (count := count_opposed_faces(source)):
+        advice = "remove them: baking per vertex does not repair" if of_vertices else "omit --as-is to repair them"
         note = f"{count} faces coincide with faces of opposite orientation, so vertex normals cancel; {advice}"
         typer.echo(f"{mesh.name}: {note}", err=True)
-    if per_pixel:
+    if of_maps:
         from relight.maps import write_maps, write_maps_picture
         from relight.transport.baker import bake as bake_maps
 
         prepared = source if as_is else _cleaned_and_aligned(source, up, front, padding)
         settings = {"order": order, "supersample": supersample, "bounces": bounces}
         maps = bake_maps(prepared, size, rays, view, seed, threads, **settings)
-        for target in targets:
-            if target.suffix.lower() == ".exr":
-                write_maps(target, maps)
-            elif target.suffix.lower() == ".png":
+        for target in of_maps:
+            if target.suffix.lower() == ".png":
                 write_maps_picture(target, maps)
+            else:
+                write_maps(target, maps)
         pixels = int(maps.mask.sum())
         typer.echo(
             f"{mesh.name}: {len(prepared.faces):,} triangles, {pixels:,} pixels of {size} x {size}, mean AO "
             f"{maps.ao[maps.mask].mean():.3f}",
             err=True,
         )
-    if per_vertex:
+    if of_vertices:
         from relight.transport.vertices import bake_vertices
 
         baked = bake_vertices(source, rays, order, seed, bounces, threads)
-        for target in targets:
-            if target.suffix.lower() in vertex_kinds:
-                baked.save(target)
+        for target in of_vertices:
+            baked.save(target)
         typer.echo(f"{mesh.name}: {len(source.vertices):,} vertices", err=True)
         for note in baked.notes:
             typer.echo(f"note: {note}", err=True)

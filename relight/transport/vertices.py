@@ -1,6 +1,6 @@
 """Bakes light transport per vertex, for tools that shade meshes instead of images."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ MIN_COSINE = 0.2  # between a normal of the file and that of the faces around th
 # surface: 1 is right in creases of over 27 degrees; with 4, folds of generated figures differ more from their faces.
 SHIFT = 1.0
 COLOR_STEP = 0.05  # between the albedos of a vertex's faces, from which they are reported as different
-MIN_EXTENT = 1e-6  # units; single precision is enough for meshes of at least this extent
+MIN_EXTENT = 1e-6  # units; products of the edges of smaller meshes underflow in single precision
 
 
 @dataclass
@@ -121,9 +121,9 @@ def bake_vertices(
     """
     require_at_least(1, rays=rays)
     require_at_least(0, order=order, bounces=bounces)
-    original_vertices = mesh.vertices
-    mesh = _scaled_for_float32(mesh)
     caster = RayCaster(mesh.vertices, mesh.faces, threads)
+    if caster.diagonal < MIN_EXTENT:
+        raise UserError(f"the mesh is {caster.diagonal:g} units large, and {MIN_EXTENT:g} are needed: scale it up")
     split_caster, radiosity = solve_radiosity(mesh, caster, rays, order, seed, bounces) if bounces else (caster, None)
     used, first_use = np.unique(mesh.faces.reshape(-1), return_index=True)
     normals = vertex_normals(mesh)[used].astype(np.float64)
@@ -145,7 +145,7 @@ def bake_vertices(
         return array
 
     return VertexTransport(
-        vertices=np.asarray(original_vertices, np.float32),
+        vertices=np.asarray(mesh.vertices, np.float32),
         faces=np.asarray(mesh.faces, np.int32),
         normals=scatter(normals),
         albedo=scatter(albedo[first_use]),
@@ -198,16 +198,3 @@ def _shifted_into_faces(caster: RayCaster, used: np.ndarray, normals: np.ndarray
     allowed = np.clip(height / 2, 0, None) / np.maximum(descent, 1e-300)
     np.minimum.at(share, vertex, np.where(descent > 0, allowed, 1))
     return points + share[:, None] * shift
-
-
-def _scaled_for_float32(mesh: Mesh) -> Mesh:
-    """Returns the mesh, scaled up by a power of two if it is too small for single precision.
-
-    Transport does not depend on the scale, and a power of two causes no rounding. Without it, products of edges in the
-    normals and in the ray caster underflow at 1e-12 units.
-    """
-    finite = mesh.vertices[np.isfinite(mesh.vertices).all(axis=1)]
-    extent = float(np.ptp(finite, axis=0).max()) if len(finite) else 0.0
-    if not 0 < extent < MIN_EXTENT:
-        return mesh
-    return replace(mesh, vertices=np.asarray(mesh.vertices, np.float64) * 2.0 ** -np.floor(np.log2(extent)))

@@ -2,13 +2,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from PIL import Image
+from samples import lights_of
 
 from relight.core.errors import UserError
 from relight.core.srgb import encode
 from relight.evaluation.experiments.occlusion import measure_occlusion, occlusion, read_occlusion
 from relight.evaluation.pictures.canvas import ball, heat, transport_bands
 from relight.evaluation.pictures.charts import plot_errors
-from relight.evaluation.pictures.contact import clearest_light, contact_sheet
+from relight.evaluation.pictures.contact import clearest_light, contact_sheet, light_sheet
 from relight.evaluation.pictures.panels import COLUMNS, Shown, plates, relit, shadings
 from relight.evaluation.scoring.evaluate import infer, load
 from relight.evaluation.scoring.metrics import shade
@@ -70,6 +71,17 @@ def test_contact_sheet_shows_every_figure(world, tmp_path):
     assert again.read_bytes() == (tmp_path / "sheet.png").read_bytes()
     with pytest.raises(UserError, match="no maps"):
         contact_sheet([], light, tmp_path / "none.png")
+
+
+def test_light_sheet_shows_every_light(tmp_path):
+    reason = np.array([""] * 12 + ["bright back-lit"] * 2)
+    lights = lights_of(["train"] * 11 + ["test"] + ["unusual"] * 2, reason=reason)
+    light_sheet(lights, tmp_path / "lights.png")
+    sheet = np.asarray(Image.open(tmp_path / "lights.png"))
+    assert sheet.shape[:2] == (3 * 48 + 4 * 162, 10 * 162)  # rows of ten
+    cells = (sheet == (243, 243, 240)).all(-1)
+    corners = [cells[48 + 1, 81 - 54], cells[48 + 162 + 1, 81 - 54], cells[48 + 162 + 1, 81 - 54 + 162]]
+    assert corners == [True, True, False]  # the eleventh stands alone in its row
 
 
 def test_clearest_light_is_frontal_and_white():

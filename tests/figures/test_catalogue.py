@@ -51,19 +51,18 @@ def test_entries_are_converted_to_their_types(tmp_path):
 
 # what a catalogue says of all buttons, and what a sentence says of that
 REFUSED = {
-    "all:\n  b: {size: large}": "all: b: size must be a number, not 'large'",
-    "all:\n  b: {size: true}": "size must be a number, not True",
-    "all:\n  b: {size: 1, holes: 2.5}": "holes must be an integer, not 2.5",
-    "all:\n  b: {size: 1, sewn: 1}": "sewn must be true or false, not 1",
-    "all:\n  b: {size: 1, kind: oval}": "kind must be one of round, square, not 'oval'",
-    "all:\n  b: {size: 1, color: [1, 2]}": r"color must be a list of 3, not \[1, 2\]",
-    "all:\n  b: {size: 1, color: [1, 2, x]}": "color must be a number, not 'x'",
-    "all:\n  b: {size: 1, at: 3}": "at must be a list, not 3",
-    "all:\n  b: {size: 1, hole: 3}": "hole is not a field of Button, which has size, kind",
-    "all:\n  b: {size: 1, name: c}": "name is not a field",
-    "all:\n  b: {holes: 3}": "b needs size",
-    "all:\n  b: {size: 2}": "all: b: no button is so large",
-    "all:\n  b: 7": "b must be a mapping, not 7",
+    "all:\n  b: {size: large}": "all: b: size: .*valid number",
+    "all:\n  b: {size: true}": "size: .*valid number",
+    "all:\n  b: {size: 1, holes: 2.5}": "holes: .*valid integer",
+    "all:\n  b: {size: 1, sewn: 1}": "sewn: .*valid boolean",
+    "all:\n  b: {size: 1, kind: oval}": "kind: .*'round' or 'square'",
+    "all:\n  b: {size: 1, color: [1, 2]}": "color: 2: Field required",
+    "all:\n  b: {size: 1, color: [1, 2, x]}": "color: 2: .*valid number",
+    "all:\n  b: {size: 1, at: 3}": "at: .*valid array",
+    "all:\n  b: {size: 1, hole: 3}": "hole: Unexpected keyword",
+    "all:\n  b: {holes: 3}": "b: size: Field required",
+    "all:\n  b: {size: 2}": "all: b: .*no button is so large",
+    "all:\n  b: 7": "b: .*object",
     "all:\n  b: {size: 1}\n  b: {size: 2}": "b is given twice",
     "all:\n  b: {size: 1": "buttons.yaml: while parsing",
     "all:\n  b: {size: 1}\nall: {}": "all is given twice",
@@ -80,7 +79,7 @@ def test_entries_refuses_what_does_not_fit_in_one_sentence(tmp_path, text):
 
 def test_garment_refuses_what_cannot_be_cut(tmp_path, monkeypatch):
     (tmp_path / "garments.yaml").write_text("tops:\n  ruff:\n    kind: top\n    torso_ease: [0.1]\n")
-    with pytest.raises(UserError, match="tops: ruff: torso_ease must have 6 numbers, not 1"):
+    with pytest.raises(UserError, match=r"tops: ruff: .*torso_ease must have 6 numbers, not 1"):
         entries("garments", "tops", Garment, tmp_path)
     wardrobe()
     monkeypatch.setattr(garments, "entries", lambda *_: {"trousers": ("jeans", "toga")})

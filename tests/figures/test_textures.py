@@ -93,7 +93,7 @@ def test_images_show_marks_in_the_atlas():
     cloth = np.stack([x, y], -1).reshape(-1, 2)[faces]
     laid = panels.lay_out(["front"], np.zeros(len(faces), int), cloth, 256)
     far = np.abs(cloth[..., 0] - 0.2)
-    found = marks.images(laid, marks.Marks(far, far / 2, 0 * far, 0 * far))
+    found = marks.images(laid, {"seam": far, "edge": far / 2, "rub": 0 * far, "bend": 0 * far})
     u0, _, column, row, w, h = laid.boxes[0]
     u = u0 + (np.arange(w) + 0.5 - panels.GUTTER) / laid.scale
     inside = (slice(row + 8, row + h - 8), slice(column + 8, column + w - 8))

@@ -1,10 +1,9 @@
 import numpy as np
-from samples import lights_of
+from PIL import Image
 from typer.testing import CliRunner
 
-from relight.core.errors import UserError
 from relight.core.srgb import encode
-from relight.lights import Light, lit_ball, load_light, write_contact_sheet, write_light_set
+from relight.lights import Light, lit_ball, load_light
 from relight.lights.commands import app
 from relight.lights.show import ALBEDO, diffuse_panorama, format_statistics
 from relight.sh import basis
@@ -42,18 +41,10 @@ def test_the_centre_of_the_diffuse_panorama_is_minus_z():
     np.testing.assert_allclose(diffuse_panorama(constant(np.pi), 8), 1)
 
 
-def test_a_contact_sheet_of_any_size_is_drawn(tmp_path):
-    source = np.array(["a/very/long/path/of/a/panorama_in_a_folder.exr"] * 7)
-    reason = np.array([""] * 5 + ["bright", "bright back-lit"])
-    lights = lights_of(["train"] * 4 + ["test"] + ["unusual"] * 2, source=source, reason=reason)
-    write_contact_sheet(lights, tmp_path / "a.png")
-    assert (tmp_path / "a.png").stat().st_size > 10_000
-    write_contact_sheet(lights.of("train"), tmp_path / "b.png")
-    assert (tmp_path / "b.png").stat().st_size < (tmp_path / "a.png").stat().st_size
-
-    write_light_set(lights, tmp_path / "lights.npz")
-    done = CliRunner().invoke(app, [str(tmp_path / "lights.npz"), "-o", str(tmp_path / "c.png")])
-    assert done.exit_code == 0 and (tmp_path / "c.png").read_bytes() == (tmp_path / "a.png").read_bytes()
-    for options in ([], ["-o", str(tmp_path / "c.json")]):
-        refused = CliRunner().invoke(app, [str(tmp_path / "lights.npz"), *options]).exception
-        assert isinstance(refused, UserError) and "draw all with --out sheet.png" in str(refused)
+def test_a_picture_of_a_light_has_its_panorama_and_a_ball(tmp_path):
+    for name, shape in (("room:7", (512, 1024, 3)), ("key:#ffffff@90,0", (256, 768, 3))):
+        done = CliRunner().invoke(app, [name, "-o", str(tmp_path / "a.png")])
+        picture = np.asarray(Image.open(tmp_path / "a.png"))
+        assert done.exit_code == 0 and picture.shape == shape
+    ball = picture[:, 512:, 0].astype(int)
+    assert ball[128, 250] > ball[128, 128] > ball[128, 20] > ball[0, 0] == 20  # lit from the right, on dark ground

@@ -57,6 +57,21 @@ def test_a_clean_figure_is_unchanged(person):
     assert result.faces.dtype == np.int32 and result.vertices.dtype == np.float32 and result.uv.dtype == np.float32
 
 
+def test_separate_triangles_are_connected(person):
+    """What .glb and STL-like exports bring: three vertices of its own for each face."""
+    mesh = person()
+    count = mesh.faces.size
+    soup = merged(
+        mesh,
+        vertices=mesh.vertices[mesh.faces].reshape(-1, 3),
+        faces=np.arange(count, dtype=np.int32).reshape(-1, 3),
+    )
+    result = clean(soup)
+    assert len(result.vertices) == len(mesh.vertices) and result.info["repairs"]["parts"] == 10
+    assert result.info["repairs"]["merged vertices"] == count - len(mesh.vertices)
+    np.testing.assert_array_equal(corners(result), corners(mesh))
+
+
 def test_colors_of_faces_survive_the_merging_of_their_vertices():
     """A box of six colors, each side with vertices of its own, as .ply and .glb of flat colors are written."""
     box = trimesh.creation.box()
@@ -69,25 +84,6 @@ def test_colors_of_faces_survive_the_merging_of_their_vertices():
     side = np.abs(normal).argmax(1) + 3 * (normal.sum(1) > 0)
     want = np.eye(6, 3, dtype=np.float32)[side] + np.float32(side[:, None] / 8)
     np.testing.assert_array_equal(result.color, want[:, None].repeat(3, 1))
-
-
-def test_vertices_that_are_split_at_seams_are_merged_and_are_no_damage(person):
-    """What glTF needs, which has one uv for each vertex."""
-    mesh = person()
-    chart = np.flatnonzero(mesh.material == 0)[:40]
-    uv = mesh.uv.copy()
-    uv[chart] += 3
-    split = merged(
-        mesh,
-        vertices=mesh.vertices[mesh.faces].reshape(-1, 3),
-        faces=np.arange(mesh.faces.size, dtype=np.int32).reshape(-1, 3),
-        uv=uv,
-    )
-    result = clean(split)
-    seam = len(np.intersect1d(mesh.faces[chart], np.delete(mesh.faces, chart, axis=0)))
-    assert len(result.vertices) == len(mesh.vertices)
-    assert result.info["repairs"]["seam vertices"] == seam > 10
-    assert result.info["repairs"]["duplicate vertices"] == mesh.faces.size - len(mesh.vertices) - seam
 
 
 def test_duplicate_faces_are_dropped_in_either_orientation(person):

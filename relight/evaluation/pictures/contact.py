@@ -1,4 +1,4 @@
-"""Draws contact sheets: the maps of every figure of a data set side by side, with its name."""
+"""Draws contact sheets: the maps of every figure of a data set side by side, with its name; all lights of a set."""
 
 import math
 from pathlib import Path
@@ -11,7 +11,8 @@ from relight.core.progress import progress
 from relight.core.srgb import encode
 from relight.evaluation.pictures.canvas import CELL, FAINT, WHITE_PERCENTILE, Canvas, ball, bounding_box, composite
 from relight.evaluation.scoring.metrics import shade
-from relight.lights import measure
+from relight.lights import LightSet, measure
+from relight.lights.table import SPLITS
 from relight.maps import LeftOut, Maps, read_info, read_maps
 from relight.maps.square import fill_outside
 
@@ -20,6 +21,7 @@ CELL_HEIGHT = 240  # pixels
 ASPECT = 0.6  # width over height of a cell; figures with spread arms are scaled down
 GAP, WORDS, TOP = 3, 26, 48  # pixels: between cells, for a name, above the cells
 WIDTH = 2400  # pixels, largest width of a sheet with several figures in a row
+BALL, BALLS = 110, 10  # pixels of a ball, and balls in a row, on the sheet of lights
 
 
 def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path) -> None:
@@ -66,6 +68,28 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path) -> None:
             sheet.cell(Image.new("RGB", (room, height), CELL), x, y)
             middle = x + room // 2, y + height // 2
             sheet.text(f"left out: {maps}", *middle, size=15, anchor="mm", color=FAINT, width=room - 40)
+    sheet.save(out)
+
+
+def light_sheet(lights: LightSet, out: Path) -> None:
+    """Draws a light set: a ball for each light, all at the same exposure, with source, heading and broken rules.
+
+    Args:
+        lights: of any splits.
+        out: the picture (.png).
+    """
+    parts = {f"{split}: {len(rows)}": rows for split in SPLITS if len(rows := np.flatnonzero(lights.split == split))}
+    side = BALL + 2 * WORDS
+    down = [math.ceil(len(rows) / BALLS) for rows in parts.values()]
+    sheet, top = Canvas(BALLS * side, TOP * len(parts) + side * sum(down)), 0
+    for (title, rows), count in zip(parts.items(), down):
+        sheet.text(title, WORDS, top + TOP // 2, size=16, anchor="lm", bold=True)
+        for i, row in enumerate(rows):
+            x, y = i % BALLS * side + side // 2, top + TOP + i // BALLS * side
+            sheet.cell(ball(lights.coefficients[row], BALL, white=2, linear=True), x - BALL // 2, y)
+            words = f"{lights.source[row].rsplit('/', 1)[-1]} {lights.yaw[row]:.0f}° {lights.reason[row]}"
+            sheet.text(words, x, y + BALL + GAP, size=12, anchor="mt", color=FAINT, width=side)
+        top += TOP + count * side
     sheet.save(out)
 
 

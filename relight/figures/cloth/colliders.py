@@ -1,15 +1,12 @@
 """Warp's setup, and collision meshes: nearest faces and ray casts."""
 
 import os
-import sys
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 import warp as wp
 from platformdirs import user_cache_path
 
+from relight.core.processes import without_messages
 from relight.figures.cloth.kernels import cast_rays, find_nearest_faces
 from relight.figures.surfaces import normals
 
@@ -20,25 +17,9 @@ def init_warp() -> None:
     """Initialises Warp on the CPU, with compiled kernels in relight's cache folder (moved by RELIGHT_CACHE)."""
     folder = os.environ.get("RELIGHT_CACHE") or user_cache_path("relight")
     wp.config.kernel_cache_dir = os.path.join(str(folder), "warp")
-    with without_driver_messages():
+    with without_messages():  # of a missing CUDA driver
         wp.init()
     wp.set_device("cpu")
-
-
-@contextmanager
-def without_driver_messages() -> Iterator[None]:
-    """Drops messages of Warp's native code about a missing CUDA driver from stderr."""
-    sys.stderr.flush()
-    stderr = os.dup(2)
-    with tempfile.TemporaryFile() as file:
-        os.dup2(file.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(stderr, 2)
-            os.close(stderr)
-            file.seek(0)
-            os.write(2, b"".join(line for line in file if b"CUDA driver" not in line))
 
 
 def vec3_array(values: np.ndarray) -> wp.array:

@@ -2,16 +2,12 @@
 
 import warp as wp
 
+Points, Numbers, Indices = wp.array(dtype=wp.vec3), wp.array(dtype=float), wp.array(dtype=int)  # types of arguments
+Pairs, Shares = wp.array(dtype=wp.vec2i), wp.array(dtype=wp.vec2)
+
 
 @wp.kernel
-def integrate(
-    x: wp.array(dtype=wp.vec3),
-    v: wp.array(dtype=wp.vec3),
-    previous: wp.array(dtype=wp.vec3),
-    gravity: float,
-    dt: float,
-    damping: float,
-):
+def integrate(x: Points, v: Points, previous: Points, gravity: float, dt: float, damping: float):
     """Advances positions x (n,3) by velocities v (n,3) and gravity over a time step.
 
     Args:
@@ -29,12 +25,7 @@ def integrate(
 
 @wp.kernel
 def solve_distance_constraints(
-    x: wp.array(dtype=wp.vec3),
-    pairs: wp.array(dtype=wp.vec2i),
-    rest_length: wp.array(dtype=float),
-    stiffness: wp.array(dtype=float),
-    count: int,
-    iterations: int,
+    x: Points, pairs: Pairs, rest_length: Numbers, stiffness: Numbers, count: int, iterations: int
 ):
     """Solves all distance constraints in order, in one thread, since they share vertices (position-based dynamics).
 
@@ -59,13 +50,7 @@ def solve_distance_constraints(
 
 
 @wp.kernel
-def find_nearest_faces(
-    mesh: wp.uint64,
-    x: wp.array(dtype=wp.vec3),
-    max_distance: float,
-    face: wp.array(dtype=int),
-    barycentric: wp.array(dtype=wp.vec2),
-):
+def find_nearest_faces(mesh: wp.uint64, x: Points, max_distance: float, face: Indices, barycentric: Shares):
     """Finds the face of a mesh that is nearest to each point.
 
     Args:
@@ -85,14 +70,14 @@ def find_nearest_faces(
 
 @wp.kernel
 def resolve_contacts(
-    x: wp.array(dtype=wp.vec3),
-    previous: wp.array(dtype=wp.vec3),
-    face: wp.array(dtype=int),
-    barycentric: wp.array(dtype=wp.vec2),
-    indices: wp.array(dtype=int),
-    start: wp.array(dtype=wp.vec3),
-    end: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
+    x: Points,
+    previous: Points,
+    face: Indices,
+    barycentric: Shares,
+    indices: Indices,
+    start: Points,
+    end: Points,
+    normal: Points,
     time0: float,
     time1: float,
     thickness: float,
@@ -139,13 +124,7 @@ def resolve_contacts(
 
 
 @wp.kernel
-def update_velocity(
-    x: wp.array(dtype=wp.vec3),
-    previous: wp.array(dtype=wp.vec3),
-    v: wp.array(dtype=wp.vec3),
-    dt: float,
-    max_speed: float,
-):
+def update_velocity(x: Points, previous: Points, v: Points, dt: float, max_speed: float):
     """Computes velocities from the positions before and after a time step.
 
     Args:
@@ -161,12 +140,7 @@ def update_velocity(
 
 
 @wp.kernel
-def pull_to_targets(
-    x: wp.array(dtype=wp.vec3),
-    index: wp.array(dtype=int),
-    weight: wp.array(dtype=float),
-    target: wp.array(dtype=wp.vec3),
-):
+def pull_to_targets(x: Points, index: Indices, weight: Numbers, target: Points):
     """Moves some vertices toward targets, one thread for each of these m.
 
     Args:
@@ -182,12 +156,7 @@ def pull_to_targets(
 
 @wp.kernel
 def find_self_contacts(
-    grid: wp.uint64,
-    x: wp.array(dtype=wp.vec3),
-    rest_shape: wp.array(dtype=wp.vec3),
-    radius: float,
-    partners: wp.array(dtype=int),
-    max_partners: int,
+    grid: wp.uint64, x: Points, rest_shape: Points, radius: float, partners: Indices, max_partners: int
 ):
     """Finds for each vertex others that are near although they are far from it on the rest shape.
 
@@ -213,13 +182,7 @@ def find_self_contacts(
 
 
 @wp.kernel
-def resolve_self_contacts(
-    x: wp.array(dtype=wp.vec3),
-    resolved: wp.array(dtype=wp.vec3),
-    partners: wp.array(dtype=int),
-    max_partners: int,
-    gap: float,
-):
+def resolve_self_contacts(x: Points, resolved: Points, partners: Indices, max_partners: int, gap: float):
     """Moves each vertex half-way apart from the vertices that it touches, by the mean of what each of them asks.
 
     Args:
@@ -244,13 +207,7 @@ def resolve_self_contacts(
 
 
 @wp.kernel
-def cast_rays(
-    mesh: wp.uint64,
-    origin: wp.array(dtype=wp.vec3),
-    direction: wp.array(dtype=wp.vec3),
-    face: wp.array(dtype=int),
-    depth: wp.array(dtype=float),
-):
+def cast_rays(mesh: wp.uint64, origin: Points, direction: Points, face: Indices, depth: Numbers):
     """Finds the first face that each ray hits, one thread for each of the N rays.
 
     Args:
@@ -284,13 +241,13 @@ def crossing_depth(a0: wp.vec3, a1: wp.vec3, a2: wp.vec3, b0: wp.vec3, b1: wp.ve
 @wp.kernel
 def find_intersections(
     mesh: wp.uint64,
-    x: wp.array(dtype=wp.vec3),
-    indices: wp.array(dtype=int),
-    rest_centre: wp.array(dtype=wp.vec3),
-    garment: wp.array(dtype=int),
+    x: Points,
+    indices: Indices,
+    rest_centre: Points,
+    garment: Indices,
     min_depth: float,
     min_rest_distance: float,
-    intersects: wp.array(dtype=int),
+    intersects: Indices,
 ):
     """Marks faces that reach through a face of another garment, or of their own, one thread for each of the F faces.
 

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from relight.figures.cloth.drape import Level
 from relight.figures.cloth.solver import Crimp
-from relight.figures.surfaces import averaged, neighbours, normals, smoothed
+from relight.figures.surfaces import averaged, neighbours, normals
 
 NEAREST = 26  # vertices that a point of a crest may lift
 DENSE_FACTOR = 4  # times as many where vertices are at least twice as dense as usual, as in the cleft of the buttocks
@@ -280,25 +280,3 @@ def varied(crimp: Crimp, seed: int) -> Crimp:
     spread = np.array([0.15, 0.22, 0.25])  # standard deviation of the logarithm of each factor
     width, slack, density = np.exp(spread * np.random.default_rng([seed, 6]).normal(size=3))
     return replace(crimp, width=crimp.width * width, slack=crimp.slack * slack, density=crimp.density * density)
-
-
-def folded(
-    levels: list[Level], refine: list[sparse.csr_matrix], x: np.ndarray, crimp: Crimp, hang: np.ndarray, seed: int
-) -> np.ndarray:
-    """Raises a garment's folds along its smoothed normals.
-
-    Args:
-        levels: levels of the pattern, from coarse to fine.
-        refine: matrices from each level's vertices to those of the next.
-        x: (n,3) vertices of the finest level as draped, metres.
-        crimp: crimp of the finest folds.
-        hang: (n,) in [0,1], how freely the cloth hangs down.
-        seed: random seed of the folds' places and sizes.
-
-    Returns:
-        (n,3) vertices of the finest level, metres.
-    """
-    faces = levels[-1].faces
-    outward = smoothed(normals(x, faces), faces, times=3)
-    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
-    return x + folds(levels, refine, x, crimp, hang, seed)[:, None] * outward

@@ -1,7 +1,6 @@
 """Marks: where a garment is sewn, where it ends, and where it rubs and bends, as images of its texture atlas."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, zoom
@@ -19,27 +18,14 @@ HIP, KNEE, ELBOW = 0.0, 1.0, 1.0  # positions along a limb, see `suit_fields`
 FRAY = 0.004  # metres from a border over which it rubs
 
 
-@dataclass(frozen=True)
-class Marks:
-    """Where a garment is sewn and worn, at the corners (F,3) of its faces.
-
-    Attributes:
-        seam: metres to the nearest seam between panels.
-        edge: metres to the nearest border.
-        rub: how much the cloth rubs, in [0,1].
-        bend: how much it is bent, in [0,1].
-    """
-
-    seam: np.ndarray
-    edge: np.ndarray
-    rub: np.ndarray
-    bend: np.ndarray
-
-
-def marks(pattern: Pattern) -> Marks:
+def marks(pattern: Pattern) -> dict[str, np.ndarray]:
     """Computes the marks of a garment on its pattern; they do not depend on the pose.
 
     Knees and elbows rub and bend; hips bend; borders rub. Positions along limbs are those of `suit_fields`.
+
+    Returns:
+        At the corners (F,3) of its faces: `seam` and `edge`, metres to the nearest seam between panels and to the
+        nearest border; `rub` and `bend`, how much the cloth rubs and is bent, in [0,1].
     """
     level, fields = pattern.levels[-1], pattern.fields
     faces, points = level.faces, level.rest_shape
@@ -57,7 +43,7 @@ def marks(pattern: Pattern) -> Marks:
         arm, on_arm = np.maximum(fields["armL"], fields["armR"]), np.clip(arm_share(fields), 0, 1)
         rub, bend = on_arm * bell(arm, ELBOW, 0.15), on_arm * bell(arm, ELBOW, 0.25)
     rub = np.maximum(rub[faces], 0.7 * np.exp(-edge / FRAY))
-    return Marks(seam, edge, rub, 0.3 + 0.7 * bend[faces])
+    return {"seam": seam, "edge": edge, "rub": rub, "bend": 0.3 + 0.7 * bend[faces]}
 
 
 def bell(position: np.ndarray, centre: float, width: float) -> np.ndarray:
@@ -95,7 +81,7 @@ def seam_distance(pattern: Pattern) -> np.ndarray:
     return np.minimum(distance, MAX_DISTANCE)
 
 
-def images(panels: Panels, marks: Marks) -> dict[str, np.ndarray]:
+def images(panels: Panels, marks: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Renders the marks into images of the atlas.
 
     Each face is sampled at seven points: its corners, the middles of its sides, and its centre. A cell is the mean over
@@ -103,7 +89,7 @@ def images(panels: Panels, marks: Marks) -> dict[str, np.ndarray]:
 
     Args:
         panels: the atlas.
-        marks: at the corners of the faces.
+        marks: at the corners (F,3) of the faces, by name.
 
     Returns:
         (side,side) float32 images by the name of the mark, with rows from the bottom up.
@@ -114,8 +100,8 @@ def images(panels: Panels, marks: Marks) -> dict[str, np.ndarray]:
     cell = (column_row[..., 1] * side + column_row[..., 0]).ravel()
     count = gaussian_filter(np.bincount(cell, minlength=side * side).reshape(side, side).astype(float), BLUR)
     rendered = {}
-    for name in ("seam", "edge", "rub", "bend"):
-        values = np.einsum("wk,fk->wf", barycentric, getattr(marks, name)).ravel()
+    for name, at_corners in marks.items():
+        values = np.einsum("wk,fk->wf", barycentric, at_corners).ravel()
         total = np.bincount(cell, values, side * side).reshape(side, side)
         mean = gaussian_filter(total, BLUR) / np.maximum(count, 1e-6)
         enlarged = zoom(mean.astype(np.float32), CELL, order=1, grid_mode=True, mode="nearest")
