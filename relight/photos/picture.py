@@ -152,7 +152,10 @@ def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Pictur
     orientation = orientation_of(stored)
     pixels, alpha = upright(pixels, orientation), None if alpha is None else upright(alpha, orientation)
     largest = int(pixels.max())
-    pixels, notes = to_srgb(pixels, stored, what, coding_of(stored, file))
+    coding = coding_of(stored, file)
+    pixels, notes = to_srgb(pixels, stored, what, coding)
+    if stored.format in ("AVIF", "HEIF") and not (coding or stored.info.get("icc_profile")):
+        notes.append("its file has no color space, and is taken as sRGB; that of the coded picture is not read")
     if pixels.dtype == np.uint16 and largest < FEW_BITS:
         notes.append(f"its largest code is {largest} of 65535, as if it held fewer than 16 bits: it is taken as dark")
     suffix = ".tif" if pixels.dtype == np.uint16 and stored.format == "TIFF" else ".png"

@@ -320,6 +320,13 @@ def test_read_photo_takes_the_colors_of_the_primary_picture(tmp_path, suffix, na
 
 
 @pytest.mark.parametrize("suffix", ["avif", "heic"])
+def test_read_photo_says_that_a_file_names_no_color_space(tmp_path, suffix):
+    (tmp_path / f"a.{suffix}").write_bytes(flat_file(suffix).replace(b"colr", b"free"))
+    (note,) = Picture.of(tmp_path / f"a.{suffix}").notes
+    assert "has no color space" in note
+
+
+@pytest.mark.parametrize("suffix", ["avif", "heic"])
 def test_read_photo_refuses_a_picture_coded_for_other_displays(tmp_path, suffix):
     (tmp_path / f"a.{suffix}").write_bytes(recolored(flat_file(suffix), [nclx(9, 16)]))
     with pytest.raises(UserError, match="high dynamic range"):
@@ -643,16 +650,16 @@ def test_photo_command_writes_in_kind(tmp_path, run, weights, draw, name):
     make(tmp_path / name, codes / 255)
     light = ("--weights", weights, "--light", "key:#ffffff@60,20", "--stops", "-1", "--maps")
     for source in ("eight.png", name):
-        says = run("photo", tmp_path / source, "--out", tmp_path / f"out_{source}", *light)
+        says = run("photo", tmp_path / source, "--out", tmp_path / source[:-4], *light)
     suffix = name[-4:]
     assert f"relit{suffix}" in says
-    found = Picture.of(tmp_path / f"out_{name}" / f"relit{suffix}")
-    eight = Picture.of(tmp_path / "out_eight.png" / "relit.png")
+    found = Picture.of(tmp_path / "a" / f"relit{suffix}")
+    eight = Picture.of(tmp_path / "eight" / "relit.png")
     assert found.pixels.dtype == type
     assert np.abs(found.codes.astype(int) - eight.pixels).max() <= 1
     person = found.pixels[mask == 255]
     assert len(np.unique(person)) > 300
-    outside = np.asarray(Image.open(tmp_path / f"out_{name}" / "albedo.png"))[..., 3] == 0
+    outside = np.asarray(Image.open(tmp_path / "a" / "albedo.png"))[..., 3] == 0
     assert outside.mean() > 0.3
     want = {np.uint16: codes.astype(np.uint16) * 257, np.float32: decode(codes / 255).astype(np.float32)}[type]
     np.testing.assert_array_equal(found.pixels[outside], want[outside])
