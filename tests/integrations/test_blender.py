@@ -188,27 +188,6 @@ def test_import_maps_shows_what_cycles_renders(addon, scene, tmp_path):
 
 
 @in_blender
-def test_light_follows_world_and_object(addon, scene, tmp_path):
-    import bpy
-
-    item = head()
-    bpy.ops.relight.bake_transport(rays=16)
-
-    def lights():
-        bpy.context.view_layer.update()
-        return light_of(addon, item)
-
-    first = lights()
-    scene.world.node_tree.nodes["Mapping"].inputs["Rotation"].default_value = (0, 0, 1)
-    turned = lights()
-    assert not np.allclose(first, turned, atol=0.05)
-    item.rotation_euler = (0, 0, -1)  # the light's rotation about the vertical, undone by the object's own
-    np.testing.assert_allclose(lights(), first, atol=0.02)
-    next(n for n in scene.world.node_tree.nodes if n.type == "BACKGROUND").inputs["Strength"].default_value = 3
-    np.testing.assert_allclose(lights(), 3 * first, atol=0.06)
-
-
-@in_blender
 def test_a_rendered_animation_has_the_light_of_each_frame(addon, scene, tmp_path):
     import bpy
 

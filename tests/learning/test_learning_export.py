@@ -53,6 +53,7 @@ def test_export_runs_at_other_batches_and_sizes(exported):
     assert (transport[:, :, :8] == 0).all()
 
 
+@pytest.mark.slow
 def test_the_file_infers_the_mean_over_the_mirror_image(exported):
     """What `predict` says of both, turned back and averaged, is what the graph says inside, away from the rim."""
     network, _, path = exported
@@ -73,6 +74,7 @@ def test_the_file_infers_the_mean_over_the_mirror_image(exported):
     assert graph.size == 128 and graph.order == 2 and graph.config["train"] == {"color": "photo"}
 
 
+@pytest.mark.slow
 def test_a_training_can_start_from_the_file(exported):
     """Weights keep their names, in half precision, and no layer is fused with another."""
     network, checkpoint, path = exported
@@ -84,6 +86,7 @@ def test_a_training_can_start_from_the_file(exported):
             torch.testing.assert_close(first, second, rtol=1e-3, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_check_compares(exported):
     network, checkpoint, path = exported
     changed, _ = load_network(checkpoint)

@@ -18,10 +18,10 @@ from relight.maps import Maps
 from relight.maps.square import Crop
 from relight.panoramas import Panorama, project
 from relight.photos.background import Background
-from relight.photos.color import apply_gain, chroma, clipping_excess, display_shading, roll_off
+from relight.photos.color import display_shading, roll_off
 from relight.photos.person import Person as Inferred
 from relight.photos.render import render
-from relight.photos.shading import exposure_factor, gain, shading, steady
+from relight.photos.shading import exposure_factor, shading, steady
 from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
 from relight.viewer.build import build_viewer
 from relight.viewer.figure import Figure
@@ -154,26 +154,6 @@ def test_backgrounds_and_soft_edges_are_mixed_as_light(page, tmp_path, maps, lig
     np.testing.assert_array_equal(pixels[..., 3], np.rint(255 * coverage))
     assert farthest(pixels, codes(figure), coverage == 1) <= 2
     assert farthest(pixels, codes(figure), coverage > 0.2) <= 6  # 8 bits of a color that was multiplied by alpha
-
-
-@pytest.mark.slow
-def test_ratio_keeps_the_photo_and_relights_it(page, photo_html, maps, lights, photograph):
-    page.open(photo_html)
-    photo, own = photograph
-    state = START | {"background": "photo"}
-    np.testing.assert_array_equal(page.pixels(**state)[..., :3], photo)  # under its own light: itself, everywhere
-    np.testing.assert_array_equal(page.pixels(**state | {"view": "photo", "yaw": 50})[..., :3], photo)
-    for index, name in enumerate(lights, 1):
-        new = lights[name] * exposure_factor(own, lights[name], maps.transport, maps.mask, turning=True)
-        lit = relit_shading(maps, turned(new, 40, 10))
-        above = clipping_excess(LINEAR[photo], chroma(LINEAR[photo], maps.mask))
-        factor = gain(maps.transport, maps.mask, own, turned(new, 40, 10))
-        expected = 255 * encode(apply_gain(LINEAR[photo], factor, above))
-        pixels = page.pixels(**state | {"light": index, "yaw": 40, "tilt": 10})
-        assert farthest(pixels, expected, maps.mask) <= 2
-        np.testing.assert_array_equal(pixels[~maps.mask][:, :3], photo[~maps.mask])
-        pixels = page.pixels(**state | {"light": index, "yaw": 40, "tilt": 10, "mode": "full"})
-        assert farthest(pixels, codes(maps.albedo * lit), maps.mask) <= 2
 
 
 @pytest.mark.slow

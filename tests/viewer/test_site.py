@@ -23,6 +23,8 @@ from relight.viewer.source import photo_figure
 
 SIDE = 128  # of the network
 
+pytestmark = pytest.mark.slow
+
 
 class Static(SimpleHTTPRequestHandler):
     """Any static server, which keeps account of what it was asked for."""
