@@ -111,7 +111,7 @@ def test_write_tables_of_any_cells(tmp_path):
     assert grid.blocks() == [grid]
     page = section("sections/summary.md", orderings=[1], tables=[one], trainings=(2, 2), small=0, listed=grid)
     cells = re.findall("<t[dh][^>]*>(.*?)</t[dh]>", page)
-    assert cells[5:10] == ["a &amp; b", ".123 ± .025", "3", "12.3", "✗ worse"]
+    assert cells[5:10] == ["a &amp; b", ".123\u00a0±\u00a0.025", "3", "12.3", "✗ worse"]
     assert cells[10] == "<em>&lt;c&gt;</em>" and cells[14] == "|"
 
 
