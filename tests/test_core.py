@@ -121,10 +121,9 @@ def ends(done) -> list[tuple[int, str]]:
 
 @pytest.mark.slow
 def test_commands_of_the_core_run(core, photo):
-    mask = photo.with_name("me_mask.png")
     commands = [
         ["photo", photo, "--light", "lamps:5", "--out", "relit", "--maps"],
-        ["transfer", photo, photo, "--mask-b", mask, "--out", "swapped"],
+        ["photo", photo, "--light", photo, "--out", "relit"],
         ["view", photo, "--out", "me.html"],
         ["light", "room:7", "--out", "room.json"],
         ["photo", "--help"],

@@ -7,7 +7,7 @@ from typing import Unpack
 
 import numpy as np
 
-from relight.lights import Light, LightOptions
+from relight.lights import Light
 from relight.photos.background import Background
 from relight.photos.look import AUTO, LightGiven, Look
 from relight.photos.network import PhotoNetwork, read_network
@@ -68,13 +68,11 @@ class Relighter:
     def read_light(
         self,
         text: Path | str,
-        mask: Path | str | None = None,
         mask_model: Path | str | None = None,
         white_balance: str = "keep",
-        **options: Unpack[LightOptions],
     ) -> Light | None:
         """Reads a light as a user names it: relight.photos.scene.named_light."""
-        return named_light(self.network, text, mask, mask_model, white_balance, **options)
+        return named_light(self.network, text, mask_model, white_balance)
 
     def relight(
         self,

@@ -1,4 +1,4 @@
-"""The commands `photo`, `transfer`, `movie` and `mask`."""
+"""The commands `photo`, `movie` and `mask`."""
 
 import functools
 import inspect
@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -49,13 +49,12 @@ MOVIE_EXAMPLES = """relight movie me.jpg --out turn.mp4
   relight movie clip.mp4 --light room:12 --out relit.webm"""
 
 
-LIGHT, BEHIND, FILE = "Light", "Background", "How a light's file is read"
+LIGHT, BEHIND = "Light", "Background"
 # Flags, heading in the help, name of the value, and help of the options, by the name of the parameter; bounds. The rows
 # fit the help of a narrow terminal.
 OPTIONS: dict[str, tuple[str, str | None, str | None, str]] = {
     "light": ("--light -l", LIGHT, "LIGHT", "The new light; see above. Several lights add up."),
     "mask": ("--mask -m", None, "FILE", "White on the people, as large as the photo; of a clip, a folder or a video."),
-    "light_mask": ("--light-mask", LIGHT, "FILE", "Mask of the photo that --light names."),
     "mask_model": ("--mask-model", None, "FILE", "ONNX network for automatic masks; or FILE:bgr, :rgb, :signed."),
     "mode": (
         "--mode",
@@ -73,11 +72,6 @@ OPTIONS: dict[str, tuple[str, str | None, str | None, str]] = {
     "absolute": ("--absolute", LIGHT, None, "Keep the light's own strength instead of matching it to the photo."),
     "together": ("--together", None, None, "Take the whole mask as one person, even if it has several parts."),
     "maps": ("--maps", None, None, "Also write albedo.png, shading.png and maps.exr."),
-    "layout": ("--layout", FILE, "WORD", "Of a panorama: auto, latlong, angular, ball, cross, strip, strip-gl."),
-    "yaw": ("--yaw", FILE, "DEGREES", "Turn a panorama whose front is wrong, to the right."),
-    "flip": ("--flip", FILE, None, "Mirror a panorama left to right."),
-    "upside_down": ("--upside-down", FILE, None, "Its rows are from the bottom up."),
-    "convention": ("--convention", FILE, "WORD", "Of a coefficient file that does not state it."),
     "weights": ("--weights -w", None, "FILE", "A network (.onnx); `relight export` writes one of a training."),
     "jobs": ("--jobs -j", None, "N", "For a folder: photos relit at the same time."),
     "seconds": ("--seconds", None, "SECONDS", "Length of the movie of a photo; by default 6."),
@@ -105,13 +99,7 @@ class Words:
     turn: float = 0.0
     stops: float = 0.0
     absolute: bool = False
-    light_mask: str | None = None
     mask_model: str | None = None
-    layout: str = "auto"
-    yaw: float = 0.0
-    flip: bool = False
-    upside_down: bool = False
-    convention: str | None = None
 
     def look(self, network: "PhotoNetwork") -> "Look":
         """Reads the light and the background."""
@@ -119,11 +107,9 @@ class Words:
         from relight.photos.look import Look
         from relight.photos.scene import named_light
 
-        names = ("layout", "yaw", "flip", "upside_down", "convention")
-        given: Any = {name: getattr(self, name) for name in names if getattr(self, name) != getattr(Words, name)}
         background = read_background(self.background, self.blur, self.shadow)
         text = " + ".join(self.light or ["auto"])
-        light = named_light(network, text, self.light_mask, self.mask_model, self.white_balance, **given)
+        light = named_light(network, text, self.mask_model, self.white_balance)
         return Look(light, self.mode, background, self.turn, self.stops, not self.absolute)
 
     def scene(self, together: bool = False) -> "SceneOptions":
@@ -237,33 +223,6 @@ def photo(
         print(f"{out}/{BEFORE_AFTER}: both side by side")
     for note in notes:
         print(f"note: {note}")
-
-
-@app.command()
-@with_options()
-def transfer(
-    first: Annotated[Path, typer.Argument(help="One photo.", metavar="A")],
-    second: Annotated[Path, typer.Argument(help="The other photo.", metavar="B")],
-    first_mask: Annotated[Path | None, typer.Option("--mask-a", help="Mask of A.")] = None,
-    second_mask: Annotated[Path | None, typer.Option("--mask-b", help="Mask of B.")] = None,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the two results.")] = Path("transfer"),
-    mode: str = "ratio",
-    white_balance: str = "keep",
-    background: str = "keep",
-    shadow: bool = True,
-    stops: float = 0.0,
-    mask_model: str | None = None,
-    weights: Path | None = None,
-) -> None:
-    """Swap the lights of two photos; exposures stay. Writes OUT/A_lit_as_B.png and OUT/B_lit_as_A.png."""
-    from relight.photos.network import read_network
-    from relight.photos.transfer import swap_lights
-
-    words = Words(None, None, mode, white_balance, background, shadow=shadow, stops=stops, mask_model=mask_model)
-    network = read_network(weights)
-    paths, masks = (first, second), (first_mask, second_mask)
-    pictures, notes = swap_lights(network, paths, masks, out, words.look(network), **words.scene())
-    print("\n".join([*map(str, pictures), *(f"note: {note}" for note in notes)]))
 
 
 @app.command()

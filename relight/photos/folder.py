@@ -273,30 +273,25 @@ def relight_photos(
 def _run(work: partial, tasks: dict, jobs: int, weights: Path | None) -> Iterator[tuple[str, str | None]]:
     """Runs the tasks in processes, and yields each photo's name with the reason of its failure, or None.
 
-    When a process dies, for want of memory for
-    example, its pool dies with it: the remaining tasks are then run one process at a time, and a photo that kills this
-    one has failed.
+    Raises:
+        UserError: if a process dies.
     """
+    cores = os.cpu_count() or 1
     if not has_semaphores():
-        _start(weights, os.cpu_count() or 1, work)
+        _start(weights, cores, work)
         yield from ((name, _work(task)) for name, task in tasks.items())
         return
-    left = dict(tasks)
     spawn = multiprocessing.get_context("spawn")  # threads of the inference do not survive a fork
-    while left:
-        threads = max(1, (os.cpu_count() or 1) // jobs)
-        with ProcessPoolExecutor(jobs, spawn, initializer=_start, initargs=(weights, threads, work)) as pool:
-            name = ""
+    with ProcessPoolExecutor(jobs, spawn, initializer=_start, initargs=(weights, max(1, cores // jobs), work)) as pool:
+        for name, future in [(name, pool.submit(_work, task)) for name, task in tasks.items()]:
             try:
-                for name, future in [(name, pool.submit(_work, task)) for name, task in left.items()]:
-                    reason = future.result()
-                    del left[name]
-                    yield name, reason
+                yield name, future.result()
             except BrokenProcessPool:
-                if jobs == 1:
-                    del left[name]
-                    yield name, "its process died, perhaps for want of memory"
-                jobs = 1
+                who = name if jobs == 1 else f"{name}, or one of the {jobs - 1} after it"
+                raise UserError(
+                    f"{who}: its process died, perhaps for want of memory; what is done stays: give --jobs 1, or a "
+                    "smaller photo"
+                ) from None
 
 
 _worker: tuple[PhotoNetwork, partial] | None = None  # those of this process

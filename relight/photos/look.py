@@ -1,6 +1,5 @@
 """How a picture is to look: its light and what lies behind the people, checked once, when it is made."""
 
-import copy
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,7 +15,6 @@ from relight.lights.light import total
 from relight.photos.background import Background, read_background
 from relight.photos.picture import Given
 from relight.photos.place import estimated, is_of_person
-from relight.sh import deringed
 from relight.sh.conventions import as_table
 
 AUTO = "auto"
@@ -76,18 +74,6 @@ class Look:
                     "background panorama: this light has no panorama; give one with --light, or another background"
                 )
             self.background = replace(self.background, panorama=panorama)
-
-    def lit_by(self, light: Light, windowed: bool) -> "Look":
-        """Returns the look with another light."""
-        look = copy.copy(self)
-        look.light, look.windowed = light, windowed
-        return look
-
-    def coefficients(self, order: int) -> np.ndarray:
-        """Returns the light (K,3) float32 at an order of the spherical harmonics; deringed if it is `windowed`."""
-        assert self.light is not None  # `Scene.exposed` has chosen one
-        coefficients = self.light.at_order(order).coefficients
-        return (deringed(coefficients) if self.windowed else coefficients).astype(np.float32)
 
     @property
     def words(self) -> dict[str, Any]:

@@ -72,7 +72,7 @@ class _Layers:
 def render(
     pixels: np.ndarray,
     people: Sequence[Person],
-    light: np.ndarray | Sequence[np.ndarray],
+    light: np.ndarray,
     mode: str = "ratio",
     background: Background | None = None,
     turn: float = 0.0,
@@ -84,7 +84,7 @@ def render(
     Args:
         pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
         people: as inferred from it.
-        light: (K,3) radiance coefficients, already turned; or one for each person.
+        light: (K,3) radiance coefficients, already turned.
         mode: `ratio` multiplies the photo by new / old shading and keeps all its detail; `full` is albedo * shading.
         background: the photo's own by default.
         turn: of a panorama behind, radians.
@@ -101,7 +101,7 @@ def render(
 def frames(
     pixels: np.ndarray,
     people: Sequence[Person],
-    lights: Sequence[tuple[np.ndarray | Sequence[np.ndarray], float]],
+    lights: Sequence[tuple[np.ndarray, float]],
     mode: str,
     background: Background,
     stops: float,
@@ -124,7 +124,7 @@ def frames(
         if background.turns:
             behind = background.linear(shape, turn, stops)
         if ground and behind is not None:
-            ground.cast_shadows(behind, light if isinstance(light, np.ndarray) else np.mean(light, 0))
+            ground.cast_shadows(behind, light)
         out = pixels.copy() if shown is None else with_alpha(pixels, shown)
         for (first, last), part in zip(rows, layers):
             if transparent:
@@ -138,14 +138,11 @@ def total_coverage(people: Sequence[Person], rows: slice = slice(None)) -> np.nd
     return np.maximum.reduce([person.coverage[rows] for person in people])
 
 
-def _fit_maps(
-    people: Sequence[Person], light: np.ndarray | Sequence[np.ndarray], mode: str
-) -> list[tuple[FittedMap, ...]]:
+def _fit_maps(people: Sequence[Person], light: np.ndarray, mode: str) -> list[tuple[FittedMap, ...]]:
     """Fits what relights each person: one map, the gain (`ratio`), or two, albedo and shading (`full`)."""
-    lights = [light] * len(people) if isinstance(light, np.ndarray) else light
     if mode == "ratio":
-        return [(person.fit_gain(new_light),) for person, new_light in zip(people, lights)]
-    return [(person.fitted_albedo, person.fit_shading(new_light)) for person, new_light in zip(people, lights)]
+        return [(person.fit_gain(light),) for person in people]
+    return [(person.fitted_albedo, person.fit_shading(light)) for person in people]
 
 
 def _split_layers(

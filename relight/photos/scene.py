@@ -4,12 +4,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import TypedDict
 
 import numpy as np
 
 from relight.core.errors import UserError
-from relight.lights import Light, LightOptions, load_light
+from relight.lights import Light, load_light
 from relight.panoramas import luminance
 from relight.photos.background import Background
 from relight.photos.look import AUTO, Look
@@ -120,7 +120,7 @@ class Scene:
     def trust(self) -> list[Trust]:
         """How far the inference of each person can be trusted; empty without a network."""
         network = self.network
-        return [assess(person, network.lights, network.stops) for person in self.people] if network else []
+        return [assess(person, network.stops) for person in self.people] if network else []
 
     @property
     def notes(self) -> list[str]:
@@ -145,8 +145,8 @@ class Scene:
 
         The exposure is the geometric mean over the people. If the light is `turning`, it suits all headings.
         """
-        look = look if look.light else look.lit_by(load_light(self.lamp, self.order), windowed=True)
-        light = look.coefficients(self.order)
+        given = (look.light or load_light(self.lamp, self.order)).at_order(self.order).coefficients
+        light = (deringed(given) if look.windowed else given).astype(np.float32)
         shown = rotate_y(light, np.radians(look.turn)).astype(np.float32)
         factors = [exposure_factor(each.light, shown, each.transport, each.mask, turning) for each in self.people]
         needed = float(np.exp(np.mean(np.log(factors))))
@@ -193,10 +193,8 @@ def require_white_balance(white_balance: str) -> None:
 def named_light(
     network: PhotoNetwork,
     text: Path | str,
-    mask: Path | str | None = None,
     mask_model: Path | str | None = None,
     white_balance: str = "keep",
-    **options: Unpack[LightOptions],
 ) -> Light | None:
     """Reads a light as a user names it (docs/photos.md).
 
@@ -204,27 +202,19 @@ def named_light(
         network: whose order the light has, and which infers the light of a photo.
         text: a panorama, a file of coefficients, "room:12", "key:#ffeedd@45,30", "place:street.jpg", a photo of
             somebody, or "auto".
-        mask: of that photo.
-        mask_model: for its automatic mask.
+        mask_model: for an automatic mask of that photo.
         white_balance: of that photo.
-        **options: of `relight.lights.load_light`, for panoramas and coefficients.
 
     Returns:
         The light; None for `auto`.
 
     Raises:
-        UserError: if it is no light, or takes no such option.
+        UserError: if it is no light.
     """
     text = str(text)
-    is_photo = is_of_person(text)
-    if mask and not is_photo:
-        raise UserError(f"a mask of the light is that of a photo of somebody, and the light is {text}")
-    if options and (is_photo or text == AUTO):
-        given = " or ".join(name.replace("_", "-") for name in options)
-        raise UserError(f"the light {text} takes no {given}: only files and generated lights do")
-    if not is_photo:
-        return None if text == AUTO else load_light(text, network.order, **options)
-    scene = Scene.of(text, mask, network, mask_model, white_balance=white_balance)
+    if not is_of_person(text):
+        return None if text == AUTO else load_light(text, network.order)
+    scene = Scene.of(text, None, network, mask_model, white_balance=white_balance)
     notes = [f"{Path(text).name}: {note}" for note in scene.notes]
     if AUTOMATIC in scene.picture.notes:
         notes.append(f"{text} is taken for a photo of somebody; the light of a place is {PREFIX}{text}")

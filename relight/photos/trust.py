@@ -7,7 +7,6 @@ import numpy as np
 from relight.lights import measure
 from relight.lights.select import RULES, broken_rules
 from relight.photos.person import Person
-from relight.sh import cosine_factors, order_of, per_coefficient
 
 ERROR = 0.10  # reconstruction error, linear, above which albedo and light do not explain the photo
 IMPOSSIBLE = -0.35  # moment eigenvalue of a light below which no radiance has its coefficients
@@ -27,27 +26,22 @@ class Trust:
 
     Attributes:
         error: reconstruction error (`Person.error`).
-        distance: of the light to the nearest light of the training, relative; None if those are unknown.
-        usual: the 95 % quantile of that distance among the lights of the training.
         warnings: sentences; none if all is well.
     """
 
     error: float
-    distance: float | None
-    usual: float | None
     warnings: list[str] = field(default_factory=list)
 
 
-def assess(person: Person, training: np.ndarray | None = None, stops: float = 0.0) -> Trust:
+def assess(person: Person, stops: float = 0.0) -> Trust:
     """Assesses one person's inference.
 
     Args:
         person: as inferred.
-        training: (N,K,3) lights of the network's training.
-        stops: by which the training made them brighter at most.
+        stops: by which the training made its lights brighter at most.
 
     Returns:
-        Numbers, and warnings as sentences.
+        The error, and warnings as sentences.
     """
     warnings = []
     if person.error > ERROR:
@@ -56,13 +50,6 @@ def assess(person: Person, training: np.ndarray | None = None, stops: float = 0.
             "shadows may have been taken for dark cloth, or the other way round"
         )
     inferred = person.exposure * person.light * person.white  # as the network has it
-    distance = usual = None
-    if training is not None and len(training) > 1:
-        distance, usual = _distance(inferred, training)
-        if distance > usual:
-            warnings.append(
-                f"the light is unlike those of the network's training (distance {distance:.2f}, usual {usual:.2f})"
-            )
     warnings += _light_warnings(inferred, 2.0**stops)
     image = person.exposure * person.image[person.mask]
     white, black = float((image.max(1) > 0.98).mean()), float((image.max(1) < 0.01).mean())
@@ -72,22 +59,7 @@ def assess(person: Person, training: np.ndarray | None = None, stops: float = 0.
         warnings.append(f"{black:.0%} of the figure is nearly black: there is little to infer from")
     if max(person.crop.side, 1) < 0.5 * person.crop.size:
         warnings.append(f"the figure is only {person.crop.side * 0.9:.0f} pixels large, fewer than the network sees")
-    return Trust(person.error, distance, usual, warnings)
-
-
-def _distance(light: np.ndarray, training: np.ndarray) -> tuple[float, float]:
-    """Returns the distance of irradiances to the nearest light of a training, and its 95 % quantile among those."""
-    count = min(len(light), training.shape[1])
-    weight = per_coefficient(cosine_factors(order_of(count)))[:, None]
-
-    def unit(lights: np.ndarray) -> np.ndarray:
-        flat = (lights[..., :count, :] * weight).reshape(*lights.shape[:-2], -1)
-        return flat / np.maximum(np.linalg.norm(flat, axis=-1, keepdims=True), 1e-9)
-
-    known = unit(training)
-    among = np.linalg.norm(known[:, None] - known[None], axis=-1)
-    np.fill_diagonal(among, np.inf)
-    return float(np.linalg.norm(known - unit(light), axis=1).min()), float(np.quantile(among.min(1), 0.95))
+    return Trust(person.error, warnings)
 
 
 def _light_warnings(light: np.ndarray, gain: float = 1.0) -> list[str]:

@@ -41,7 +41,6 @@ def drawing():
 def own_data(tmp_path, monkeypatch):
     """No test sees or changes the networks that the user has set up."""
     monkeypatch.setenv("RELIGHT_DATA", str(tmp_path / "data"))
-    monkeypatch.setattr("relight.photos.mask.u2net.fetched_model", lambda: None)
     selfie.load_network.cache_clear()
 
 

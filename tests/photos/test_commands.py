@@ -72,22 +72,6 @@ def test_own_light_from_disk_returns_the_photo(run, photo_files, weights, tmp_pa
     assert np.abs(picture(tmp_path / "c/relit.png").astype(int) - pixels).max() <= 1
 
 
-def test_transfer_swaps_the_lights(run, photo_files, weights, tmp_path, draw):
-    me, mask, pixels, _ = photo_files
-    other, other_mask = draw(120, 150, seed=9)
-    Image.fromarray(other).save(tmp_path / "you.png")
-    Image.fromarray(other_mask).save(tmp_path / "you_mask.png")
-    out = tmp_path / "swap"
-    run("transfer", me, tmp_path / "you.png", "--mask-a", mask, "--out", out, "--weights", weights)
-    assert picture(out / "me_lit_as_you.png").shape == pixels.shape
-    assert picture(out / "you_lit_as_me.png").shape == other.shape
-    run("photo", me, "--light", tmp_path / "you.png", "--out", tmp_path / "one", "--weights", weights)
-    assert np.array_equal(picture(tmp_path / "one/relit.png"), picture(out / "me_lit_as_you.png"))
-    run("transfer", me, me, "--mask-b", mask, "--out", tmp_path / "self", "--weights", weights)
-    for name in ("me_1_lit_as_me_2", "me_2_lit_as_me_1"):  # of two photos with one name
-        assert np.array_equal(picture(tmp_path / f"self/{name}.png"), pixels)
-
-
 def test_doubts_about_a_mask_are_said_wherever_one_is_used(run, photo_files, weights, tmp_path):
     me, mask, *_ = photo_files
     folder, inverted = tmp_path / "in", tmp_path / "in" / "you_mask.png"
@@ -100,8 +84,6 @@ def test_doubts_about_a_mask_are_said_wherever_one_is_used(run, photo_files, wei
     lit = ["photo", me, "-m", mask, "-l", folder / "you.png", "--out", tmp_path / "lit", "--weights", weights]
     assert f"note: you.png: {doubt}" in run(*lit)
     assert doubt in (tmp_path / "lit" / "photo.json").read_text()
-    swapped = run("transfer", me, folder / "you.png", "--mask-a", mask, "--out", tmp_path / "s", "--weights", weights)
-    assert f"note: you: {doubt}" in swapped
     Image.new("RGB", (9, 9)).save(folder / "other_mask.png")
     (folder / "below").mkdir()
     (folder / "notes.txt").touch()
@@ -140,14 +122,7 @@ def bad(tmp_path, weights):
     yield [me, "--out", me / "sub"], "nothing can be written there"
     yield [me, "--out", "/proc/relight"], "nothing can be written there"
     yield [me, "--background", tmp_path / "none.png"], r"background: there is no file .*none\.png"
-    yield [me, "--convention", "foo", "--light", "room:3"], "convention 'foo': must be one of relight"
     yield [me, "--blur", "3"], "a panorama or a picture behind can be blurred, not the background keep"
-    yield [me, "--light-mask", me], "a mask of the light is that of a photo of somebody, and the light is auto"
-    yield [me, "--light-mask", me, "--light", f"place:{me}"], "and the light is place:"
-    yield [me, "--layout", "cross"], "the light auto takes no layout"
-    yield [me, "--light", me, "--yaw", "3", "--flip"], "takes no yaw or flip"
-    yield [me, "--light", "room:7", "--layout", "cross"], "layout has an effect on a file of a panorama only"
-    yield [me, "--light", "room:7", "--convention", "dpr"], "convention has an effect on a file of coefficients only"
     yield [me, "--mask", me], "is the photo itself"
 
 

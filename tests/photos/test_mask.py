@@ -3,7 +3,6 @@
 import hashlib
 import subprocess
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +15,6 @@ from relight.photos.mask import selfie, u2net
 from relight.photos.mask.find import AUTOMATIC, NO_OUTLINE, automatic_model, masked
 from relight.photos.mask.tflite import convert
 from relight.photos.picture import Picture
-
-FETCHED = u2net.fetched_model
 
 
 @pytest.fixture
@@ -257,20 +254,6 @@ def test_what_is_no_such_network_is_said(tmp_path):
     ):
         with pytest.raises(UserError, match=says):
             u2net.segment(np.zeros((9, 9, 3), np.uint8), tmp_path / name)
-
-
-def test_a_network_of_rembg_is_found_where_rembg_puts_it(wheel, tmp_path, monkeypatch):
-    folder = tmp_path / "models" / "u2net_human_seg"
-    folder.mkdir(parents=True)
-    model_of(folder / "u2net_human_seg.onnx", [("ReduceMean", [], {"axes": [1], "keepdims": 1})])
-    monkeypatch.setattr(u2net, "fetched_model", FETCHED)
-    monkeypatch.setenv("U2NET_HOME", str(tmp_path))
-    photo = np.full((120, 90, 3), 20, np.uint8)
-    photo[30:100, 25:60] = 230
-    assert ((masked(Picture.of(photo)).coverage > 127) != (photo[..., 0] > 127)).mean() < 0.02
-    assert automatic_model() == folder / "u2net_human_seg.onnx"
-    selfie.setup(wheel)
-    assert automatic_model() == selfie.network_file() and automatic_model("own.onnx") == Path("own.onnx")
 
 
 def test_tighten_leaves_softness_only_near_edges():

@@ -128,7 +128,7 @@ def automatic_mask(picture: Picture, model: Path | str | None = None) -> np.ndar
 
     Args:
         picture: of any size.
-        model: an ONNX segmentation model, as `u2net.segment` takes it; None for the one that is installed.
+        model: an ONNX segmentation model, as `u2net.segment` takes it; None for the built-in one.
 
     Returns:
         Coverage (H,W) uint8, its edge fitted to the picture.
@@ -136,23 +136,21 @@ def automatic_mask(picture: Picture, model: Path | str | None = None) -> np.ndar
     Raises:
         UserError: if there is no such network (NoMaskNetwork), or it finds nobody (NobodyFound).
     """
-    path = automatic_model(model)
-    if path is None:
+    if automatic_model(model) is None:
         raise NoMaskNetwork(
             f"{picture.what} has no mask: for automatic masks run `relight mask setup` once; or {BY_HAND}"
         )
-    built_in = path == selfie.network_file()
-    mask = selfie.segment(picture.codes) if built_in else u2net.segment(picture.codes, model or path)
+    mask = selfie.segment(picture.codes) if model is None else u2net.segment(picture.codes, model)
     if not (mask >= MASK_THRESHOLD).any() or (mask >= MASK_THRESHOLD).all():
         raise NobodyFound(f"the automatic mask found nobody in {picture.what}: {BY_HAND}")
     return fit_edge(picture.pixels, mask, automatic=True)
 
 
 def automatic_model(model: Path | str | None = None) -> Path | None:
-    """Chooses the network for automatic masks: `model`, else the built-in one where it is set up, else rembg's."""
+    """Returns the file of the network for automatic masks: `model`, else the built-in one where it is set up."""
     if model is not None:
         return u2net.named_model(model)[0]
-    return selfie.network_file() if selfie.network_file().is_file() else u2net.fetched_model()
+    return selfie.network_file() if selfie.network_file().is_file() else None
 
 
 def _is_the_photo(mask: np.ndarray, pixels: np.ndarray) -> bool:

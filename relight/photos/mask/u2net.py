@@ -1,9 +1,5 @@
-"""Masks by an ONNX network for segmentation: rembg's for people (U2-Net), or any other that the user names.
+"""Masks by an ONNX network for segmentation that the user names, such as rembg's for people (U2-Net)."""
 
-rembg downloads its model when a user asks it to. It runs here without rembg itself, whose start takes half a minute.
-"""
-
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,7 +10,6 @@ from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.photos.network import open_session
 
-MODEL = "u2net_human_seg"
 SIDE = 320  # pixels of an input that leaves them open
 MEAN, DEVIATION = np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225])  # ImageNet's
 USUAL = "imagenet"
@@ -79,15 +74,3 @@ def segment(pixels: np.ndarray, model: Path | str) -> np.ndarray:
         mask = (mask - mask.min()) / max(float(np.ptp(mask)), 1e-6)
     codes = Image.fromarray(np.round(mask.clip(0, 1) * 255).astype(np.uint8))
     return np.asarray(codes.resize(pixels.shape[1::-1], Image.Resampling.BICUBIC))
-
-
-def fetched_model() -> Path | None:
-    """Finds the model that rembg has downloaded, where its current or older versions keep it; None if there is none."""
-    homes = [os.environ.get(name) for name in ("U2NET_HOME", "REMBG_HOME")] + ["~/.rembg", "~/.u2net"]
-    if data := os.environ.get("XDG_DATA_HOME"):
-        homes += [f"{data}/rembg", f"{data}/.u2net"]
-    for home in filter(None, homes):
-        for path in (f"models/{MODEL}/{MODEL}.onnx", f"{MODEL}.onnx"):
-            if (found := Path(home).expanduser() / path).is_file():
-                return found
-    return None
