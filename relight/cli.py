@@ -92,18 +92,11 @@ class RunCommand(TyperCommand):
         print("Settings, as key=value, with their default values (docs/workflow.md):\n" + overview(composed()))
 
 
-def completed(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Returns the completions of an unfinished override, for shells."""
-    from relight.settings.help import complete
-
-    return complete(ctx.params.get("overrides") or [], incomplete)
-
-
 @app.command(cls=RunCommand)
 def run(
     overrides: Annotated[
         list[str] | None,
-        typer.Argument(help="Settings: scale=smoke, train.lr=1e-3, figures=scans ...", autocompletion=completed),
+        typer.Argument(help="Settings: scale=smoke, train.lr=1e-3, figures=scans ..."),
     ] = None,
     multirun: Annotated[bool, typer.Option("--multirun", "-m", help="Sweep over comma-separated values.")] = False,
     cores: Annotated[

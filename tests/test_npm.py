@@ -1,4 +1,4 @@
-"""Packages of the npm registry come by npm or from the registry, and only in the version that is known."""
+"""Packages of the npm registry come only in the version that is known."""
 
 import base64
 import hashlib
@@ -22,13 +22,12 @@ class Quiet(SimpleHTTPRequestHandler):
 
 @pytest.fixture
 def registry(tmp_path, monkeypatch):
-    """The folder of the tarballs of a registry on this machine, on which npm is not installed."""
+    """The folder of the tarballs of a registry on this machine."""
     folder = tmp_path / "registry" / PACKAGE.name / "-"
     folder.mkdir(parents=True)
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=tmp_path / "registry"))
     Thread(target=server.serve_forever, daemon=True).start()
     monkeypatch.setenv("NPM_CONFIG_REGISTRY", f"http://127.0.0.1:{server.server_port}/")
-    monkeypatch.setenv("PATH", str(tmp_path))
     yield folder
     server.shutdown()
     server.server_close()
@@ -47,18 +46,6 @@ def test_fetch_from_the_registry_that_npm_would_ask(registry):
 def test_fetch_with_an_address_that_is_none(registry, monkeypatch, address):
     monkeypatch.setenv("NPM_CONFIG_REGISTRY", address)
     with pytest.raises(UserError, match="could not be downloaded"):
-        fetch(PACKAGE)
-
-
-def test_fetch_by_npm_where_it_is_installed(tmp_path, monkeypatch):
-    npm = tmp_path / "npm"
-    npm.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/called\nprintf "{DATA.decode()}" > scope-name-1.2.3.tgz\n')
-    npm.chmod(0o755)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert fetch(PACKAGE) == DATA
-    assert (tmp_path / "called").read_text().split() == ["pack", "--silent", "@scope/name@1.2.3"]
-    npm.write_text("#!/bin/sh\necho 'npm error 404' >&2\nexit 1\n")
-    with pytest.raises(UserError, match=r"could not be downloaded \(npm error 404\): run"):
         fetch(PACKAGE)
 
 

@@ -3,9 +3,6 @@
 import base64
 import hashlib
 import os
-import shutil
-import subprocess
-import tempfile
 import urllib.request
 from dataclasses import dataclass
 from http.client import HTTPException
@@ -43,8 +40,7 @@ class Package:
 def fetch(package: Package, file: Path | str | None = None) -> bytes:
     """Reads a package from a file, or downloads it.
 
-    npm does so where it is installed, with its own settings. Otherwise the file comes from the registry, or from the
-    one that the variable NPM_CONFIG_REGISTRY names, as for npm.
+    It comes from the registry, or from the one that the variable NPM_CONFIG_REGISTRY names, as for npm.
 
     Args:
         package: to fetch.
@@ -60,7 +56,7 @@ def fetch(package: Package, file: Path | str | None = None) -> bytes:
         data = existing_file(file, "--from").read_bytes()
     else:
         try:
-            data = _pack(package) if shutil.which("npm") else _download(package)
+            data = _download(package)
         except (OSError, ValueError, HTTPException) as error:  # urllib's errors are OSErrors
             raise UserError(
                 f"{package.name} {package.version} could not be downloaded ({getattr(error, 'reason', error)}): run "
@@ -70,17 +66,6 @@ def fetch(package: Package, file: Path | str | None = None) -> bytes:
     if base64.b64encode(hashlib.sha512(data).digest()).decode() != package.integrity:
         raise UserError(f"{file or package.file_name} is not {package.name} {package.version}: its SHA-512 differs")
     return data
-
-
-def _pack(package: Package) -> bytes:
-    """Downloads the .tgz of a package by `npm pack`. Raises OSError with npm's message if that fails."""
-    with tempfile.TemporaryDirectory() as folder:
-        command = ["npm", "pack", "--silent", f"{package.name}@{package.version}"]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        packed = Path(folder) / package.file_name
-        if done.returncode or not packed.is_file():
-            raise OSError(next(iter(done.stderr.strip().splitlines()), "npm pack wrote no file"))
-        return packed.read_bytes()
 
 
 def _download(package: Package) -> bytes:

@@ -27,8 +27,7 @@ def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, trac
     recipe = Recipe(
         Model(**settings["model"]), Loss(**settings["loss"]), Train(**settings["train"]), Augment(**settings["augment"])
     )
-    data = {"figures": inputs.packed, "lights": inputs.lights, "split": inputs.split}
-    with training_run(tracking, out.stem, fingerprint(recipe, inputs), recipe.as_dict(), data) as run:
+    with training_run(tracking, out.stem, fingerprint(recipe, inputs), recipe.as_dict()) as run:
         hooks = (run.log, run.add_image) if run else ()
         train_network(recipe, inputs, out, out.parent / "state" / out.stem / "state.pt", curve, *hooks)
         if run:

@@ -1,4 +1,4 @@
-"""Formats settings for --help, and completes overrides in a shell."""
+"""Formats settings for --help."""
 
 import textwrap
 
@@ -40,32 +40,3 @@ def _line(key: str, value: object) -> str:
     assignment, left, gap = f"{key}={shown}", 4 * " ", 2 * " "
     text = f"{left}{assignment:{INDENT - len(left + gap)}s}{gap}{about}{f' ({domain})' if domain else ''}"
     return "\n".join(textwrap.wrap(text, WIDTH, subsequent_indent=INDENT * " "))
-
-
-def complete(args: list[str], incomplete: str) -> list[str]:
-    """Returns the completions of an unfinished override, for shells.
-
-    Args:
-        args: the preceding words. bash splits `scale=sm` into three words and expects completions of the last one.
-        incomplete: the text so far.
-    """
-    if args[-1:] == ["="]:  # scale = sm
-        return [word for word in values(args[-2]) if word.startswith(incomplete)]
-    if args and not incomplete and (words := values(args[-1])):  # directly behind `scale=`, without its sign
-        return words
-    key, equals, value = incomplete.partition("=")
-    if equals:
-        return [f"{key}={word}" for word in values(key) if word.startswith(value)]
-    return [f"{word}=" for word in sorted({*presets(), *FIELDS}) if word.startswith(incomplete)]
-
-
-def values(key: str) -> list[str]:
-    """Returns the presets of a group, or the choices of a setting; empty for numbers and free text.
-
-    >>> values("split.sitting")
-    ['apart', 'dealt']
-    """
-    field = FIELDS.get(key)
-    if field is None:
-        return presets().get(key, [])
-    return ["true", "false"] if field.type is bool else list(setting_of(field).choices)

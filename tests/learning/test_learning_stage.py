@@ -1,7 +1,6 @@
 """The job that trains: no kill and no failure of MLflow loses a training, and its run in MLflow tells the truth."""
 
 import csv
-import hashlib
 import json
 import multiprocessing
 import os
@@ -105,7 +104,7 @@ def header(network: Path = OUT) -> dict:
 
 
 def check_run(training: Training, run, made: dict, points: list[tuple[int, float]]) -> None:
-    """Parameters, metrics, inputs and artifacts of a run are those of the training that wrote a network.
+    """Parameters, metrics and artifacts of a run are those of the training that wrote a network.
 
     Args:
         training: where it is.
@@ -120,9 +119,6 @@ def check_run(training: Training, run, made: dict, points: list[tuple[int, float
     assert training.logged(run) == points
     drawn = [int(path.name.split("+")[2]) for path in sorted(folder.glob("images/*.png"))]
     assert sorted(drawn) == [4, 8], "a picture an epoch"
-    inputs = {made.dataset.name: made.dataset.digest for made in run.inputs.dataset_inputs}
-    for name, path in zip(("figures", "lights", "split"), training.paths.values(), strict=True):
-        assert inputs[name] == hashlib.sha256(path.read_bytes()).hexdigest()[:36]
     assert (folder / "curve" / CURVE.name).exists()
 
 

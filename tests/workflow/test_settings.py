@@ -1,4 +1,4 @@
-"""Settings for people: --help, the site's page, and what shells complete."""
+"""Settings for people: --help, and the site's page."""
 
 import os
 import re
@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from relight.settings import ROOT, composed, presets
-from relight.settings.help import complete, overview
+from relight.settings.help import overview
 from relight.settings.schema import FIELDS
 
 
@@ -32,35 +32,12 @@ def test_the_page_of_settings_has_every_setting_and_preset():
     assert set(named) == {(group, name) for group, names in presets().items() if len(names) > 1 for name in names}
 
 
-@pytest.mark.parametrize(
-    ("args", "incomplete", "found"),
-    [
-        ([], "sca", ["scale="]),
-        ([], "train.lr", ["train.lr="]),
-        ([], "lights.r", ["lights.rules="]),
-        ([], "scale=sm", ["scale=smoke"]),
-        (["scale", "="], "sm", ["smoke"]),  # bash
-        (["scale"], "", ["demo", "laptop", "paper", "smoke", "study"]),
-        ([], "train.optimizer=", ["train.optimizer=adam", "train.optimizer=muon"]),
-        ([], "model.refine=t", ["model.refine=true"]),
-        ([], "nothing", []),
-        ([], "train.lr=1", []),
-        (["scale=smoke"], "", None),
-    ],
-)
-def test_completion(args, incomplete, found):
-    words = complete(args, incomplete)
-    assert words == found if found is not None else len(words) > 100 and "bake.rays=" in words
-
-
 @pytest.mark.slow
-def test_the_command_line_completes_and_prints_its_settings():
-    def relight(*words: str, **environment: str) -> str:
-        command = [sys.executable, "-c", "from relight.cli import app; app(prog_name='relight')", *words]
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), **environment}
-        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
-
-    words = {"_RELIGHT_COMPLETE": "complete_bash", "COMP_WORDS": "relight run scale = sm", "COMP_CWORD": "4"}
-    assert relight(**words).split() == ["smoke"]
-    printed = yaml.safe_load(relight("run", "--cfg", "job", "scale=smoke", "train.lr=0.5"))
+def test_the_command_line_prints_its_settings():
+    words = ["run", "--cfg", "job", "scale=smoke", "train.lr=0.5"]
+    command = [sys.executable, "-c", "from relight.cli import app; app(prog_name='relight')", *words]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    printed = yaml.safe_load(
+        subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    )
     assert printed["train"]["lr"] == 0.5 and printed["name"] == "smoke" and "hydra" not in printed

@@ -59,7 +59,7 @@ def chdir_and_call(folder: Path, action, *arguments) -> None:
 
 def write(uri: str, seed: int) -> None:
     """A training of three epochs that does not end."""
-    with training_run(tracking(uri, ours=TAGS), f"ours.s{seed}", str(seed) * 64, {"lr": seed}, {}) as run:
+    with training_run(tracking(uri, ours=TAGS), f"ours.s{seed}", str(seed) * 64, {"lr": seed}) as run:
         for step in range(3):
             run.log({"loss": seed + step / 4, "validation/loss": seed}, step)
     os._exit(0)  # as if it were killed
@@ -129,7 +129,7 @@ def test_connect_processes_share_a_new_store(client, folder):
 
 
 def make_run(name: str = "ours.s0", mark: str = "1" * 64, steps=(4, 8)) -> None:
-    with training_run(tracking(URI), name, mark, {"lr": 1}, {}) as run:
+    with training_run(tracking(URI), name, mark, {"lr": 1}) as run:
         for step in steps:
             run.add_image(np.zeros((8, 8, 3), np.uint8), step)
             run.log({"loss": step / 8, "albedo": 1.0}, step)
@@ -160,8 +160,7 @@ def record(uri: str, losses: dict[str, float]) -> None:
         save_network(network, build(NETWORK, 64), NETWORK, fingerprint=name.encode().hex(), **settings)
         curve = Path(f"{name}.csv")
         curve.write_text(f"step,loss,validation/loss\n4,0.5,{loss + 1}\n8,0.25,{loss}\n")
-        data = {"lights": network}
-        with training_run(tracking(uri), name, name.encode().hex(), settings, data) as run:
+        with training_run(tracking(uri), name, name.encode().hex(), settings) as run:
             run.log({"loss": 0.5, "validation/loss": loss + 1}, 4)
             run.finish(network, curve)
             assert not run._warnings
@@ -221,7 +220,7 @@ def test_connect_says_that_a_clone_was_moved(empty_store, tmp_path, capfd):
 def test_without_an_address_nothing_is_tracked(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     network = tmp_path / "ours.s0.safetensors"
-    with training_run(tracking(None), "ours.s0", "1" * 64, {"lr": 1}, {}) as run:
+    with training_run(tracking(None), "ours.s0", "1" * 64, {"lr": 1}) as run:
         assert run is None
     log_scores(tracking(None), network, {"fingerprint": "1" * 64}, "test", {"light_rmse": 1.0}, network)
     assert not list(tmp_path.iterdir()) and capsys.readouterr() == ("", "")

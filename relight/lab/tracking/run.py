@@ -1,7 +1,6 @@
 """The run of a training in MLflow."""
 
 import csv
-import json
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -31,14 +30,14 @@ HEADLINE = "_rmse"  # end of the scores that become metrics, of which MLflow dra
 
 
 class TrainingRun:
-    """The run of a training, found by name and fingerprint or created, with its inputs and the machine's load.
+    """The run of a training, found by name and fingerprint or created, with the machine's load.
 
     The fingerprint is a hash of everything on which the results depend. A training that is resumed continues its run;
     one with other settings or data has another run. Exceptions of MLflow become warnings. What a store misses while it
     cannot be reached, `finish` sends, except pictures. A run that has finished stays as it is.
     """
 
-    def __init__(self, tracking: dict[str, Any], name: str, fingerprint: str, settings: dict, data: Mapping[str, Path]):
+    def __init__(self, tracking: dict[str, Any], name: str, fingerprint: str, settings: dict):
         """Takes what the run records; nothing is sent before `open`.
 
         Args:
@@ -46,11 +45,10 @@ class TrainingRun:
             name: name of the training, such as ours_full.s0.
             fingerprint: `relight.learning.train.fingerprint`.
             settings: parameters of the run, nested.
-            data: name of an input, such as "lights" -> its file.
         """
         training = TrainingName.parse(name)
         self.track = Track(**tracking["track"])
-        self.name, self.fingerprint, self.data = name, fingerprint, data
+        self.name, self.fingerprint = name, fingerprint
         # With those that the row names, such as loss=min, since a comparison shows what differs.
         named = dict(word.lstrip("+").partition("=")[::2] for word in tracking["rows"].get(training.row, []))
         self.settings = {key: str(value) for key, value in (named | flat(settings)).items()}
@@ -66,7 +64,7 @@ class TrainingRun:
         self._retry_at = 0.0
 
     def open(self) -> None:
-        """Finds or creates the run, with parameters and inputs, as MLflow's active one unless it has finished."""
+        """Finds or creates the run, with its parameters, as MLflow's active one unless it has finished."""
         if self.id:
             return
         client, experiment = connect(self.track)
@@ -79,7 +77,6 @@ class TrainingRun:
             mlflow.end_run("FAILED")  # that of an earlier attempt
             run = mlflow.start_run(**known, tags=self.tags, description=NOTE, log_system_metrics=True)
             mlflow.log_params(self.settings)
-            client.log_inputs(run.info.run_id, [dataset_input(name, path) for name, path in self.data.items()])
         self.id = run.info.run_id
 
     def add_image(self, image: np.ndarray, step: int) -> None:
@@ -167,25 +164,8 @@ def read_curve(path: Path) -> dict[int, dict[str, float]]:
     return {int(row.pop("step")): {name: float(value) for name, value in row.items() if value} for row in rows}
 
 
-def dataset_input(name: str, path: Path):
-    """Returns MLflow's record of an input file of a training (`mlflow.entities.DatasetInput`), with its SHA-256.
-
-    Args:
-        name: of the input, such as "lights".
-        path: the file.
-    """
-    from mlflow.entities import Dataset, DatasetInput, InputTag
-
-    digest = file_hash(path)
-    source = json.dumps({"uri": str(path), "sha256": digest})
-    # MLflow limits digests to 36 characters.
-    return DatasetInput(Dataset(name, digest[:36], "local", source), [InputTag("mlflow.data.context", "training")])
-
-
 @contextmanager
-def training_run(
-    tracking: dict[str, Any], name: str, fingerprint: str, settings: dict, data: Mapping[str, Path]
-) -> Iterator[TrainingRun | None]:
+def training_run(tracking: dict[str, Any], name: str, fingerprint: str, settings: dict) -> Iterator[TrainingRun | None]:
     """Yields the open run of a training, and marks it as failed if the block raises.
 
     Args:
@@ -193,9 +173,8 @@ def training_run(
         name: name of the training, such as ours_full.s0.
         fingerprint: hash of everything on which the results depend (`relight.learning.train.fingerprint`).
         settings: parameters of the run, nested.
-        data: name of an input, such as "lights" -> its file.
     """
-    run = TrainingRun(tracking, name, fingerprint, settings, data)
+    run = TrainingRun(tracking, name, fingerprint, settings)
     if not run.track.uri:
         yield None
         return
@@ -227,7 +206,7 @@ def log_scores(
     settings = {part: config[part] for part in ("model", "loss", "train", "augment") if part in config}
     # A network without a fingerprint was trained elsewhere, and has its own run.
     fingerprint = config.get("fingerprint") or file_hash(network)
-    training = TrainingRun(tracking, network.stem, fingerprint, settings, {})
+    training = TrainingRun(tracking, network.stem, fingerprint, settings)
     if not training.track.uri:
         return
     training.finish(network)  # makes the run of a network that was trained without the store; else does nothing
