@@ -1,7 +1,7 @@
 """`relight benchmark`: makes a set of pictures, answers it, scores answers, and compares them."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -28,16 +28,14 @@ def make(
     count: Annotated[int | None, typer.Option(help="Number of pictures; by default all 128.")] = None,
     size: Annotated[int, typer.Option(help="Side of the picture of a whole person, pixels.")] = 512,
     samples: Annotated[int, typer.Option(min=1, help="Paths per pixel.")] = 64,
-    detail: Annotated[str, typer.Option(help="Detail of the figures: full, or draft for 128 px.")] = "full",
+    detail: Annotated[
+        Literal["full", "draft"], typer.Option(help="Detail of the figures; draft is for 128 px.")
+    ] = "full",
 ) -> None:
     """Render the pictures of a set, resuming where it was stopped. Needs Mitsuba (the extra `bench`)."""
     from relight.benchmark.make import make as make_set
     from relight.benchmark.picture import Settings
-    from relight.core.errors import UserError
-    from relight.figures.dress import DETAILS
 
-    if detail not in DETAILS:
-        raise UserError(f"--detail {detail}: must be {' or '.join(DETAILS)}")
     digest = make_set(out, kind, count, Settings(size=size, samples=samples, detail=detail))
     print(f"{out}: set {digest[:16]}")
 

@@ -12,7 +12,6 @@ A norm would turn a map of one pixel into zeros, since the pixel is its own mean
 """
 
 from itertools import pairwise
-from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -254,11 +253,6 @@ class Refinement(nn.Module):
         )  # (B,3,3,K,K)
         right = (albedo * image) @ transport.mT / pixels + (prior @ light[..., None])[..., 0].mT
         return blocks.transpose(2, 3).flatten(3).flatten(1, 2), right.flatten(1)
-
-    def _load_from_state_dict(self, state: dict[str, Tensor], prefix: str, *others: Any) -> None:
-        """Loads the parameters; those of networks of version 0.2 get a coupling of 0."""
-        state.setdefault(f"{prefix}coupling", torch.zeros(len(self.trust), 3, 3))
-        super()._load_from_state_dict(state, prefix, *others)
 
 
 class Network(nn.Module):

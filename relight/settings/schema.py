@@ -52,9 +52,7 @@ class Figures:
     count: int = setting("number of seeds", 1, least=1)
     detail: str = setting("resolution of the drape", choices=("draft", "full"))
     texture: int = setting("side of the largest texture, pixels", least=16)
-    per_subject: int = setting(
-        "number of consecutive seeds that show one person in one outfit, in different poses", least=1
-    )
+    per_subject: int = setting("number of consecutive seeds that show one person in one outfit, posed anew", least=1)
     outfits: int = setting("number of sets of fabrics of each figure, with the same shape and transport", least=1)
     sitting: float = setting("share of the figures that sit", least=0, most=1)
     poses: list[str] = setting("names of the poses to draw from; [] for all")
@@ -68,9 +66,7 @@ class Align:
 
     up: str = setting("axis of the file that points up", choices=AXES)
     front: str = setting("axis of the file that the figure faces", choices=AXES)
-    table: str | None = setting(
-        "CSV table with the columns name, up, front and turn (degrees), for individual figures", None
-    )
+    table: str | None = setting("CSV table of single figures: name, up, front, turn (degrees)", None)
 
 
 @dataclass
@@ -89,14 +85,9 @@ class Bake:
 class Split:
     """Division of the figures into training, validation and test."""
 
-    kind: str = setting(
-        "what the test figures are: whole subjects (subject) or single figures (paper)", choices=("subject", "paper")
-    )
+    kind: str = setting("what is drawn: whole subjects, or single figures (paper)", choices=("subject", "paper"))
     test: float = setting("share of the figures that are test figures", above=0, below=1)
-    sitting: str = setting(
-        "sitting figures: apart, neither in training nor in test, or dealt out like the others",
-        choices=("apart", "dealt"),
-    )
+    sitting: str = setting("sitting figures: a part of their own, or dealt out", choices=("apart", "dealt"))
     least: float = setting("least share of usable figures, below which the run ends", least=0, most=1)
     seed: int = setting("seed of the draw", least=0)
 
@@ -116,30 +107,19 @@ class Panoramas:
     )
     flip: bool = setting("whether panoramas are mirrored left to right")
     upside_down: bool = setting("whether the first row of files is the bottom", False)
-    repair: bool = setting(
-        "whether pixels that are not finite are replaced by the mean of their neighbours; else the file is left out",
-        False,
-    )
+    repair: bool = setting("whether pixels that are not finite get the mean of their neighbours; else refused", False)
 
 
 @dataclass
 class Lights:
     """The light set: how lights of panoramas are scaled, rotated, selected and split."""
 
-    order: str = setting(
-        "unusual lights are removed before the clustering (cut_first) or after it (paper)",
-        choices=("cut_first", "paper"),
-    )
+    order: str = setting("unusual lights go before the clustering, or after it", choices=("cut_first", "paper"))
     clusters: int = setting("number of usual lights", least=2)
     test: int = setting("number of usual test lights, fewer than clusters", least=1)
     extra_test: int = setting("number of further test lights, from panoramas without training lights", least=0)
-    split: str = setting(
-        "how training and test lights are split: by panorama (room), or at random", choices=("room", "random")
-    )
-    rules: str = setting(
-        "limits of usual lights: those of rooms, or wider ones that skies and studios keep (strong)",
-        choices=("rooms", "strong"),
-    )
+    split: str = setting("split of training and test lights: by panorama, or at random", choices=("room", "random"))
+    rules: str = setting("limits of usual lights: of rooms, or wider, for skies too", choices=("rooms", "strong"))
     seed: int = setting("seed of scales, clusters and split", least=0)
 
 
@@ -159,10 +139,7 @@ class Model:
         "how albedo is limited to [0, 1]: clipped; clipped, with a straight-through gradient; or by a sigmoid",
         choices=("clip", "straight_through", "sigmoid"),
     )
-    light_head: str = setting(
-        "how the light is inferred: by strided convolutions, or by pooling over the figure",
-        choices=("strided", "pooled"),
-    )
+    light_head: str = setting("head of the light: strided, or pooled over the figure", choices=("strided", "pooled"))
     refine: bool = setting("whether the light is refined to explain the image by the inferred maps")
     sees: str = setting("input: the image and its mask, or the mask alone", choices=("image", "mask"))
 
@@ -177,36 +154,23 @@ class Loss:
     tv_albedo: float = weight("total variation of albedo", "albedo", supervised=False)
     tv_transport: float = weight("total variation of transport", "transport", supervised=False)
     shading: float = weight(
-        "error of shading, by the inferred transport, by the inferred light, and by both; weight of each of the three",
-        "transport light",
+        "errors of shading by inferred transport, light, and both; weight of each", "transport light"
     )
     reconstruction: float = weight(
-        "error of the relit image with one or two of albedo, transport and light inferred; weight of each of the six",
+        "errors of the image with one or two of three factors inferred; weight of each of six",
         "albedo transport light",
     )
     reconstruction_full: float = weight(
         "error of the relit image with all three inferred", "albedo transport light", supervised=False
     )
-    relit: float = weight(
-        "error of the inferred shading and image under the light of another image of the batch; "
-        "weight of each of the two",
-        "albedo transport",
-    )
+    relit: float = weight("errors of shading and image under another light; weight of each", "albedo transport")
     detail: float = weight(
-        "energy of the detail of the error of albedo, transport and shading under the true light, relative to that of "
-        "the truth; weight of each of the three",
-        "albedo transport",
+        "energy of the errors' detail in albedo, transport, shading, over the true; weight of each", "albedo transport"
     )
     exclusion: float = weight("detail common to albedo and shading, beyond that of the true ones", "albedo transport")
     extra: dict[str, float] = setting("weights of your own losses, by the names of the extensions", {})
-    tv_reference: int = setting(
-        "image size in pixels at which tv_transport applies; the weight is proportional to the image size",
-        1024,
-        least=1,
-    )
-    reduction: str = setting(
-        "whether losses are means over the whole image, or over its mask", "image", choices=("image", "mask")
-    )
+    tv_reference: int = setting("side, pixels, at which tv_transport has its weight; in proportion", 1024, least=1)
+    reduction: str = setting("means over the whole image, or over its mask", "image", choices=("image", "mask"))
 
 
 @dataclass
@@ -218,13 +182,7 @@ class Train:
     lr: float = setting("learning rate of Adam; Muon takes five times as much", above=0)
     beta1: float = setting("decay of Adam's mean of gradients", least=0, below=1)
     schedule: str = setting("schedule of the learning rate after the warm-up", choices=("constant", "cosine"))
-    span: list[float] = setting(
-        "part of the cosine that this training covers, so that one schedule can go over several trainings",
-        [0.0, 1.0],
-        interval=True,
-        least=0,
-        most=1,
-    )
+    span: list[float] = setting("part of the cosine that it covers", [0.0, 1.0], interval=True, least=0, most=1)
     warmup: int = setting("steps in which the learning rate rises to lr", least=0)
     color: str = setting(
         "color model: 8-bit codes as linear albedo (paper), or linear albedo, and pictures as of cameras (photo)",
@@ -234,33 +192,18 @@ class Train:
     device: str = setting("device of the training; auto prefers a GPU, as scores do", choices=DEVICES)
     precision: str = setting("precision of matrix products: 32 bits, or bfloat16", choices=("f32", "bf16"))
     epoch: int = setting("steps between metrics and checkpoints", least=1)
-    pairs: str = setting(
-        "order of the pairs: at random (shuffled), or all lights of a figure in a row, as in the authors' code (rows)",
-        choices=("shuffled", "rows"),
-    )
+    pairs: str = setting("pairs at random, or all lights of a figure in a row", choices=("shuffled", "rows"))
     optimizer: str = setting("Adam, or Muon for convolutions with a norm", choices=("adam", "muon"))
-    average: float = setting(
-        "decay of the moving average of the weights, which is saved; 0 saves the last weights", least=0, below=1
-    )
+    average: float = setting("decay of the average of the weights that is saved; 0: the last", least=0, below=1)
     mirror: bool = setting("whether half of the pairs are mirrored left to right")
     compile: bool = setting("whether the network is compiled by torch.compile, which is faster on a GPU")
     start: str | None = setting("network of the same form to start from: a file, or another row", None)
     only: str | None = setting("part of `start` that is trained; null for all of it", None, choices=("encoder",))
-    part: str = setting(
-        "part of the split to train on; test needs losses without ground truth",
-        "train",
-        choices=("train", "test"),
-    )
-    size: int | None = setting(
-        "side of the images, pixels, at most that of the maps, which is the value of null", None, least=64, multiple=64
-    )
-    figures: int | None = setting(
-        "number of training figures, drawn by the seed, nested for increasing numbers; null for all", None, least=1
-    )
+    part: str = setting("part of the split; test needs losses without ground truth", "train", choices=("train", "test"))
+    size: int | None = setting("side of the images, pixels; null for that of the maps", None, least=64, multiple=64)
+    figures: int | None = setting("number of training figures, nested by the seed; null for all", None, least=1)
     lights: list[str] = setting(
-        "splits of the light set to train under; test needs losses without ground truth",
-        ["train"],
-        choices=("train", "rich", "test"),
+        "splits of the lights; test needs losses without ground truth", ["train"], choices=("train", "rich", "test")
     )
 
 
@@ -272,20 +215,14 @@ class Augment:
     ground truth, the others only the picture.
     """
 
-    framing: float = setting(
-        "share of the pictures with a new size and place of the figure, of which half end between chest and knees",
-        least=0,
-        most=1,
-    )
+    framing: float = setting("share of the pictures with a new framing, half of them cut", least=0, most=1)
     tint: float = setting("standard deviation of ln(B/G) of the white balance", least=0)
     exposure: list[float] = setting("range of the exposure, stops", interval=True)
     recolor: float = setting("share of the pictures with other colors of garments", least=0, most=1)
     prints: float = setting("share of the pictures with stripes, checks, dots or blots on garments", least=0, most=1)
     gloss: float = setting("share of the pictures with glossy materials", least=0, most=1)
     mask: int = setting("largest error of the mask's outline, pixels", least=0)
-    camera: float = setting(
-        "strength of a camera's blur, tone curve, sharpening, noise and JPEG compression", least=0, most=1
-    )
+    camera: float = setting("strength of blur, tone curve, sharpening, noise and JPEG compression", least=0, most=1)
 
 
 # The settings of Augment that change pictures, apart from `exposure`.
@@ -305,14 +242,10 @@ class Experiment:
     lights: str = setting("split of the light set under which they are scored", "test", choices=SCORED_LIGHTS)
     table: bool = setting("whether it is a table of trained and scored rows; else it has stages of its own", True)
     plates: bool = setting("whether its rows are drawn side by side on test figures", False)
-    shows: list[str] = setting(
-        "quantities in its table; by default those of the paper's Table 1", list(QUANTITIES[:6]), choices=QUANTITIES
-    )
-    compare: dict[str, str] = setting(
-        "pairs of rows that its section compares, `this against that`, each with what the comparison measures", {}
-    )
+    shows: list[str] = setting("quantities in its table", list(QUANTITIES[:6]), choices=QUANTITIES)
+    compare: dict[str, str] = setting("pairs of rows, `this against that`, each with what the difference measures", {})
     compare_in: list[str] = setting(
-        "columns of the scores in which they are compared, such as relit_rmse",
+        "columns of the scores in which they are compared",
         ["shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse"],
     )
 

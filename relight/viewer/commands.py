@@ -8,6 +8,12 @@ import typer
 from relight.core.default_command import default_command
 
 app = typer.Typer()
+Lights = Annotated[
+    list[str] | None,
+    typer.Option("--light", "-l", help="A light to offer instead of the usual ones; may be given several times."),
+]
+Size = Annotated[int, typer.Option(min=64, max=4096, help="A photo's longer side is scaled down to this, pixels.")]
+Weights = Annotated[Path | None, typer.Option("--weights", "-w", help="A network (.onnx).")]
 web_app = typer.Typer(
     cls=default_command("build"),
     help="A site that relights photos in the browser. Nothing leaves the visitor's computer.",
@@ -19,10 +25,7 @@ web_app = typer.Typer(
 def view(
     paths: Annotated[list[Path], typer.Argument(help="Maps (.exr) or photos; several make a gallery.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The page; by default beside the first file.")] = None,
-    light: Annotated[
-        list[str] | None,
-        typer.Option("--light", "-l", help="A light to offer instead of the usual ones; may be given several times."),
-    ] = None,
+    light: Lights = None,
     mask: Annotated[
         Path | None, typer.Option("--mask", "-m", help="Mask of a single photo: white on the people, same size.")
     ] = None,
@@ -31,14 +34,14 @@ def view(
         typer.Option("--background", "-b", help="Background to show first: studio, light, color, clear or photo."),
     ] = None,
     title: Annotated[str, typer.Option(help="Title of the page; by default the file's name.")] = "",
-    size: Annotated[int, typer.Option(min=64, max=4096, help="A photo's longer side is scaled down to this.")] = 1024,
+    size: Size = 1024,
     limit: Annotated[
         float | None,
         typer.Option(
             min=0.1, max=100, help="Largest size of the page, MB: 6 by default, and 2.5 for each further figure."
         ),
     ] = None,
-    weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A network (.onnx).")] = None,
+    weights: Weights = None,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
     """Write one self-contained .html page: drag to turn the light, choose lights, drop your own .hdr."""
@@ -78,15 +81,10 @@ def web_build(
         list[Path] | None,
         typer.Argument(help="Maps (.exr) or photos to show first; by default a portrait (NASA).", metavar="FILE"),
     ] = None,
-    light: Annotated[
-        list[str] | None,
-        typer.Option("--light", "-l", help="A light to offer instead of the usual ones; may be given several times."),
-    ] = None,
+    light: Lights = None,
     title: Annotated[str, typer.Option(help="Title of the page.")] = "Turn the light in a photo",
-    size: Annotated[
-        int, typer.Option(min=64, max=4096, help="Longer side of the photos to show first, pixels.")
-    ] = 1024,
-    weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A network (.onnx).")] = None,
+    size: Size = 1024,
+    weights: Weights = None,
 ) -> None:
     """Write the site to the folder DIR, for any static web server."""
     from relight.core.errors import UserError

@@ -154,14 +154,6 @@ def test_refined_light_solves_the_weighted_least_squares(size):
         np.testing.assert_allclose(refined[b].T.flatten().detach().numpy(), expected, rtol=2e-3, atol=2e-3)
 
 
-def test_refinement_of_a_network_without_coupling():
-    """Networks of version 0.2 have `trust` alone, one weight for all channels."""
-    refinement = Refinement(9)
-    nn.init.constant_(refinement.coupling, 0.5)
-    refinement.load_state_dict({"trust": torch.arange(9.0)})
-    assert torch.equal(refinement.trust, torch.arange(9.0)) and not refinement.coupling.any()
-
-
 @pytest.mark.parametrize("name", ["ours", "sfsnet_ao"])
 def test_refinement_teaches_the_head_and_its_trust_but_not_the_maps(model, name):
     torch.manual_seed(8)
