@@ -24,7 +24,7 @@ from relight.core.progress import progress
 from relight.core.version import __version__
 from relight.photos.color import DISPLAY_STOPS, KNEE, on_white
 from relight.photos.look import Look
-from relight.photos.mask.find import automatic_model
+from relight.photos.mask import selfie
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.opening import list_photos, list_pictures, mask_beside, mask_in
 from relight.photos.scene import Scene, SceneOptions, require_white_balance
@@ -253,7 +253,7 @@ def relight_photos(
     tasks = {}
     for photo in photos:
         mask = (mask_in(masks, photo.stem) or Path(masks) / f"{photo.stem}.png") if masks else mask_beside(photo)
-        files = photo, mask, automatic_model(options.get("mask_model"))
+        files = photo, mask, selfie.network_file()
         fingerprint = _fingerprint(files, look, maps, options, network)
         if _recorded(Path(out) / photo.name) == fingerprint:
             summary.kept.append(photo.name)

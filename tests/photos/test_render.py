@@ -64,7 +64,7 @@ def test_photo_in_photo_out(relighter, size, draw):
     pixels, mask = draw(*size, seed=sum(size))
     figures = relighter.infer(pixels, mask)
     for background_ in (None, Background("none")):
-        out = render(pixels, figures, [f.light for f in figures], "ratio", background_)
+        out = render(pixels, figures, figures[0].light, "ratio", background_)
         inside = (figures[0].coverage == 255) if background_ else np.ones(mask.shape, bool)
         assert np.array_equal(out[..., :3][inside], pixels[inside])
     assert 0 < figures[0].error < 1
@@ -76,7 +76,8 @@ def test_several_people_each_by_their_own_light(relighter, draw):
     both = np.concatenate([mask, mask], 1)
     figures = relighter.infer(two, both, white_balance="scene")
     assert len(figures) == 2
-    assert np.array_equal(render(two, figures, [f.light for f in figures]), two)
+    for figure in figures:
+        assert np.array_equal(render(two, [figure], figure.light), two)
     alone = relighter.infer(pixels, mask, white_balance="scene")
     assert np.abs(alone[0].light - figures[0].light).max() < 1e-5  # the neighbour changes nothing
     assert len(relighter.infer(two, both, split=False)) == 1
