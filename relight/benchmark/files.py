@@ -14,7 +14,7 @@ from relight.benchmark.shots import Shot
 from relight.core.errors import UserError
 from relight.core.files import atomic_write, existing_file, file_hash
 from relight.core.npz import read_npz
-from relight.maps.square import MASK_THRESHOLD, Crop, crop_around
+from relight.maps.square import MASK_THRESHOLD, crop_around
 
 INDEX = "index.json"
 PICTURES = ("ratio", "full")  # relit pictures: the photograph times a gain, and rendered from maps alone
@@ -56,17 +56,12 @@ class Entry:
     def shot(self) -> Shot:
         """Reads the photograph with its mask and square. Raises UserError if a file is missing or broken."""
         photo, mask = (_read_picture(self.folder / f"{name}.png") for name in ("photo", "mask"))
-        return Shot(photo, mask, _make_square(mask, self.square, self.side))
+        top, left, length = self.square
+        return Shot(photo, mask, replace(crop_around(mask, self.side), top=top, left=left, side=length))
 
     def panoramas(self) -> list[Path]:
         """Returns the files of the new lights."""
         return [self.folder / f"new_{number}.exr" for number in range(self.new)]
-
-
-def _make_square(mask: np.ndarray, square: tuple[float, float, float], side: int) -> Crop:
-    """Returns a square (top, left, side; pixels of the photograph) with the range of pixels that the person covers."""
-    top, left, length = square
-    return replace(crop_around(mask, side), top=top, left=left, side=length)
 
 
 def _read_picture(path: Path) -> np.ndarray:
@@ -102,20 +97,13 @@ class BenchmarkSet:
         """The pictures of the set and their variants, in the order of the index."""
         inputs = self.folder / "inputs"
         side = self.index["settings"]["size"] // 2  # as of `picture.Settings.side`
-        return [
-            Entry(
-                folder=inputs / picture["name"],
-                name=picture["name"],
-                figure=picture["figure"],
-                of=picture["of"],
-                photo=picture["files"][f"inputs/{picture['name']}/photo.png"],
-                size=tuple(picture["size"]),
-                side=side,
-                square=tuple(picture["square"]),
-                new=picture["new"],
-            )
-            for picture in self.index["pictures"]
-        ]
+        entries = []
+        for picture in self.index["pictures"]:
+            told = {key: picture[key] for key in ("name", "figure", "of", "new")}
+            photo = picture["files"][f"inputs/{picture['name']}/photo.png"]
+            size, square = tuple(picture["size"]), tuple(picture["square"])
+            entries.append(Entry(inputs / picture["name"], photo=photo, size=size, side=side, square=square, **told))
+        return entries
 
     def verify(self) -> None:
         """Raises UserError if a file is missing or has changed since the set was made."""

@@ -28,8 +28,8 @@ def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, trac
         Model(**settings["model"]), Loss(**settings["loss"]), Train(**settings["train"]), Augment(**settings["augment"])
     )
     with training_run(tracking, out.stem, fingerprint(recipe, inputs), recipe.as_dict()) as run:
-        hooks = (run.log, run.add_image) if run else ()
-        train_network(recipe, inputs, out, out.parent / "state" / out.stem / "state.pt", curve, *hooks)
+        state = out.parent / "state" / out.stem / "state.pt"
+        train_network(recipe, inputs, out, state, curve, run.log if run else None)
         if run:
             run.finish(out, curve)
 

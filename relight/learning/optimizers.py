@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import Any
 
 import torch
-import torch.distributed as distributed
 from torch import Tensor, nn
 
 from relight.learning.networks import NORMS
@@ -41,24 +40,16 @@ class Muon(torch.optim.Optimizer):
 
     @torch.no_grad()
     def step(self, closure: Callable[[], float] | None = None) -> None:  # type: ignore[override]  # overloaded
-        """Updates the weights in place by their gradients. Under torchrun, each process updates every n-th for all."""
-        shared = distributed.is_initialized()
-        world, rank = (distributed.get_world_size(), distributed.get_rank()) if shared else (1, 0)
+        """Updates the weights in place by their gradients."""
         for group in self.param_groups:
-            weights = [weight for weight in group["params"] if weight.grad is not None]
-            for number, weight in enumerate(weights):
+            for weight in (weight for weight in group["params"] if weight.grad is not None):
                 state = self.state[weight]
                 if not state:
                     state["momentum"] = torch.zeros_like(weight)
                 mean = state["momentum"].lerp_(weight.grad, 1 - MOMENTUM)
-                if number % world != rank:
-                    continue
                 matrix = as_matrix(weight.grad.lerp(mean, MOMENTUM), weight)
                 scale = RMS * math.sqrt(max(matrix.shape))
                 as_matrix(weight, weight).sub_(orthogonalised(matrix), alpha=group["lr"] * scale)
-            if shared:
-                for number, weight in enumerate(weights):
-                    distributed.broadcast(as_matrix(weight, weight), number % world)
 
 
 def orthogonalised(matrix: Tensor) -> Tensor:

@@ -102,14 +102,13 @@ def train(
     out: Path,
     state: Path,
     curve: Path | None = None,
-    log: Callable[[dict[str, float], int], None] | None = None,
-    show: Callable[[np.ndarray, int], None] | None = None,
+    log: Callable[[dict[str, float], int, np.ndarray | None], None] | None = None,
 ) -> None:
     """Trains a network on `select_training_data`, pairs of figures of the split and lights of the table.
 
-    After every `train.epoch` steps it prints a line of progress, calls `show` and `log`, and writes `state`. The next
-    call with the same recipe and inputs resumes from there; it ignores the state of another training and prints a
-    message. The caller removes the state after the outputs are stored.
+    After every `train.epoch` steps it prints a line of progress, calls `log`, and writes `state`. The next call with
+    the same recipe and inputs resumes from there; it ignores the state of another training and prints a message. The
+    caller removes the state after the outputs are stored.
 
     Under torchrun each process takes its share of the batch, and the gradients are averaged. On a CPU the training uses
     one thread: its results do not depend on the machine's load, and several trainings can run in parallel.
@@ -120,9 +119,8 @@ def train(
         out: the network (.safetensors), written whole at the end.
         state: the state from which an interrupted training resumes (.pt).
         curve: all logged values (.csv), a row per epoch, written whole at the end.
-        log: receives values by name, and the steps done: the means of the losses since the last call, the learning rate
-            `lr`, and the losses on the pairs of `Validation` as `validation/*`.
-        show: receives a picture of the predictions for these pairs, and the steps done.
+        log: receives values by name, the steps done, and a picture of `Validation` or None. The values are the means of
+            the losses since the last call, the learning rate `lr`, and the losses on its pairs as `validation/*`.
 
     Raises:
         UserError: if the loss is not finite; it names the step, and the last good state stays.
@@ -180,13 +178,11 @@ def train(
             seconds = (time.monotonic() - began) / (done - first)
             line = f"step {done}/{settings.steps}, loss {means['loss']:.4f}, {1e3 * seconds:.0f} ms a step"
             _print_line(f"{line}, {duration(seconds * (settings.steps - done))} left")
-            validated, picture = validation(average or network, drawn=show is not None)
+            validated, picture = validation(average or network, drawn=log is not None)
             values = {**means, "lr": learning_rate(settings, step)}
             values |= {f"validation/{name}": value for name, value in validated.items()}
-            if picture is not None and show:
-                show(picture, done)
             if log:
-                log(values, done)  # before save_state: all steps of a restored state have been logged
+                log(values, done, picture)  # before save_state: all steps of a restored state have been logged
             history.append({"step": done, **values})
             save_state(state, digest, parts, done, history)
 

@@ -50,7 +50,7 @@ class Run:
         )
 
     def __call__(self, log=None) -> bytes:
-        log = log or (lambda values, step: self.logged.append((step, values)))
+        log = log or (lambda values, step, picture: self.logged.append((step, values)))
         train(self.recipe, self.inputs, self.out, self.state, self.curve, log)
         self.state.unlink(missing_ok=True)
         return self.out.read_bytes()
@@ -91,7 +91,7 @@ def test_the_same_again_and_the_same_after_any_interruption(run, changes):
     broken = run("broken", **changes)
     for stop in (8, 4):  # before the last state is saved, and, in the next run, before any is
 
-        def log(values, step, stop=stop):
+        def log(values, step, picture, stop=stop):
             if step == stop:
                 raise Killed
 
@@ -299,10 +299,7 @@ def test_a_batch_of_one_is_relit_under_another_light(run, world):
 
 @pytest.mark.slow
 def test_two_processes_train_the_network_that_one_does(run, tmp_path):
-    """torchrun with gloo. Without dropout and with instance statistics the averaged gradient is that of the batch.
-
-    The processes share out Muon's weights.
-    """
+    """torchrun with gloo. Without dropout and with instance statistics the averaged gradient is that of the batch."""
     changes = {"norm": "instance", "dropout": 0.0}, {"reduction": "mask"}, {"framing": 1.0}
     alone, pair = (run(name, *changes, steps=4, color="photo", optimizer="muon") for name in ("alone", "pair"))
     alone()

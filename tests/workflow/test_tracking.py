@@ -131,8 +131,7 @@ def test_connect_processes_share_a_new_store(client, folder):
 def make_run(name: str = "ours.s0", mark: str = "1" * 64, steps=(4, 8)) -> None:
     with training_run(tracking(URI), name, mark, {"lr": 1}) as run:
         for step in steps:
-            run.add_image(np.zeros((8, 8, 3), np.uint8), step)
-            run.log({"loss": step / 8, "albedo": 1.0}, step)
+            run.log({"loss": step / 8, "albedo": 1.0}, step, np.zeros((8, 8, 3), np.uint8))
         assert not run._warnings
         os._exit(0)
 

@@ -28,8 +28,6 @@ VARIANTS = {
     "": "inferred maps, inferred light",
     "true_light": "inferred maps, true light",
     "true_maps": "true maps, inferred light",
-    "true_color": "inferred maps, inferred light with the true light's color and strength",
-    "true_pattern": "inferred maps, true light with the inferred light's color and strength",
     "mean_light": "inferred maps, mean training light",
 }
 # Predictions without a network.
@@ -38,7 +36,6 @@ BASELINES = {
     "true_maps_mean_light": "true maps, mean training light",
 }
 MAX_ERROR = 0.5  # error of a picture (vector norm) at the dark end of the color scale
-MIN_MEAN = 1e-3  # lower bound of the mean radiance in `match_color`
 
 
 @dataclass
@@ -133,18 +130,11 @@ def _relight_swapped(a: Partner, b: Partner, mean: np.ndarray, step: int) -> dic
         "": (inferred_maps, inferred),
         "true_light": (inferred_maps, true),
         "true_maps": (true_maps, inferred),
-        "true_color": (inferred_maps, match_color(inferred, true)),
-        "true_pattern": (inferred_maps, match_color(true, inferred)),
         "mean_light": (inferred_maps, mean_lights),
         "as_it_is": (true_maps, np.roll(true, step, 0)),
         "true_maps_mean_light": (true_maps, mean_lights),
     }
     return {name: (maps[0] * shade(maps[1], light), light) for name, (maps, light) in combinations.items()}
-
-
-def match_color(light: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Returns `light` (N,K,3) with each channel scaled to the mean radiance of `other`."""
-    return light * (np.maximum(other[:, :1], MIN_MEAN) / np.maximum(light[:, :1], MIN_MEAN))
 
 
 def _errors(true: Truth, picture: np.ndarray, light: np.ndarray) -> dict[str, np.ndarray]:

@@ -17,8 +17,6 @@ SWAPS = {
     "against the picture as it is": ("", "as_it_is"),
     "against its own maps under the mean light": ("", ":mean_light"),
     "with the true light against with the true maps": (":true_light", ":true_maps"),
-    "with the true color of the light against with the inferred light": (":true_color", ""),
-    "with the true pattern of the light against with the inferred light": (":true_pattern", ""),
 }
 
 

@@ -1,6 +1,7 @@
 """The run of a training in MLflow."""
 
 import csv
+import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -11,7 +12,7 @@ import numpy as np
 
 from relight.core.files import file_hash
 from relight.core.version import __version__
-from relight.lab.tracking.store import connect, find_run, warn
+from relight.lab.tracking.store import connect
 from relight.learning.training_name import COLORS, TrainingName
 from relight.settings import Track, flat
 
@@ -59,7 +60,6 @@ class TrainingRun:
             self.tags["mlflow.runColor"] = COLORS[list(tags_by_row).index(training.row) % len(COLORS)]
         self.id = ""  # until it is open
         self.is_finished = False
-        self._image: tuple[np.ndarray, int] | None = None  # unsent, and its step
         self._warnings: set[str] = set()
         self._retry_at = 0.0
 
@@ -70,7 +70,8 @@ class TrainingRun:
         client, experiment = connect(self.track)
         import mlflow
 
-        run = find_run(client, experiment, self.name, self.fingerprint)
+        runs = client.search_runs([experiment], f"tags.fingerprint = '{self.fingerprint}'")
+        run = next((run for run in runs if run.info.run_name == self.name), None)
         self.is_finished = run is not None and run.info.status == "FINISHED"
         if not self.is_finished:
             known = {"run_id": run.info.run_id} if run else {"experiment_id": experiment, "run_name": self.name}
@@ -79,15 +80,11 @@ class TrainingRun:
             mlflow.log_params(self.settings)
         self.id = run.info.run_id
 
-    def add_image(self, image: np.ndarray, step: int) -> None:
-        """Adds an image (H,W,3) uint8 of a step, which `log` sends."""
-        self._image = image, step
-
-    def log(self, values: Mapping[str, float], step: int) -> None:
-        """Sends the values of a step, named as in the training's curve, and the image that `add_image` kept for it."""
+    def log(self, values: Mapping[str, float], step: int, image: np.ndarray | None = None) -> None:
+        """Sends the values of a step, named as in the training's curve, and an image (H,W,3) uint8."""
         if time.monotonic() > self._retry_at:
             with self.warned():
-                self._send({step: values})
+                self._send({step: values}, image)
 
     def finish(self, network: Path, curve: Path | None = None) -> None:
         """Sends what the store lacks, adds the network's file, and ends the run.
@@ -111,17 +108,20 @@ class TrainingRun:
 
     @contextmanager
     def warned(self) -> Iterator[None]:
-        """Turns exceptions into warnings, since MLflow must never end a training."""
+        """Turns exceptions into warnings, one for each reason, since MLflow must never end a training."""
         began = time.monotonic()
         try:
             yield
         except Exception as error:  # of any kind: MLflow raises those of its stores
-            warn(self.name, self.track, error, self._warnings)
+            reason = str(error).strip().split("\n")[0]
+            if reason not in self._warnings:
+                print(f"{self.name} is not recorded in MLflow ({self.track.uri}): {reason}", file=sys.stderr)
+            self._warnings.add(reason)
             # A store that cannot be reached takes long to fail: `log` waits, so that it costs little of the training.
             self._retry_at = time.monotonic() + RETRY_FACTOR * (time.monotonic() - began)
 
-    def _send(self, steps: Mapping[int, Mapping[str, float]]) -> None:
-        """Sends the values of the steps that the store lacks.
+    def _send(self, steps: Mapping[int, Mapping[str, float]], image: np.ndarray | None = None) -> None:
+        """Sends the values of the steps that the store lacks, and an image of a single one.
 
         A training that was killed logs the steps since its last state again. `steps` has the values of each step by
         column of the curve.
@@ -140,8 +140,8 @@ class TrainingRun:
             milliseconds = int(1000 * time.time())
             metrics = [Metric(metric_name(name), value, milliseconds, step) for name, value in values.items()]
             client.log_batch(self.id, metrics)
-            if self._image and self._image[1] == step:
-                client.log_image(self.id, self._image[0], key="validation", step=step, synchronous=True)
+            if image is not None:
+                client.log_image(self.id, image, key="validation", step=step, synchronous=True)
 
 
 def metric_name(name: str) -> str:

@@ -5,7 +5,6 @@ import logging
 import os
 import shutil
 import sqlite3
-import sys
 import tempfile
 from contextlib import closing
 from pathlib import Path
@@ -99,34 +98,3 @@ def create_database(uri: str) -> None:
             shutil.copyfile(f"{folder}/new.db", temporary)
     with closing(sqlite3.connect(path, timeout=SQLITE_TIMEOUT)) as database:
         database.execute("SELECT name FROM sqlite_master")
-
-
-def find_run(client, experiment: str, name: str, fingerprint: str):
-    """Finds the run of a training.
-
-    Args:
-        client: an `MlflowClient`.
-        experiment: id of the experiment.
-        name: name of the training, such as ours_full.s0.
-        fingerprint: hash of everything on which its results depend.
-
-    Returns:
-        The run (`mlflow.entities.Run`), or None.
-    """
-    runs = client.search_runs([experiment], f"tags.fingerprint = '{fingerprint}'")
-    return next((run for run in runs if run.info.run_name == name), None)
-
-
-def warn(name: str, track: Track, error: Exception, reasons: set[str]) -> None:
-    """Prints that something is not recorded in MLflow, and why, once for each reason.
-
-    Args:
-        name: of what is not recorded.
-        track: the store.
-        error: the first line of its message is the reason.
-        reasons: those printed already, to which this one is added.
-    """
-    reason = str(error).strip().split("\n")[0]
-    if reason not in reasons:
-        print(f"{name} is not recorded in MLflow ({track.uri}): {reason}", file=sys.stderr)
-    reasons.add(reason)
