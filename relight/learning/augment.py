@@ -15,8 +15,9 @@ from torch import Tensor
 
 from relight.learning.camera import Camera, simulate_camera
 from relight.learning.color import shade
-from relight.learning.data import Batch, compact_index, extent
+from relight.learning.data import Batch, compact_index
 from relight.learning.harmonics import unoccluded
+from relight.maps.square import extent
 from relight.settings import STRENGTHS, Augment
 
 FIGURE_SHARE = 0.9  # larger side of a figure's bounding box over the image's side (docs/conventions.md)
@@ -268,7 +269,7 @@ def _reframed(
             continue
         if rng.random() < CUT_SHARE:
             cut_figure(mask[i], rng)
-        (top, bottom), (left, right) = extent(mask[i])
+        (top, bottom), (left, right) = extent(mask[i, 0].cpu().numpy())
         zoom = math.exp(rng.uniform(*np.log(ZOOM)))
         scale = max(bottom - top, right - left) / (FIGURE_SHARE * zoom * side)
         centre = np.array([(left + right) / 2, (top + bottom) / 2]) / side * 2 - 1
@@ -285,9 +286,9 @@ def _reframed(
 
 def cut_figure(mask: Tensor, rng: np.random.Generator) -> None:
     """Cuts a mask (1,S,S) in place as the edge of a photograph does: below, and in a quarter also at one side."""
-    (top, bottom), _ = extent(mask)
+    (top, bottom), _ = extent(mask[0].cpu().numpy())
     mask[:, top + math.ceil(rng.uniform(*CUT_HEIGHT) * (bottom - top)) :] = 0
-    left, right = extent(mask)[1]
+    left, right = extent(mask[0].cpu().numpy())[1]
     if rng.random() < SIDE_CUT_SHARE:
         width = math.ceil(rng.uniform(*CUT_WIDTH) * (right - left))
         if rng.random() < 0.5:

@@ -95,13 +95,6 @@ def compact_index(mask: Tensor) -> CompactIndex:
     )
 
 
-def extent(masks: Tensor) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Returns the half-open ranges of rows and of columns that hold what is not zero in masks (...,S,S)."""
-    union = masks.reshape(-1, *masks.shape[-2:]).amax(0)
-    rows, columns = (torch.nonzero(union.amax(axis)).flatten() for axis in (1, 0))
-    return (int(rows[0]), int(rows[-1]) + 1), (int(columns[0]), int(columns[-1]) + 1)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Batch(CompactIndex):
     """Input of the network and ground truth for B pairs of figure and light. Compact maps are zero at their padding.

@@ -14,9 +14,10 @@ from torch import Tensor, nn
 from relight.core.srgb import to_bytes
 from relight.learning.augment import augment_batch
 from relight.learning.color import encode, shade
-from relight.learning.data import RelitSet, extent, read_split
+from relight.learning.data import RelitSet, read_split
 from relight.learning.losses import losses
 from relight.learning.networks import with_transport
+from relight.maps.square import extent
 from relight.settings import NO_AUGMENTATION, Loss
 from relight.sh import order_of
 
@@ -109,7 +110,7 @@ class Validation:
     def _cells(self, compact: list[Tensor]) -> list[np.ndarray]:
         """Returns compact maps (B,P,3) as cropped pictures (B,h,w,3) for display, at most MAX_HEIGHT high."""
         batch = self.batch
-        rows, columns = extent(batch.mask)
+        rows, columns = extent(batch.mask.amax((0, 1)).cpu().numpy())
         window = (..., slice(*rows), slice(*columns))
         shrink = -(-(rows[1] - rows[0]) // MAX_HEIGHT)
         pictures = []

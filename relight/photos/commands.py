@@ -115,39 +115,38 @@ class Words:
         return {"white_balance": self.white_balance, "split": not together, "lit_by": self.lit_by}
 
 
-def with_options(examples: str = "") -> Callable[[Callable], Callable]:
+def with_options(examples: str) -> Callable[[Callable], Callable]:
     """Describes the parameters of a command that OPTIONS names, and gives it those of `Words` in place of `words`.
 
     Args:
-        examples: for its help, which then also lists the lights.
+        examples: for its help, which also lists the lights.
     """
-
-    def described(parameter: inspect.Parameter) -> inspect.Parameter:
-        if parameter.name not in OPTIONS:
-            return parameter
-        flags, panel, metavar, text = OPTIONS[parameter.name]
-        low, high = BOUNDS.get(parameter.name, (None, None))
-        option = typer.Option(*flags.split(), help=text, rich_help_panel=panel, metavar=metavar, min=low, max=high)
-        return parameter.replace(annotation=Annotated[parameter.annotation, option])
 
     def decorate(command: Callable) -> Callable:
         signature, shared = inspect.signature(command), inspect.signature(Words).parameters
         own = [parameter for parameter in signature.parameters.values() if parameter.name != "words"]
-        takes_words = len(own) < len(signature.parameters)
-        parameters = list(map(described, [*own, *(shared.values() if takes_words else ())]))
+        parameters = list(map(_described, [*own, *shared.values()]))
 
         @functools.wraps(command)
         def wrapper(**values):
-            if takes_words:
-                values["words"] = Words(**{name: values.pop(name) for name in shared})
-            return command(**values)
+            words = Words(**{name: values.pop(name) for name in shared})
+            return command(words=words, **values)
 
         wrapper.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
         wrapper.__annotations__ = {p.name: p.annotation for p in parameters}
-        wrapper.__doc__ = f"{command.__doc__}{LIGHTS.format(examples=examples) if examples else ''}"
+        wrapper.__doc__ = f"{command.__doc__}{LIGHTS.format(examples=examples)}"
         return wrapper
 
     return decorate
+
+
+def _described(parameter: inspect.Parameter) -> inspect.Parameter:
+    if parameter.name not in OPTIONS:
+        return parameter
+    flags, panel, metavar, text = OPTIONS[parameter.name]
+    low, high = BOUNDS.get(parameter.name, (None, None))
+    option = typer.Option(*flags.split(), help=text, rich_help_panel=panel, metavar=metavar, min=low, max=high)
+    return parameter.replace(annotation=Annotated[parameter.annotation, option])
 
 
 @app.command()
@@ -269,7 +268,6 @@ def mask_setup(
 
 
 @mask_app.command("draw")
-@with_options()
 def mask_draw(
     path: Annotated[Path, typer.Argument(help="A photo.", metavar="PHOTO")],
     out: Annotated[

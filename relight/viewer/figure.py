@@ -145,21 +145,16 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
     return header, b"".join(streams)
 
 
-def to_json(figure: Figure, quality: tuple[int, int]) -> str:
-    """Returns the JSON text of a figure's header and its bytes as base64, in one of QUALITIES."""
-    header, data = pack(figure, *quality)
-    text = json.dumps(header | {"data": base64.b64encode(data).decode()}, separators=(",", ":"))
-    return text.replace("<", "\\u003c")  # a title must not close the script element
-
-
 def embed(figure: Figure, limit: int) -> str:
-    """Returns the JSON text of a figure in the finest of QUALITIES that takes at most `limit` bytes.
+    """Returns a figure as JSON, its bytes as base64, in the finest of QUALITIES that takes at most `limit` bytes.
 
     Raises:
         UserError: if none does.
     """
     for quality in QUALITIES:
-        text = to_json(figure, quality)
+        header, data = pack(figure, *quality)
+        text = json.dumps(header | {"data": base64.b64encode(data).decode()}, separators=(",", ":"))
+        text = text.replace("<", "\\u003c")  # a title must not close the script element
         if len(text) <= limit:
             return text
     raise UserError(
