@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -105,9 +105,10 @@ def relight_file(
             {
                 "square": [round(v, 2) for v in (person.crop.left, person.crop.top, person.crop.side)],
                 "white": [round(float(v), 3) for v in person.white],
-                **asdict(trust),
+                "error": person.error,
+                "warnings": warnings,
             }
-            for person, trust in zip(people, scene.trust)
+            for person, warnings in zip(people, scene.doubts)
         ],
     }
     write_json(out / RECORD, record)

@@ -21,7 +21,7 @@ from relight.photos.picture import Given, Picture
 from relight.photos.place import PREFIX, is_of_person
 from relight.photos.render import frames
 from relight.photos.shading import exposure_factor
-from relight.photos.trust import Trust, assess
+from relight.photos.trust import doubts
 from relight.sh import deringed, order_of, rotate_y
 
 BEHIND = 110  # degrees from the front
@@ -114,18 +114,18 @@ class Scene:
         return f"key:#ffdcb4@{-60 if from_right else 60},25,0.2"
 
     @cached_property
-    def trust(self) -> list[Trust]:
-        """How far the inference of each person can be trusted; empty without a network."""
+    def doubts(self) -> list[list[str]]:
+        """Why the inference of each person may be wrong; empty without a network."""
         network = self.network
-        return [assess(person, network.stops) for person in self.people] if network else []
+        return [doubts(person, network.stops) for person in self.people] if network else []
 
     @property
     def notes(self) -> list[str]:
         """What a user should know about the picture, its mask and the inference, one sentence each."""
         notes = [*self.own_notes, *self.picture.notes] + mask_warnings([person.coverage for person in self.people])
-        for number, trust in enumerate(self.trust, 1):
+        for number, warnings in enumerate(self.doubts, 1):
             who = f"person {number}: " if len(self.people) > 1 else ""
-            notes += [f"{who}{warning}" for warning in trust.warnings]
+            notes += [f"{who}{warning}" for warning in warnings]
         return notes
 
     @property

@@ -1,6 +1,4 @@
-"""How far an inference from a photo can be trusted, in numbers and in words."""
-
-from dataclasses import dataclass, field
+"""How far an inference from a photo can be trusted, in words."""
 
 import numpy as np
 
@@ -20,28 +18,12 @@ UNUSUAL = {  # sentences for the rules of relight.lights.select.broken_rules
 }
 
 
-@dataclass
-class Trust:
-    """An assessment of one person's inference.
-
-    Attributes:
-        error: reconstruction error (`Person.error`).
-        warnings: sentences; none if all is well.
-    """
-
-    error: float
-    warnings: list[str] = field(default_factory=list)
-
-
-def assess(person: Person, stops: float = 0.0) -> Trust:
-    """Assesses one person's inference.
+def doubts(person: Person, stops: float = 0.0) -> list[str]:
+    """Returns why one person's inference may be wrong, as sentences; none if all is well.
 
     Args:
         person: as inferred.
         stops: by which the training made its lights brighter at most.
-
-    Returns:
-        The error, and warnings as sentences.
     """
     warnings = []
     if person.error > ERROR:
@@ -59,7 +41,7 @@ def assess(person: Person, stops: float = 0.0) -> Trust:
         warnings.append(f"{black:.0%} of the figure is nearly black: there is little to infer from")
     if max(person.crop.side, 1) < 0.5 * person.crop.size:
         warnings.append(f"the figure is only {person.crop.side * 0.9:.0f} pixels large, fewer than the network sees")
-    return Trust(person.error, warnings)
+    return warnings
 
 
 def _light_warnings(light: np.ndarray, gain: float = 1.0) -> list[str]:

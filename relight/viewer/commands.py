@@ -87,7 +87,6 @@ def web_build(
     weights: Weights = None,
 ) -> None:
     """Write the site to the folder DIR, for any static web server."""
-    from relight.core.errors import UserError
     from relight.core.progress import progress
     from relight.photos.api import load
     from relight.photos.network import WEIGHTS
@@ -95,8 +94,6 @@ def web_build(
     from relight.viewer.source import figure_of, named_lights, portrait
 
     network = weights or WEIGHTS
-    if network.suffix != ".onnx":
-        raise UserError(f"{network}: a site needs an .onnx file; `relight export` writes one of a checkpoint")
     relighter = load(network)
     figures = [figure_of(path, relighter, size=size) for path in progress(paths or (), "figures inferred")]
     figures = figures or [portrait(relighter)]

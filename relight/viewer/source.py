@@ -9,10 +9,8 @@ import numpy as np
 
 from relight.core.errors import UserError
 from relight.core.files import existing_file
-from relight.core.srgb import LINEAR
 from relight.lights import load_light, reference_brightness
 from relight.maps import Maps
-from relight.photos.guide import luma
 from relight.sh import UNOCCLUDED_T00
 from relight.viewer.figure import Figure
 
@@ -117,6 +115,7 @@ def photo_figure(scene: "Scene") -> Figure:
     """
     from relight.photos.color import on_white
     from relight.photos.render import total_coverage
+    from relight.photos.write import placed_maps
 
     people, pixels = scene.people, scene.picture.codes
     coverage = total_coverage(people)
@@ -125,14 +124,9 @@ def photo_figure(scene: "Scene") -> Figure:
     shape = coverage.shape
     albedo, transport = np.zeros((*shape, 3), np.float32), np.zeros((*shape, (scene.order + 1) ** 2), np.float32)
     for person in people:
-        crop, window = person.crop, person.crop.window
-        covered = person.coverage[window] > 0
-        where = np.flatnonzero(covered)
-        # What the photo shows beyond the square's resolution sharpens albedo and transport.
-        detail = person.detail(LINEAR[pixels[window][covered]], crop.rows, where)
-        # What is fitted is the root of the albedo.
-        albedo[window][covered] = person.fitted_albedo.place(crop, detail, crop.rows, where) ** 2
-        transport[window][covered] = person.fitted_transport.place(crop, luma(detail), crop.rows, where)
+        fits = person.fitted_albedo, person.fitted_transport
+        for window, own, root, values in placed_maps(person, pixels, fits):
+            albedo[window][own], transport[window][own] = root**2, values
     maps = Maps(
         mask=coverage > 0,
         coverage=coverage / np.float32(255),

@@ -198,10 +198,8 @@ def number(value: float, digits: int = 3) -> str:
 
 def percent(value: float) -> str:
     """Formats a fraction as a percentage with a sign and one decimal; NaN as a dash."""
-    if np.isnan(value):
-        return "–"
     if not np.isfinite(value):
-        return "∞" if value > 0 else "−∞"
+        return number(value)
     text = f"{100 * value:+.1f} %".replace("-", "−")
     return text if text[1:] != "0.0 %" else text[1:]
 
