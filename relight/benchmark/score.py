@@ -132,14 +132,3 @@ def read_scores(answers: Path | str) -> pd.DataFrame:
     frame = frame.set_index(KEYS)[list(COLUMNS)]
     frame.attrs["method"] = Path(answers).resolve().name
     return frame
-
-
-def require_one_set(rows: list[pd.DataFrame]) -> None:
-    """Raises UserError if not all were scored on the same set."""
-    first = rows[0]
-    for row in rows[1:]:
-        if not row.index.equals(first.index):
-            raise UserError(
-                f"{row.attrs['method']} and {first.attrs['method']} were scored on different sets: score both on the "
-                "same one"
-            )

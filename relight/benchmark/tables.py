@@ -8,7 +8,7 @@ import pandas as pd
 
 from relight.benchmark.files import PICTURES
 from relight.benchmark.measures import INVARIANCES, LEAKS
-from relight.benchmark.score import MAP_COLUMNS, READINGS, require_one_set
+from relight.benchmark.score import MAP_COLUMNS, READINGS
 from relight.core.errors import UserError
 from relight.evaluation.report.formats import TextTable, count
 from relight.evaluation.scoring.statistics import Estimate, estimate
@@ -43,8 +43,12 @@ class MethodComparison:
         self.scores = {row.attrs["method"]: row for row in rows}
         if len(self.scores) < len(rows):
             raise UserError("two folders of answers have the same name, by which tables tell methods apart: rename one")
-        require_one_set(rows)
-        self.reference = next(iter(self.scores))
+        self.reference, first = next(iter(self.scores.items()))
+        for name, row in self.scores.items():
+            if not row.index.equals(first.index):
+                raise UserError(
+                    f"{name} and {self.reference} were scored on different sets: score both on the same one"
+                )
         self.sample = f"of set {rows[0].index[0][0]}, ± half the 95 % interval (bootstrap over figures)."
 
     def tables(self) -> dict[str, ComparisonTable]:

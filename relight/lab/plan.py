@@ -20,7 +20,6 @@ from relight.settings import ROOT, Experiment
 if TYPE_CHECKING:
     from relight.meshes.scans import Scan
 
-USUAL_CONDITION = ("test", "test")  # the figures and lights of the tables
 BATCH = 10  # generated figures that share a process, since one takes as long to start as to draw a figure
 MAX_TAG = 5000  # characters of a tag in MLflow
 
@@ -226,9 +225,9 @@ class Plan:
         return {training: self.network(training) for row in rows for training in self.trainings_of(row)}
 
     def condition(self, experiment: str) -> str:
-        """Returns the folder of an experiment's scores in evaluate/: "" for USUAL_CONDITION, or "sitting-test/"."""
+        """Returns the folder of an experiment's scores in evaluate/: "" for the usual pairs, or "sitting-test/"."""
         figures, lights = self.experiments[experiment].figures, self.experiments[experiment].lights
-        return "" if (figures, lights) == USUAL_CONDITION else f"{figures}-{lights}/"
+        return "" if figures == lights == "test" else f"{figures}-{lights}/"
 
     def scores(self, experiment: str, usual: bool = False) -> dict[str, list[str]]:
         """Returns the files of an experiment's scores, relative to `out`.

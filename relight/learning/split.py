@@ -49,7 +49,11 @@ def split_figures(
     subjects = [subject for name, subject in zip(names, subjects) if name not in sitting]
     names = [name for name in names if name not in sitting]
     unit_of = dict(zip(names, subjects if split.kind == "subject" else names))
-    train, test = _subject_split(unit_of, split)
+    if (units := len(set(unit_of.values()))) < 2:
+        what = "subjects" if split.kind == "subject" else "figures"
+        raise UserError(f"split: at least two {what} are needed, one for training and one for the test, not {units}")
+    test = draw(unit_of, split.test * len(unit_of), np.random.default_rng(split.seed))
+    train = [name for name in unit_of if name not in test]
     wanted = min(MAX_VALIDATION, VALIDATION * len(train))
     held_out = draw(
         {name: unit_of[name] for name in train}, wanted, np.random.default_rng([split.seed, VALIDATION_DRAWS])
@@ -99,21 +103,6 @@ def draw(unit_of: Mapping[str, str], wanted: float, rng: np.random.Generator) ->
         drawn.add(unit)
         count += size
     return [name for name, unit in unit_of.items() if unit in drawn]
-
-
-def _subject_split(unit_of: Mapping[str, str], split: Split) -> tuple[list[str], list[str]]:
-    """Splits figures at random by their units into those for training and those for the test.
-
-    The unit of a figure is its subject for the kind `subject`, itself for `paper`. Raises UserError for less than two.
-    """
-    if len(set(unit_of.values())) < 2:
-        what = "subjects" if split.kind == "subject" else "figures"
-        raise UserError(
-            f"split: at least two {what} are needed, one for training and one for the test, not "
-            f"{len(set(unit_of.values()))}"
-        )
-    test = draw(unit_of, split.test * len(unit_of), np.random.default_rng(split.seed))
-    return [name for name in unit_of if name not in test], test
 
 
 def is_seated(info: Mapping[str, Any]) -> bool:

@@ -5,8 +5,6 @@ from typing import Annotated
 
 import typer
 
-from relight.core.default_command import default_command
-
 app = typer.Typer()
 Lights = Annotated[
     list[str] | None,
@@ -15,7 +13,6 @@ Lights = Annotated[
 Size = Annotated[int, typer.Option(min=64, max=4096, help="A photo's longer side is scaled down to this, pixels.")]
 Weights = Annotated[Path | None, typer.Option("--weights", "-w", help="A network (.onnx).")]
 web_app = typer.Typer(
-    cls=default_command("build"),
     help="A site that relights photos in the browser. Nothing leaves the visitor's computer.",
     no_args_is_help=True,
 )
@@ -35,12 +32,6 @@ def view(
     ] = None,
     title: Annotated[str, typer.Option(help="Title of the page; by default the file's name.")] = "",
     size: Size = 1024,
-    limit: Annotated[
-        float | None,
-        typer.Option(
-            min=0.1, max=100, help="Largest size of the page, MB: 6 by default, and 2.5 for each further figure."
-        ),
-    ] = None,
     weights: Weights = None,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
@@ -62,8 +53,7 @@ def view(
         raise UserError(f"page {out}: the name must end in .html")
     relighter = load(weights) if photos else None
     figures = [figure_of(path, relighter, mask, size) for path in progress(paths, "figures inferred")]
-    most = int(limit * 1e6) if limit else None  # bytes
-    build_viewer(out, figures, named_lights(light or ()), background, title or figures[0].title, most)
+    build_viewer(out, figures, named_lights(light or ()), background, title or figures[0].title)
     typer.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
     for note in (f"note: {figure.title}: {note}" for figure in figures for note in figure.notes):
         typer.echo(note)

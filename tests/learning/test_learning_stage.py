@@ -162,8 +162,8 @@ def test_what_a_locked_store_missed_is_there_at_the_end(training, capsys, monkey
     holder, log = sqlite3.connect(training.database, isolation_level=None), TrainingRun.log
     holder.execute("BEGIN EXCLUSIVE")
 
-    def locked_once(run, values, step):
-        log(run, values, step)
+    def locked_once(run, values, step, picture):
+        log(run, values, step, picture)
         if holder.in_transaction:
             holder.rollback()
 

@@ -110,7 +110,7 @@ def test_the_same_again_and_the_same_after_any_interruption(run, changes):
 def test_a_state_of_other_settings_or_data_is_ignored(run, world, tmp_path, capsys):
     first = run()
 
-    def stop(values, step):
+    def stop(values, step, picture):
         if step == 8:
             raise KeyboardInterrupt
 

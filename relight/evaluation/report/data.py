@@ -4,14 +4,12 @@ Each of them returns the context of a template in templates/sections.
 """
 
 import os
-from typing import Any
 
 from relight.evaluation.experiments.occlusion import read_occlusion
 from relight.evaluation.report.formats import TextTable
 from relight.evaluation.report.results import Results
+from relight.evaluation.report.sections import Numbers
 from relight.evaluation.scoring.paper import IMPLIED_AO, IMPLIED_LOST
-
-Numbers = dict[str, Any]
 
 
 def figures(results: Results) -> Numbers:

@@ -1,17 +1,15 @@
 """Computes the numbers of light transfer, which is not a table of trainings, and writes its table."""
 
-from typing import Any
-
 from relight.evaluation.experiments import transfer
 from relight.evaluation.report.formats import TextTable, comparison_grid, write_tables
 from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
+from relight.evaluation.report.sections import Numbers
 from relight.evaluation.scoring.comparisons import compare_estimates, correct
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.tables import estimates
 
-Numbers = dict[str, Any]
 # What light transfer compares for each network: two predictors, whose names follow that of the network.
 SWAPS = {
     "against the picture as it is": ("", "as_it_is"),

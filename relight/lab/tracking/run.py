@@ -71,7 +71,7 @@ class TrainingRun:
         import mlflow
 
         runs = client.search_runs([experiment], f"tags.fingerprint = '{self.fingerprint}'")
-        run = next((run for run in runs if run.info.run_name == self.name), None)
+        run: Any = next((found for found in runs if found.info.run_name == self.name), None)
         self.is_finished = run is not None and run.info.status == "FINISHED"
         if not self.is_finished:
             known = {"run_id": run.info.run_id} if run else {"experiment_id": experiment, "run_name": self.name}
