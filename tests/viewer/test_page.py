@@ -20,6 +20,7 @@ from relight.panoramas import Panorama, project
 from relight.photos.background import Background
 from relight.photos.color import display_shading, roll_off
 from relight.photos.person import Person as Inferred
+from relight.photos.person import with_light
 from relight.photos.render import render
 from relight.photos.shading import exposure_factor, shading, steady
 from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
@@ -28,7 +29,7 @@ from relight.viewer.figure import Figure
 
 START = {
     "light": 0, "yaw": 0, "tilt": 0, "stops": 0, "view": "relit", "before": "none", "split": 0.5,
-    "background": "studio", "mode": "ratio", "auto": False, "room": 1, "lamps": [],
+    "background": "studio", "mode": "ratio", "auto": False, "room": 1, "lamps": [], "taken": "", "takenYaw": 0,
 }  # fmt: skip
 
 
@@ -184,6 +185,11 @@ def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photo
         np.testing.assert_array_equal(pixels[..., 3], expected[..., 3])
         assert farthest(pixels, expected[..., :3], coverage == 255) <= 2
         assert farthest(pixels, expected[..., :3], coverage > 60) <= 6
+    known = with_light(figure, turned(lights["Window"], 40, 0))
+    words = state | {"background": "photo", "mode": "ratio", "taken": "Window", "takenYaw": 40}
+    expected = render(photo, [known], new, "ratio", stops=0.5)
+    assert farthest(page.pixels(**words), expected, (coverage == 255) | (coverage < 240)) <= 4
+    assert page.run("new URLSearchParams(relight.address()).get('taken')") == "Window"
 
 
 def rgbe(pixels):

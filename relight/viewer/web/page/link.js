@@ -3,8 +3,8 @@
 import { DEFAULTS, app, state } from "./state.js";
 
 const DELAY = 300; // milliseconds of rest before the address is written: browsers limit how often it may change
-const NUMBERS = ["yaw", "tilt", "stops", "split", "room"];
-const WORDS = ["view", "before", "background", "color", "mode"];
+const NUMBERS = ["yaw", "tilt", "stops", "split", "room", "takenYaw"];
+const WORDS = ["view", "before", "background", "color", "mode", "taken"];
 const rounded = (value) => String(Math.round(value * 1000) / 1000);
 let timer = null;
 

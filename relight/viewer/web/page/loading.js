@@ -39,6 +39,8 @@ function collectLights() {
     app.shown = app.lights.map((light) => scaled(light, matched(own, light.values)));
     app.shown.unshift({ name: "As taken", values: own });
   }
+  const known = app.shown.slice(1).map(({ name }) => new Option(name));
+  element("taken").replaceChildren(new Option("the inferred light", ""), ...known);
   listLights({ ".panorama": openPanorama, ".place": openPlace });
 }
 

@@ -78,6 +78,8 @@ for (const name of ["pointerdown", "keydown", "wheel"]) {
 element("yaw").addEventListener("input", (event) => {
   set({ yaw: Math.min(Number(event.target.value), 179.999), auto: false }); // 180 would jump to -180 under the thumb
 });
+element("taken").addEventListener("change", (event) => set({ taken: event.target.value }));
+element("takenYaw").addEventListener("input", (event) => set({ takenYaw: Math.min(Number(event.target.value), 179.999) }));
 element("tilt").addEventListener("input", (event) => set({ tilt: Number(event.target.value) }));
 element("exposure").addEventListener("input", (event) => set({ stops: Number(event.target.value) }));
 element("room").addEventListener("input", (event) => set({ room: Number(event.target.value) }));
@@ -141,7 +143,7 @@ async function start() {
   if (asked.own) addLight(asked.light ?? "Own", asked.own);
   const light = app.shown.findIndex(({ name }) => name === asked.light);
   const known = { view: values("view"), before: [...element("before").options].map(({ value }) => value) };
-  Object.assign(known, { background: values("background"), mode: values("mode") });
+  Object.assign(known, { background: values("background"), mode: values("mode"), taken: app.shown.map(({ name }) => name) });
   for (const [name, all] of Object.entries(known)) if (!all.includes(asked.changes[name])) delete asked.changes[name];
   set({ ...asked.changes, ...(light > 0 && { light }) });
   subscribe(() => writeAddress(first));

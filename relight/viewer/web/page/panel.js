@@ -125,7 +125,10 @@ function write(id, text) {
 function refresh() {
   if (!app.figure) return;
   const name = app.shown[state.light].name, pad = (v) => `${v > 0 ? "+" : v < 0 ? "−" : ""}${Math.abs(v)}`;
-  for (const id of ["yaw", "tilt"]) {
+  element("taken").value = state.taken;
+  element("taken-row").hidden = state.mode !== "ratio";
+  element("taken-turn").hidden = state.mode !== "ratio" || !state.taken;
+  for (const id of ["yaw", "tilt", "takenYaw"]) {
     element(id).value = state[id];
     element(id).nextElementSibling.value = `${pad(Math.round(state[id]))}°`;
   }

@@ -30,10 +30,21 @@ function currentLight() {
   return light;
 }
 
+// The light that the photo was taken in: inferred, or one that the user knows, in the exposure of that.
+function photoLight() {
+  const { light, mean } = app.figure, known = app.shown.find(({ name }) => name === state.taken);
+  if (!light || !known) return light?.flat();
+  const turned = rotate(known.values, turn((state.takenYaw * Math.PI) / 180, 0));
+  const level = (values) => mean.reduce((sum, value, k) =>
+    sum + value * (0.2126 * values[3 * k] + 0.7152 * values[3 * k + 1] + 0.0722 * values[3 * k + 2]), 0);
+  const gain = level(light.flat()) / level(turned);
+  return gain > 0 && gain < Infinity ? turned.map((value) => value * gain) : light.flat();
+}
+
 function scene(split) {
   const { panorama } = app.shown[state.light], { picture } = app, light = currentLight();
   return {
-    light, view: state.view, background: state.background, exposure: 2 ** state.stops,
+    light, photoLight: photoLight(), view: state.view, background: state.background, exposure: 2 ** state.stops,
     backdrop: [1, 3, 5].map((i) => parseInt(state.color.slice(i, i + 2), 16) / 255), ratio: state.mode === "ratio",
     ...(panorama && { panorama: { ...panorama, gain: panorama.gain * state.room, rotation: rotation() } }),
     ...(picture && { picture: { ...picture, tint: tintOf(picture.white, light).map((value) => value * state.room) } }),

@@ -174,17 +174,17 @@ export class Renderer {
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
   }
 
-  // scene: light, view, before, split (stage pixels), background, backdrop, exposure, ratio, panorama (of the light, with
-  // gain and rotation), picture (with its tint). placement: [x, y, image pixels per stage pixel] of the stage's top-left
+  // scene: light, photoLight (that the photo was taken in), view, before, split (stage pixels), background, backdrop,
+  // exposure, ratio, panorama (of the light, with gain and rotation), picture (with its tint). placement: [x, y, image pixels per stage pixel] of the stage's top-left
   // corner in the image.
   draw(scene, placement, width, height, grain = 1) {
     const { gl, figure, tiles: { edge, inside } } = this, { light, panorama } = scene;
     const has = { photo: figure.photo, picture: scene.picture }, { picture } = scene;
     const background = scene.background in has && !has[scene.background] ? "studio" : scene.background;
-    const hasPanorama = background === "light" && !!panorama, isRatio = scene.ratio && !!figure.light;
+    const hasPanorama = background === "light" && !!panorama, isRatio = scene.ratio && !!scene.photoLight;
     if (hasPanorama && this.panorama !== panorama.pixels) this.showPanorama(panorama);
     if (background === "picture" && this.picture !== picture.pixels) this.showPicture(picture);
-    const photoLight = figure.light?.flat() ?? new Float32Array(27);
+    const photoLight = scene.photoLight ?? new Float32Array(27);
     const drawPart = (part, view, first, count) => {
       const shown = hasPanorama ? "panorama" : background;
       const { program, at } = this.program(part, view, shown, isRatio, !!figure.excess);

@@ -6,6 +6,7 @@ const embedded = [...document.querySelectorAll("script.figure")];
 const DEFAULTS = Object.freeze({
   light: 0, room: 1, lamps: [], yaw: 0, tilt: 0, stops: 0, view: "relit", before: "none", split: 0.5, mode: "ratio",
   background: page.background, color: "#e8e4dc", auto: false,
+  taken: "", takenYaw: 0, // the light that the photo was taken in, by its name: "" is the inferred one
 });
 const state = { ...DEFAULTS };
 const app = {
@@ -35,7 +36,7 @@ const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
 // Changes the state; angles wrap around, everything else is kept within its bounds.
 function set(changes) {
   Object.assign(state, changes);
-  state.yaw = ((((state.yaw + 180) % 360) + 360) % 360) - 180;
+  for (const name of ["yaw", "takenYaw"]) state[name] = ((((state[name] + 180) % 360) + 360) % 360) - 180;
   state.tilt = clamp(state.tilt, -90, 90);
   state.stops = clamp(state.stops, -3, 3);
   state.split = clamp(state.split, 0, 1);
