@@ -143,7 +143,7 @@ def test_python_interface_of_the_core(core, photo):
 LACKING = {  # command -> the extra that it lacks
     "export a.safetensors a.onnx": "train",
     "bake MESH": "scans",
-    "figures --seeds 0 --export glb": "figures",
+    "figures --seeds 0": "figures",
     "movie PHOTO --out a.mp4": "video",
     "run scale=smoke": "workflow",
     "ui": "tracking|workflow",

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -55,8 +55,9 @@ def start_worker() -> None:
 def figures(
     seeds: Annotated[str, typer.Option(help="Seeds of the figures: 7, 0-47 or 1,4,10-12.")] = "0-7",
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the figures and their table.")] = Path("figures"),
-    export: Annotated[str, typer.Option(help="File format: glb for any program, npz for relight.")] = "glb",
-    detail: Annotated[str, typer.Option(help="full, for pictures of 1024 px; draft, for 128 px.")] = "full",
+    detail: Annotated[
+        Literal["full", "draft"], typer.Option(help="full, for pictures of 1024 px; draft, for 128 px.")
+    ] = "full",
     texture: Annotated[int, typer.Option(min=64, help="Side of the largest texture in pixels.")] = 1024,
     per_subject: Annotated[
         int, typer.Option(min=1, help="Consecutive seeds that are one person in different poses.")
@@ -82,25 +83,19 @@ def figures(
     from relight.core.progress import progress
     from relight.figures.constraints import Constraints
     from relight.figures.constraints import names as known_names
-    from relight.figures.dress import DETAILS
-    from relight.figures.export import FORMATS
 
     if names:
         for kind, known in known_names().items():
             typer.echo("\n".join(f"--{kind.split()[0]} {shlex.quote(name)}" for name in known))
         return
     numbers = seeds_of(seeds)
-    if export not in FORMATS:
-        raise UserError(f"--export {export}: it must be {' or '.join(FORMATS)}")
-    if detail not in DETAILS:
-        raise UserError(f"--detail {detail}: it must be {' or '.join(DETAILS)}")
     settings = {
         "detail": detail,
         "texture": texture,
         "per_subject": per_subject,
         "constraints": Constraints(sitting, tuple(pose or ()), tuple(garment or ()), tuple(hair or ())),
     }
-    tasks = [(seed, settings, out / f"g{seed:04d}.{export}") for seed in numbers]
+    tasks = [(seed, settings, out / f"g{seed:04d}.glb") for seed in numbers]
     spawn = multiprocessing.get_context("spawn")
     with ended_by_exit(), spawn.Pool(jobs, start_worker) if has_semaphores() else nullcontext() as pool:
         made = pool.imap(make_one, tasks) if pool else map(make_one, tasks)
@@ -122,7 +117,7 @@ def make_one(task: tuple[int, dict, Path]) -> str | None:
     from relight.core.errors import UserError
     from relight.core.files import atomic_write
     from relight.figures.dress import GENERATOR, make_figure
-    from relight.figures.export import LICENCE, export
+    from relight.figures.export import LICENCE, write_glb
 
     seed, settings, path = task
     record = path.with_suffix(".json")
@@ -134,7 +129,7 @@ def make_one(task: tuple[int, dict, Path]) -> str | None:
     try:
         mesh = make_figure(seed, **settings)
         mesh.info |= {"licence": LICENCE, "settings": plain}
-        export(mesh, path)
+        write_glb(mesh, path)
         with atomic_write(record) as tmp:
             tmp.write_text(json.dumps(mesh.info, indent=1) + "\n")
     except UserError as error:

@@ -12,12 +12,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.core.errors import UserError
 from relight.core.files import atomic_write
 from relight.meshes import Material, Mesh, vertex_normals
 from relight.meshes.gltf_file import BINARY_CHUNK, JSON_CHUNK
 
-FORMATS = ("glb", "npz")
 LICENCE = "CC0-1.0"  # of generated figures
 CC0 = {
     "copyright": "No rights reserved: dedicated to the public domain under CC0 1.0",
@@ -157,18 +155,3 @@ def write_glb(mesh: Mesh, path: Path) -> None:
         parts.append(document.append("nodes", {"name": name, "mesh": part}))
     root = {"name": mesh.info.get("name", "figure"), "children": parts, "extras": mesh.info}
     document.write(path, document.append("nodes", root), mesh.info.get("licence"))
-
-
-def export(mesh: Mesh, path: Path) -> None:
-    """Writes a figure as .glb, or as relight's own .npz.
-
-    Raises:
-        UserError: for another suffix.
-    """
-    kind = path.suffix[1:].lower()
-    if kind not in FORMATS:
-        raise UserError(f"{path}: the suffix of a figure must be {' or '.join(FORMATS)}")
-    if kind == "glb":
-        write_glb(mesh, path)
-    else:
-        mesh.save(path)

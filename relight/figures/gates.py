@@ -151,7 +151,7 @@ def covered_hands(worn: list[DrapedGarment], motion: Motion) -> tuple[float, flo
     for sign in (1, -1):  # left, right
         on_side = np.sign(motion.body.skin[:, 0]) == sign
         start = skin[hand & skin_forward & on_side] + [0, 0, 0.001]  # a millimetre before the skin
-        face, depth = surface.raycast(start, np.broadcast_to([0.0, 0.0, 1.0], start.shape))
+        face, depth = surface.raycast(start, np.array([0.0, 0.0, 1.0]))
         is_cloth, is_free = face >= len(skin_faces), face < 0  # the faces of the skin come first
         covered = is_cloth & (depth < COVER_RANGE) & face_forward[face]
         counted = covered | is_free
@@ -188,8 +188,7 @@ def first_seen(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.
     low, high = vertices.min(0), vertices.max(0)
     x, y = np.arange(low[0], high[0], PIXEL), np.arange(high[1], low[1], -PIXEL)
     origin = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), high[2] + 0.1)], axis=-1).reshape(-1, 3)
-    backward = np.broadcast_to([0.0, 0.0, -1.0], origin.shape)
-    face, depth = Collider.at_rest(vertices, faces).raycast(origin, backward)
+    face, depth = Collider.at_rest(vertices, faces).raycast(origin, np.array([0.0, 0.0, -1.0]))
     return face.reshape(len(y), len(x)), depth.reshape(len(y), len(x))
 
 

@@ -81,10 +81,7 @@ def _warn_unlit(unlit: dict[str, str], total: int) -> list[str]:
         return []
     named = "; ".join(f"{source}: {reason}" for source, reason in list(unlit.items())[:MAX_NAMED])
     more = f"; and {len(unlit) - MAX_NAMED} more, which chain.json names" if len(unlit) > MAX_NAMED else ""
-    return [
-        f"{len(unlit)} of {total} panoramas gave no light; lights.rules=rooms has limits that open sky breaks, and "
-        f"lights.rules=strong has wider ones: {named}{more}"
-    ]
+    return [f"{len(unlit)} of {total} panoramas gave no light (lights.rules=strong has wider limits): {named}{more}"]
 
 
 def _warn_below(sources: list[str], coefficients: np.ndarray, panoramas: Panoramas) -> list[str]:
@@ -94,10 +91,7 @@ def _warn_below(sources: list[str], coefficients: np.ndarray, panoramas: Panoram
         return []
     named = ", ".join(below[:MAX_NAMED]) + (f" and {len(below) - MAX_NAMED} more" if len(below) > MAX_NAMED else "")
     remedy = f"panoramas.upside_down={'false' if panoramas.upside_down else 'true'}"
-    return [
-        f"{len(below)} of {len(sources)} panoramas are brighter from below than from above: {named}; where the rows of "
-        f"files run {'from the top down' if panoramas.upside_down else 'from the bottom up'}, give {remedy}"
-    ]
+    return [f"{len(below)} of {len(sources)} panoramas are brighter from below than from above: {named}; try {remedy}"]
 
 
 def project_panoramas(panoramas: Panoramas, order: int) -> tuple[list[str], np.ndarray, dict[str, str], dict[str, str]]:

@@ -8,60 +8,48 @@ import typer
 from relight.core.default_command import default_command
 from relight.core.files import PHOTO_SUFFIXES
 
-LIGHT = Annotated[
-    str,
-    typer.Argument(
-        help="A panorama (.hdr, .exr), coefficients (.npy, .json), a photo of a place (street.jpg, street.jpg@-60,40), "
-        "hall, room:7, key:#ffeedd@45,30, lights.npz:12 of a set."
-    ),
-]
-ORDER = Annotated[int, typer.Option(min=0, max=6, help="Order of the spherical harmonics; 2 gives nine coefficients.")]
-LAYOUT = Annotated[
-    str,
-    typer.Option(
-        help="Layout: auto, latlong, angular, ball, cross, strip or strip-gl; square pictures need one other than auto."
-    ),
-]
-YAW = Annotated[float, typer.Option(help="Rotation of the light about the vertical, degrees, from front to right.")]
-FLIP = Annotated[bool, typer.Option("--flip", help="Mirror left and right.")]
-UPSIDE_DOWN = Annotated[bool, typer.Option("--upside-down", help="The panorama's rows run from the bottom up.")]
-EXPOSURE = Annotated[float, typer.Option(help="Factor by which the light is multiplied.")]
-REPAIR = Annotated[
-    bool,
-    typer.Option("--repair", help="Replace non-finite pixels; rebuild a sun without red."),
-]
-CONVENTION = Annotated[
-    str | None,
-    typer.Option("--from", help="Convention of a file of coefficients, such as kanamori2018, dpr, ramamoorthi2001."),
-]
-OUT = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--out",
-        "-o",
-        help="Also write the coefficients (.json, .npy) or draw panorama, diffuse panorama and lit ball (.png); "
-        "may be repeated.",
-    ),
-]
-TO = Annotated[str, typer.Option(help="Convention to print and write in.")]
-
-
 app = typer.Typer(cls=default_command("numbers"), no_args_is_help=True, help="Print, write or draw a light.")
 
 
 @app.command()
 def numbers(
-    light: LIGHT,
-    out: OUT = None,
-    to: TO = "relight",
-    order: ORDER = 2,
-    layout: LAYOUT = "auto",
-    yaw: YAW = 0.0,
-    flip: FLIP = False,
-    upside_down: UPSIDE_DOWN = False,
-    exposure: EXPOSURE = 1.0,
-    convention: CONVENTION = None,
-    repair: REPAIR = False,
+    light: Annotated[
+        str,
+        typer.Argument(
+            help="A panorama (.hdr, .exr), coefficients (.npy, .json), a photo of a place (street.jpg, "
+            "street.jpg@-60,40), hall, room:7, key:#ffeedd@45,30, lights.npz:12 of a set."
+        ),
+    ],
+    out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--out",
+            "-o",
+            help="Also write the coefficients (.json, .npy) or draw panorama, diffuse panorama and lit ball (.png); "
+            "may be repeated.",
+        ),
+    ] = None,
+    to: Annotated[str, typer.Option(help="Convention to print and write in.")] = "relight",
+    order: Annotated[int, typer.Option(min=0, max=6, help="Of the harmonics; 2 gives nine coefficients.")] = 2,
+    layout: Annotated[
+        str,
+        typer.Option(
+            help="auto, latlong, angular, ball, cross, strip or strip-gl; square pictures need one other than auto."
+        ),
+    ] = "auto",
+    yaw: Annotated[float, typer.Option(help="Turns the light about the vertical, degrees, from front to right.")] = 0.0,
+    flip: Annotated[bool, typer.Option("--flip", help="Mirror left and right.")] = False,
+    upside_down: Annotated[
+        bool, typer.Option("--upside-down", help="The panorama's rows run from the bottom up.")
+    ] = False,
+    exposure: Annotated[float, typer.Option(help="Factor by which the light is multiplied.")] = 1.0,
+    convention: Annotated[
+        str | None,
+        typer.Option("--from", help="Convention of a file of coefficients: kanamori2018, dpr, ramamoorthi2001 ..."),
+    ] = None,
+    repair: Annotated[
+        bool, typer.Option("--repair", help="Replace non-finite pixels; rebuild a sun without red.")
+    ] = False,
 ) -> None:
     """Print the spherical harmonics of a light and its statistics. `relight light kitchen.hdr` is short for it."""
     from rich.console import Console
@@ -75,17 +63,7 @@ def numbers(
     name = light.partition("@")[0]
     if Path(name).suffix.lower() in PHOTO_SUFFIXES and not name.startswith("place:"):
         light = f"place:{light}"
-    loaded = load_light(
-        light,
-        order,
-        layout=layout,
-        yaw=yaw,
-        flip=flip,
-        exposure=exposure,
-        convention=convention,
-        repair=repair,
-        upside_down=upside_down,
-    )
+    loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down)
     written = []  # before anything is printed, which may go to a pipe that closes
     for path in out or []:
         if path.suffix.lower() == ".png":

@@ -111,10 +111,7 @@ def load_light(
         answer = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
         light = answer if isinstance(answer, Light) else Light(as_table(answer, text), text)
     elif text.startswith(("room:", "sky:", "lamps:")):
-        raise UserError(
-            f"{text} is malformed: a generated light is named like room:7, sky:3 or lamps:5; a sum "
-            "has blanks around the plus"
-        )
+        raise UserError(f"{text} is malformed: a generated light is room:7, sky:3; a sum has blanks around its plus")
     elif (match := KIND.match(text)) and not Path(text).exists():
         kinds = ", ".join(["room", "sky", "lamps", "key", *extensions.OWN, *extensions.names()])
         raise UserError(f"{text}: there is neither such a file nor a kind of light {match[1]!r}; kinds are {kinds}")

@@ -27,7 +27,6 @@ MAX_UNUSUAL = 80  # clusters of unusual lights
 MIN_FRONT = 1e-4  # reference brightness over the mean; a darker front cannot be scaled to a target
 MIN_DIRECTIVITY = 0.35  # |L1| / L00; above it, a light has a main direction, which the rules test
 MORE_THAN_ALL_RULES = 10  # rules that a light of scale 0 counts as breaking
-BATCH = 4096  # lights that are measured at a time
 
 
 @dataclass(frozen=True)
@@ -105,10 +104,7 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
         extra = _extra_test_lights(candidates, lights, settings)
         lights = concatenate(lights, extra)
         if len(extra) < settings.extra_test:
-            record["warnings"].append(
-                f"lights.extra_test: {settings.extra_test} were asked for and {len(extra)} found among the panoramas "
-                "that give no other light to train or to test on"
-            )
+            record["warnings"].append(f"lights.extra_test: {len(extra)} of {settings.extra_test} found: few panoramas")
     train = np.flatnonzero(lights.split == "train")
     lights.split[train[choose_validation_lights(lights.coefficients[train])]] = "validation"
     record["lights"] = {split: int((lights.split == split).sum()) for split in SPLITS}
@@ -182,12 +178,6 @@ def broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
     Returns:
         Whether each light breaks a rule, (N,) bool, by the rule's name.
     """
-    parts = [_broken_rules(lights[start : start + BATCH], rules) for start in range(0, len(lights), BATCH)]
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]} if parts else {}
-
-
-def _broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
-    """Returns whether each light (N,K,3) of a batch breaks a rule, (N,) bool, by the rule's name."""
     stats = measure(lights)
     directed = stats["first"] > MIN_DIRECTIVITY
     is_back_lit = stats["back_mean"] > rules.back * stats["front_mean"]
@@ -214,10 +204,7 @@ def _split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) 
         raise UserError("lights: no copy of any panorama has light on its front; add other panoramas")
     usual = broken_count == broken_count.min()
     if broken_count.min():
-        record["warnings"].append(
-            f"every light breaks at least {broken_count.min()} of the rules for unusual lights; kept the "
-            f"{usual.sum()} that break no more"
-        )
+        record["warnings"].append(f"every light breaks {broken_count.min()} or more rules; {usual.sum()} break no more")
     names = np.array(list(broken), dtype=object)
     copies.reason[:] = [" ".join(names[row]) for row in np.stack(list(broken.values()), -1)]
     reasons = {name: int((rule & ~usual).sum()) for name, rule in broken.items()}
@@ -245,8 +232,9 @@ def darkened(lights: LightSet) -> LightSet:
     A camera would expose so: a light from the side or the back that is scaled to its reference brightness is many times
     too bright elsewhere.
     """
-    parts = [measure(lights.coefficients[i : i + BATCH])["channel_most"] for i in range(0, len(lights), BATCH)]
-    factor = np.minimum(1, RULES["rooms"].channel / np.concatenate([np.zeros(0), *parts]))
+    if not len(lights):
+        return lights
+    factor = np.minimum(1, RULES["rooms"].channel / measure(lights.coefficients)["channel_most"])
     coefficients = (lights.coefficients * factor[:, None, None]).astype(np.float32)
     return replace(lights, coefficients=coefficients, scale=lights.scale * factor)
 
@@ -266,10 +254,8 @@ def cluster(lights: LightSet, clusters: int, seed: int, record: dict[str, Any] |
     if record is not None:
         _record_step(record, "cluster", len(lights), len(selected), {})
         if len(selected) < clusters:
-            record["warnings"].append(
-                f"lights.clusters: {clusters} were asked for and {len(selected)} found among {len(lights)} lights of "
-                f"{len(set(lights.source.tolist()))} panoramas"
-            )
+            panoramas = len(set(lights.source.tolist()))
+            record["warnings"].append(f"lights.clusters: {len(selected)} of {clusters} found in {panoramas} panoramas")
     return selected
 
 
@@ -306,15 +292,11 @@ def _split_warnings(lights: LightSet, settings: Lights) -> list[str]:
     train_sources, test_sources = (set(lights.of(split).source.tolist()) for split in ("train", "test"))
     shared, warnings = train_sources & test_sources, []
     if shared and settings.split == "room":
-        warnings.append(
-            f"a single panorama ({shared.pop()}) gives both training and test lights: the test is not independent"
-        )
+        warnings.append(f"a single panorama ({shared.pop()}) gives training and test lights: they are not independent")
     if len(test_sources) < len(lights.of("test")):
         warnings.append(
-            f"the {len(lights.of('test'))} test lights come from {len(test_sources)} "
-            f"panorama{'s' * (len(test_sources) != 1)}, the "
-            f"{len(lights.of('train'))} training lights from {len(train_sources)}: lights of one panorama differ in "
-            "heading and brightness alone"
+            f"the {len(lights.of('test'))} test lights come from {len(test_sources)} panorama(s), the others from "
+            f"{len(train_sources)}: lights of one panorama differ in heading and brightness alone"
         )
     return warnings
 

@@ -7,6 +7,7 @@ from relight.sh import order_of, sphere_spiral, unoccluded
 
 FRONT = np.array([0.0, 0.0, 1.0])
 NORMAL_COUNT = 1000  # on which the irradiance is sampled
+BATCH = 4096  # lights that are measured at a time, to limit memory
 # Factors of 1, of x, y and z, of xy, yz and xz, of 3z^2-1, and of x^2-y^2 in the spherical harmonics.
 Y_0, Y_1, Y_XY = 0.28209479177387814, 0.4886025119029199, 1.0925484305920792
 Y_ZZ, Y_XX = 0.31539156525252005, 0.5462742152960396
@@ -76,6 +77,9 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
         red, blue: ln(R/G) and ln(B/G) of the mean radiance
         moment: `moment_eigenvalue`; no physically possible light has a negative one
     """
+    if len(lights) > BATCH:
+        parts = [measure(lights[start : start + BATCH]) for start in range(0, len(lights), BATCH)]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     lights = np.asarray(lights, np.float64)
     order = order_of(lights.shape[-2])
     normals = sphere_spiral(NORMAL_COUNT)

@@ -113,9 +113,7 @@ def read_light_set(path: Path | str) -> LightSet:
     table = lights.coefficients
     has_shape = table.ndim == 3 and table.shape[2] == 3 and table.dtype.kind == "f"
     if not (has_shape and (np.abs(table) <= MAX_COEFFICIENT).all()):
-        raise UserError(
-            f"{archive} is not a light set of relight (its coefficients must be finite, of shape (N, K, 3))"
-        )
+        raise UserError(f"{archive} is not a light set of relight: coefficients must be finite, of shape (N, K, 3)")
     if any(getattr(lights, name).shape != (len(lights),) for name in names if name != "coefficients"):
         raise UserError(f"{archive} is not a light set of relight (its columns differ in length)")
     order_of(table.shape[1])  # raises where K is no number of coefficients

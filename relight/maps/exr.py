@@ -191,9 +191,7 @@ def _read(path: Path | str, header_only: bool = False) -> tuple[dict[str, Any], 
     except (KeyError, ValueError, TypeError, RecursionError):
         if "relight" not in header and str(header.get("software")).startswith("relight "):
             raise UserError(f"{path} was inferred from a photo: give `relight view` the photo itself") from None
-        raise UserError(
-            f"{path} is not a file of maps of relight: its header lacks the 'relight' record, or contradicts it"
-        ) from None
+        raise UserError(f"{path} is not a file of maps of relight: its header lacks a valid 'relight' record") from None
     if header_only:
         return info, {}
     try:

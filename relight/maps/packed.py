@@ -118,10 +118,7 @@ def pack_figures(maps: Sequence[Path], least: float, out: Path, record: Path) ->
     needed = max(2, math.ceil(least * len(figures)))  # one to train on and one to test on, at least
     if usable < needed:
         first = "".join(f"; {name}: {reason}" for name, reason in list(reasons.items())[:3])
-        raise UserError(
-            f"only {usable} of {len(figures)} figures are usable, and at least {needed} are needed "
-            f"(split.least={least}){first}"
-        )
+        raise UserError(f"only {usable} of {len(figures)} are usable: split.least={least} needs {needed}{first}")
     for name, reason in reasons.items():
         print(f"left out: {name}: {reason}", file=sys.stderr)
     pack_maps(list(maps), out)

@@ -93,18 +93,9 @@ def _repair(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
     result gets uv, material and colors of the given mesh. It needs finite vertices, and raises UserError if no face has
     an area.
     """
-    pymeshlab = with_libraries("pymeshlab")
     corner = np.zeros((mesh.faces.size, 2))
     corner[:, 0] = np.tile(np.arange(3), len(mesh.faces))
-    work = pymeshlab.MeshSet()
-    work.add_mesh(
-        pymeshlab.Mesh(
-            mesh.vertices.astype(np.float64),
-            mesh.faces,
-            f_scalar_array=np.arange(len(mesh.faces), dtype=np.float64),
-            w_tex_coords_matrix=corner,
-        )
-    )
+    work = _mesh_set(mesh.vertices.astype(np.float64), mesh.faces, np.arange(len(mesh.faces), dtype=np.float64), corner)
 
     def face_count() -> int:
         return work.current_mesh().face_number()
@@ -146,13 +137,20 @@ def _repair(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
     return _oriented(mesh, changed, repairs)
 
 
+def _mesh_set(vertices: np.ndarray, faces: np.ndarray, face: np.ndarray, corner: np.ndarray) -> pymeshlab.MeshSet:
+    """Returns PyMeshLab's mesh with a scalar (F,) for each face and a pair (3F,2) for each corner."""
+    pymeshlab = with_libraries("pymeshlab")
+    work = pymeshlab.MeshSet()
+    work.add_mesh(pymeshlab.Mesh(vertices, faces, f_scalar_array=face, w_tex_coords_matrix=corner))
+    return work
+
+
 def _split_non_manifold_edges(mesh: pymeshlab.Mesh) -> pymeshlab.MeshSet:
     """Returns a MeshSet in which no edge has more than two faces, with the scalars and wedges of the given mesh.
 
     At an edge of more, the third and later faces get copies of its vertices; that may leave other edges with more than
     two, so it is repeated until there are none. (PyMeshLab's own filter loses the scalars of faces.)
     """
-    pymeshlab = with_libraries("pymeshlab")
     vertices, faces = mesh.vertex_matrix(), mesh.face_matrix().astype(np.int64)
     source = np.arange(len(vertices))  # the original of each vertex
     edge_corners = np.array([[0, 1], [1, 2], [2, 0]])
@@ -171,16 +169,7 @@ def _split_non_manifold_edges(mesh: pymeshlab.Mesh) -> pymeshlab.MeshSet:
         face, corner = np.unique(corners, axis=0).T
         source = np.concatenate([source, source[faces[face, corner]]])
         faces[face, corner] = np.arange(len(source) - len(face), len(source))
-    work = pymeshlab.MeshSet()
-    work.add_mesh(
-        pymeshlab.Mesh(
-            vertices[source],
-            faces.astype(np.int32),
-            f_scalar_array=mesh.face_scalar_array(),
-            w_tex_coords_matrix=mesh.wedge_tex_coord_matrix(),
-        )
-    )
-    return work
+    return _mesh_set(vertices[source], faces.astype(np.int32), mesh.face_scalar_array(), mesh.wedge_tex_coord_matrix())
 
 
 def _non_manifold_edges(faces: np.ndarray) -> int:
@@ -246,9 +235,7 @@ def _without_floating(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
     if large.all():
         return mesh
     if not large.any():
-        raise UserError(
-            f"{_name(mesh)} has no main part: none of its {count} parts is larger than {MAX_FLOATING:.0%} of the whole"
-        )
+        raise UserError(f"{_name(mesh)} has no main part: its {count} parts are under {MAX_FLOATING:.0%} of the whole")
     tree = cKDTree(mesh.vertices[np.unique(mesh.faces[large[part]])])
     distance = np.full(count, np.inf)
     small = ~large[part]

@@ -36,9 +36,7 @@ def find_file(beside: Path, *names: str | bytes) -> Path:
     except (OSError, RuntimeError):
         raise UserError(f"{beside} names {written[0]}, which is a link that leads nowhere") from None
     if not real.is_relative_to(folder) or not real.is_file():
-        raise UserError(
-            f"{beside} names {written[0]}, which leads out of the folder or is no file; put it beside {beside.name}"
-        )
+        raise UserError(f"{beside} names {written[0]}, which leads out of the folder or is no file; put one beside it")
     return real
 
 

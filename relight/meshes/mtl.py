@@ -157,9 +157,8 @@ def read_mtl(path: Path) -> dict[bytes, Surface]:
             entries[rest.strip()] = statements = {}
     library = {name: _surface(path, statements, textures) for name, statements in entries.items()}
     for name in twice:
-        library[name].warnings.insert(
-            0, f"{path.name} defines the material {spellings(name)[0]!r} twice: the last one counts"
-        )
+        text = spellings(name)[0]
+        library[name].warnings.insert(0, f"{path.name} defines the material {text!r} twice: the last one counts")
     return library
 
 

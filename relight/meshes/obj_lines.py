@@ -130,6 +130,4 @@ def parse(path: Path, text: bytes, type: type) -> np.ndarray:
         try:
             return np.fromstring(text, type, sep=" ")
         except (DeprecationWarning, ValueError):
-            raise UserError(
-                f"{path} is not a whole .obj file: a line of `v`, `vt` or `f` is not made of numbers"
-            ) from None
+            raise UserError(f"{path} is not a whole .obj file: a line is not made of numbers") from None

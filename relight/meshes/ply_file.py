@@ -57,22 +57,6 @@ class Element:
         )
 
 
-class Header(NamedTuple):
-    """What the header of a file says.
-
-    Attributes:
-        byte_order: "<" or ">"; None for ascii.
-        elements: those that have properties.
-        textures: names of pictures, as bytes in the file's code page.
-        start: where the data begin, bytes.
-    """
-
-    byte_order: str | None
-    elements: list[Element]
-    textures: list[bytes]
-    start: int
-
-
 class ListColumn(NamedTuple):
     """The lists of a property.
 
@@ -103,16 +87,18 @@ def read_blocks(path: Path) -> tuple[dict[str, Block], list[bytes]]:
     needed = sum(element.count * element.least_bytes(is_ascii) for element in elements)
     if needed > len(data) - start + is_ascii:  # checked before such an array is allocated; ascii may end without space
         counts = " and ".join(f"{element.count} {element.name} rows" for element in elements)
-        raise UserError(
-            f"{path}: the header promises {counts}, which the {len(data) - start} bytes after it cannot hold"
-        )
+        raise UserError(f"{path}: the header promises {counts}, which {len(data) - start} bytes cannot hold")
     if byte_order is None:
         return _ascii_blocks(path, data[start:], elements), textures
     return _binary_blocks(path, data, start, byte_order, elements), textures
 
 
-def _header(path: Path, head: bytes) -> Header:
-    """Parses the header, which the bytes `head` begin with; raises UserError if it is damaged."""
+def _header(path: Path, head: bytes) -> tuple[str | None, list[Element], list[bytes], int]:
+    """Parses the header, which the bytes `head` begin with; raises UserError if it is damaged.
+
+    Returns the byte order ("<", ">", or None for ascii), the elements that have properties, the names of pictures as
+    bytes in the file's code page, and where the data begin, bytes.
+    """
     end = head.find(b"end_header")
     first_line = re.match(rb"ply[ \t]*(\r\n|\n|\r)", head)  # all lines of a header end as the first one does
     line_end = head.find(first_line[1], end) if first_line else -1
@@ -148,7 +134,7 @@ def _header(path: Path, head: bytes) -> Header:
         if len(set(names)) < len(names):
             raise UserError(f"{path}: the PLY header names a property of {element.name} twice")
     filled = [element for element in elements if element.properties]
-    return Header(BYTE_ORDERS[format], filled, textures, line_end + len(first_line[1]))
+    return BYTE_ORDERS[format], filled, textures, line_end + len(first_line[1])
 
 
 def _binary_blocks(path: Path, data: bytes, start: int, byte_order: str, elements: list[Element]) -> dict[str, Block]:

@@ -132,10 +132,7 @@ def _rounding(vertices: np.ndarray, size: float) -> list[str]:
     step = float(np.spacing(np.float32(np.nanmax(np.abs(vertices)))))
     if step < MAX_STEP * size or not (np.isnan(vertices) | (vertices.astype(np.float32) == vertices)).all():
         return []
-    return [
-        f"its coordinates are rounded to steps of {step:.2g}, {step / size:.1%} of its size: move it to the origin "
-        "before it is exported in single precision"
-    ]
+    return [f"its coordinates are rounded to steps of {step:.2g}, {step / size:.1%} of its size: export it nearer to 0"]
 
 
 def unit_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:

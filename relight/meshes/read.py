@@ -43,9 +43,7 @@ def read_mesh(path: Path | str) -> Mesh:
     if not size:
         raise UserError(f"{path} is empty")
     if size > MAX_BYTES:
-        raise UserError(
-            f"{path} has {size / 2**30:.1f} GiB; files up to {MAX_BYTES >> 30} GiB are read: decimate it first"
-        )
+        raise UserError(f"{path} has {size / 2**30:.1f} GiB; up to {MAX_BYTES >> 30} GiB are read: decimate it first")
     return checked_mesh(reader(path), path)
 
 

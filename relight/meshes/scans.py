@@ -77,9 +77,7 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     scans: dict[str, Scan] = {}
     for path, name in names.items():
         if name in scans:
-            raise UserError(
-                f"{scans[name].path} and {path} have one name, as one scan in two formats: keep one of them"
-            )
+            raise UserError(f"{scans[name].path} and {path} have one name: of two formats of a scan, keep one")
         scans[name] = Scan(path, _subject(relative[path], name))
     return dict(sorted(scans.items()))
 

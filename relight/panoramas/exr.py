@@ -192,9 +192,7 @@ def _choose_part(path: Path, headers: list[Header]) -> int:
     if decoded > max(UNCHECKED_BYTES, MAX_COMPRESSION * stored):
         raise UserError(f"{path}: damaged: its header declares {decoded >> 20} MB, but the file has {stored >> 10} kB")
     if decoded > MAX_BYTES:
-        raise UserError(
-            f"{path} has {decoded >> 20} MB of channels, more than {MAX_BYTES >> 20} MB: keep only R, G and B"
-        )
+        raise UserError(f"{path} has {decoded >> 20} MB of channels, over {MAX_BYTES >> 20} MB: keep only R, G and B")
     if selected is None:
         found = ", ".join(sorted({name for header in headers for name in header.channels})[:8])
         raise UserError(

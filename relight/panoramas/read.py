@@ -121,15 +121,9 @@ def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str 
         elif width == 6 * height or height == 6 * width:
             layout = "strip"
         elif width == height:
-            raise UserError(
-                f"{path}: a square picture can be an angular map, a mirror ball or a squeezed lat-long; say which "
-                "(layout=angular, ball or latlong)"
-            )
+            raise UserError(f"{path}: a square picture may have several layouts: give layout=angular, ball or latlong")
         else:
-            raise UserError(
-                f"{path}: {width} x {height} is no aspect of a panorama: 2:1 is lat-long, 3:4 and 4:3 a cross, 1:6 and "
-                "6:1 a strip of cube faces; a square one needs a layout (layout=angular, ball or latlong)"
-            )
+            raise UserError(f"{path}: {width} x {height} is no aspect of a panorama, such as 2:1, 4:3, 3:4, 6:1, 1:6")
     fits = {
         "latlong": height >= 2 and width >= 2,
         "angular": width == height,

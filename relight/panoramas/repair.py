@@ -39,10 +39,8 @@ def repair_pixels(path: Path, pixels: np.ndarray, repair: bool) -> list[str]:
     height, width = pixels.shape[:2]
     count = f"{len(holes)} of {height * width} pixels are not finite numbers"
     if not repair:
-        raise UserError(
-            f"{path}: {count}, the first in row {holes[0, 0]}, column {holes[0, 1]} (a sun can be too bright for half "
-            "floats); relight light --repair, or panoramas.repair=true, replaces them by the mean of their neighbours"
-        )
+        first = f"the first in row {holes[0, 0]}, column {holes[0, 1]}"
+        raise UserError(f"{path}: {count}, {first}; relight light --repair, or panoramas.repair=true, replaces them")
     if len(holes) > MAX_SHARE * height * width:
         raise UserError(f"{path}: {count}; more than {MAX_SHARE:.0%} cannot be repaired: download the file again")
     known = np.ones((height, width), bool)

@@ -49,9 +49,7 @@ def as_table(numbers: object, name: str = "light") -> np.ndarray:
     elif array.ndim == 2 and array.shape[0] == 3 and array.shape[1] in sizes:
         array = array.T
     if array.ndim != 2 or array.shape[1] != 3 or array.shape[0] not in sizes:
-        raise UserError(
-            f"{name} has the shape {array.shape}; a light has 9 x 3 coefficients (4, 16, 25 ... x 3 for other orders)"
-        )
+        raise UserError(f"{name} has the shape {array.shape}; a light has 9 x 3 coefficients, or 4, 16, 25 ... x 3")
     if not np.isfinite(array).all():
         raise UserError(f"{name} has coefficients that are not finite")
     if np.abs(array).max() > MAX_COEFFICIENT:
@@ -69,9 +67,7 @@ def from_kanamori(light: np.ndarray) -> np.ndarray:
 def to_kanamori(light: np.ndarray) -> np.ndarray:
     """Converts a light (9,3) from relight to kanamori2018."""
     require_order_2(light, "kanamori2018")
-    reordered = np.empty_like(light)
-    reordered[KANAMORI_ORDER] = light[:, ::-1]
-    return reordered
+    return light[np.argsort(KANAMORI_ORDER)][:, ::-1]
 
 
 def mirror_z(light: np.ndarray) -> np.ndarray:

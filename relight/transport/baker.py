@@ -66,15 +66,10 @@ class Baker:
         """
         require_at_least(1, size=settings.size, rays=settings.rays, supersample=settings.supersample)
         require_at_least(0, order=settings.order, bounces=settings.bounces)
-        if settings.rays < settings.supersample**2:
-            raise UserError(
-                f"rays is {settings.rays}: it must be at least {settings.supersample**2}, one for each of the "
-                f"{settings.supersample} x {settings.supersample} samples of a pixel (supersample)"
-            )
+        if settings.rays < (samples := settings.supersample**2):
+            raise UserError(f"rays is {settings.rays}: it must be at least {samples}, one for each sample of a pixel")
         if settings.bounces and mesh.outfits:
-            raise UserError(
-                "bounced light depends on the albedo of one outfit: with several outfits, bounces must be 0"
-            )
+            raise UserError("bounced light depends on the albedo: with several outfits, bounces must be 0")
         self.mesh, self.settings, self.seed = mesh, settings, seed
         self.outfit_meshes = [mesh.dressed(outfit) for outfit in range(1 + len(mesh.outfits))]
         self.glossy = any(material.specular for outfit_mesh in self.outfit_meshes for material in outfit_mesh.materials)
@@ -149,23 +144,28 @@ class Baker:
         azimuth = random_azimuths(len(centres.ray), self.seed)
         pixel_index = np.full(camera.size**2, -1)  # from pixels of the image to the P, -1 for the others
         pixel_index[centres.ray] = np.arange(len(centres.ray))
-        sums, covered = PixelSums(len(centres.ray)), np.zeros(camera.size**2)
+        counts, covered = np.zeros(len(centres.ray)), np.zeros(camera.size**2)
+        sums: dict[str, np.ndarray] = {}
+
+        def add(pixels: np.ndarray, face: np.ndarray, weights: np.ndarray, subset: tuple[int, int]) -> None:
+            """Adds a sample to each of some of the P pixels."""
+            for name, values in self._surface_values(camera, face, weights, azimuth[pixels], subset).items():
+                total = sums.setdefault(name, np.zeros((len(counts), *values.shape[1:])))
+                total[pixels] += values
+            counts[pixels] += 1
+
         offsets = (np.arange(self.settings.supersample) + 0.5) / self.settings.supersample
         grid = list(product(offsets, offsets))
         for j, (dy, dx) in enumerate(progress(grid, "samples per pixel") if len(grid) > 1 else grid):
             hits = primary_hits(self.caster, camera, column + dx, row + dy)
             covered[hits.ray] += 1
             masked = pixel_index[hits.ray] >= 0
-            pixels = pixel_index[hits.ray[masked]]
-            subset = (j, len(grid))
-            sums.add(
-                pixels, self._surface_values(camera, hits.face[masked], hits.weights[masked], azimuth[pixels], subset)
-            )
-        unsampled = np.flatnonzero(sums.counts == 0)  # the surface is thinner than the samples' spacing
+            add(pixel_index[hits.ray[masked]], hits.face[masked], hits.weights[masked], subset=(j, len(grid)))
+        unsampled = np.flatnonzero(counts == 0)  # the surface is thinner than the samples' spacing
         if len(unsampled):
-            face, weights = centres.face[unsampled], centres.weights[unsampled]
-            sums.add(unsampled, self._surface_values(camera, face, weights, azimuth[unsampled], (0, 1)))
-        return sums.means(), covered / len(grid)
+            add(unsampled, centres.face[unsampled], centres.weights[unsampled], subset=(0, 1))
+        means = {name: total / counts.reshape(-1, *[1] * (total.ndim - 1)) for name, total in sums.items()}
+        return means, covered / len(grid)
 
     def _surface_values(
         self, camera: Camera, face: np.ndarray, weights: np.ndarray, azimuth: np.ndarray, subset: tuple[int, int]
@@ -255,31 +255,6 @@ class Baker:
             },
         )
         return [maps, *(replace(maps, **layers, info=dict(maps.info)) for layers in outfit_layers[1:])]
-
-
-class PixelSums:
-    """Accumulates named values over the samples of each of P pixels.
-
-    Attributes:
-        counts: (P,) samples per pixel.
-        sums: (P,...) by name.
-    """
-
-    def __init__(self, pixels: int):
-        """Starts with zero samples in each of `pixels` pixels."""
-        self.counts = np.zeros(pixels)
-        self.sums: dict[str, np.ndarray] = {}
-
-    def add(self, pixels: np.ndarray, values: dict[str, np.ndarray]) -> None:
-        """Adds one sample (N,...) of each named value to pixels with numbers (N,), of which no two are equal."""
-        for name, value in values.items():
-            total = self.sums.setdefault(name, np.zeros((len(self.counts), *value.shape[1:])))
-            total[pixels] += value
-        self.counts[pixels] += 1
-
-    def means(self) -> dict[str, np.ndarray]:
-        """Returns the means (P,...) by name."""
-        return {name: total / self.counts.reshape(-1, *[1] * (total.ndim - 1)) for name, total in self.sums.items()}
 
 
 class Hits(NamedTuple):

@@ -120,11 +120,8 @@ def bake(
             else:
                 write_maps(target, maps)
         pixels = int(maps.mask.sum())
-        typer.echo(
-            f"{mesh.name}: {len(prepared.faces):,} triangles, {pixels:,} pixels of {size} x {size}, mean AO "
-            f"{maps.ao[maps.mask].mean():.3f}",
-            err=True,
-        )
+        ao = f"mean AO {maps.ao[maps.mask].mean():.3f}"
+        typer.echo(f"{mesh.name}: {len(prepared.faces):,} triangles, {pixels:,} pixels, {ao}", err=True)
     if of_vertices:
         from relight.transport.vertices import bake_vertices
 

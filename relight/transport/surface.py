@@ -60,9 +60,7 @@ def sample_albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarr
     """
     material = mesh.material[face]
     if len(material) and not 0 <= material.min() <= material.max() < len(mesh.materials):
-        raise UserError(
-            f"the mesh has {len(mesh.materials)} materials but its faces use others, up to {material.max()}"
-        )
+        raise UserError(f"the mesh has {len(mesh.materials)} materials, but its faces use up to {material.max()}")
     result = np.empty((len(face), 3), np.float32)
     for index in np.unique(material):
         entry = mesh.materials[index]

@@ -25,7 +25,7 @@ from relight.figures.cloth.drape import DrapeResult
 from relight.figures.commands import app, seeds_of, write_table
 from relight.figures.constraints import Constraints
 from relight.figures.dress import make_figure
-from relight.figures.export import export
+from relight.figures.export import write_glb
 from relight.figures.gloss import GLOSS, LEATHER, with_gloss
 from relight.figures.pose import stances
 from relight.figures.rings import lost_rings
@@ -83,14 +83,6 @@ def test_make_figure_per_subject_is_one_person_in_other_poses(figure):
         assert np.array_equal(mine.color, theirs.color) and np.array_equal(mine.texture, theirs.texture)
     assert not np.array_equal(figure.vertices[:1000], other.vertices[:1000])
     assert dress.subject_of(5, 3) == "s0001" and dress.subject_of(6, 3) == "s0002" and dress.subject_of(6, 1) == "g0006"
-
-
-@pytest.mark.slow
-def test_export_glb_keeps_vertex_colors(figure, tmp_path):
-    height = figure.vertices[figure.faces][..., 1:2]
-    mesh = replace(figure, color=(height / height.max()).repeat(3, -1).astype(np.float32))
-    export(mesh, tmp_path / "f.glb")
-    assert read_mesh(tmp_path / "f.glb").color.mean() == pytest.approx(mesh.color.mean(), abs=0.02)
 
 
 @pytest.mark.slow
@@ -278,7 +270,7 @@ def test_poke_through_counts_specks_and_no_openings():
 @pytest.mark.slow
 def test_export_glb_has_the_content_of_the_mesh(figure, tmp_path):
     mesh = figure
-    export(mesh, tmp_path / "f.glb")
+    write_glb(mesh, tmp_path / "f.glb")
     scene = trimesh.load(tmp_path / "f.glb", process=False)
     assert set(scene.geometry) == {material.name for material in mesh.materials}
     assert len(scene.geometry) == len(mesh.materials) and {"skin", "eyes", *mesh.info["garments"]} < set(scene.geometry)
@@ -310,13 +302,13 @@ def test_export_glb_holds_its_licence_and_each_texture_once(tmp_path):
     materials = [left, right, Material()]
     uv, info = np.zeros((3, 3, 2), np.float32), {"name": "g7", "seed": 7, "licence": "CC0-1.0"}
     mesh = Mesh(vertices, faces, uv, np.arange(3, dtype=np.int16), materials, None, info)
-    export(mesh, tmp_path / "f.glb")
+    write_glb(mesh, tmp_path / "f.glb")
     document = document_of(tmp_path / "f.glb")
     assert len(document["images"]) == len(document["textures"]) == 1
     assert "CC0" in document["asset"]["copyright"] and document["asset"]["extras"]["license"] == "CC0-1.0"
     root = document["nodes"][document["scenes"][0]["nodes"][0]]
     assert root["name"] == "g7" and root["extras"] == info
-    export(replace(mesh, info={"name": "scan"}), tmp_path / "scan.glb")
+    write_glb(replace(mesh, info={"name": "scan"}), tmp_path / "scan.glb")
     assert "CC0" not in json.dumps(document_of(tmp_path / "scan.glb"))  # a scan is not relight's to give away
     assert [document["nodes"][child]["name"] for child in root["children"]] == ["left", "right", "part 2"]
     read = read_mesh(tmp_path / "f.glb")
@@ -337,21 +329,12 @@ def test_with_gloss_gives_materials_the_gloss_of_their_kind(figure):
 
 @pytest.mark.slow
 def test_clean_of_an_exported_figure_repairs_next_to_nothing(figure, tmp_path):
-    export(figure, tmp_path / "f.glb")
+    write_glb(figure, tmp_path / "f.glb")
     repairs = clean(read_mesh(tmp_path / "f.glb")).info["repairs"]
     assert repairs["merged vertices"] > 500
     # collars touch the edge that they are sewn to; specks of skin and cloth are left under other clothes
     counts = {what: count for what, count in repairs.items() if what not in FINDINGS}
     assert counts.pop("floating parts", 0) < 10 and not counts
-
-
-@pytest.mark.slow
-def test_export_npz_round_trip_and_unknown_suffix(figure, tmp_path):
-    export(figure, tmp_path / "f.npz")
-    assert digest(Mesh.load(tmp_path / "f.npz")) == digest(figure)
-    with pytest.raises(UserError, match="fbx"):
-        export(figure, tmp_path / "f.fbx")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["f.npz"]
 
 
 def test_seeds_of_lists_and_ranges():
@@ -440,7 +423,7 @@ def test_constraints_that_nobody_satisfies_are_one_sentence(monkeypatch, fixed, 
 @pytest.mark.slow
 def test_figures_command_ends_quietly_when_terminated(tmp_path):
     """Its workers end with it, and no part of a figure is left."""
-    command = [sys.executable, "-m", "relight.cli", "figures", "--seeds", "0-9", "--export", "npz"]
+    command = [sys.executable, "-m", "relight.cli", "figures", "--seeds", "0-9"]
     command += ["--detail", "draft", "--texture", "128", "--out", str(tmp_path), "--jobs", "2"]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
@@ -452,4 +435,4 @@ def test_figures_command_ends_quietly_when_terminated(tmp_path):
     out, err = process.communicate()  # returns when all that hold the pipes have ended
     assert process.returncode == 143
     assert out == "" and all(line.startswith("figures ") for line in err.splitlines()), err
-    assert not [path.name for path in tmp_path.iterdir() if path.suffix not in (".npz", ".json")]
+    assert not [path.name for path in tmp_path.iterdir() if path.suffix not in (".glb", ".json")]

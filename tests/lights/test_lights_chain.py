@@ -94,7 +94,7 @@ def test_extra_test_lights_are_of_other_rooms_and_change_no_other_light(rooms):
     others = set(plain.rows(plain.split != "unusual").source)
     assert len(extra) and not set(extra.source) & others
     assert not any(extra.reason) and not np.any(list(broken_rules(extra.coefficients, RULES).values()))
-    assert any("lights.extra_test: 500" in warning for warning in record["warnings"])
+    assert any("of 500 found" in warning for warning in record["warnings"])
 
 
 def test_two_panoramas_make_a_light_set(rooms):

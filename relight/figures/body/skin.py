@@ -210,14 +210,18 @@ def hairline(azimuth: np.ndarray) -> np.ndarray:
     return np.interp(np.abs(azimuth), *HAIRLINE)
 
 
+def skull_centre(eye: np.ndarray) -> np.ndarray:
+    """Returns the centre (3,) of a skull in its rest pose, given that of its left eye (3,), metres."""
+    return np.array([0.0, eye[1] + 0.028, eye[2] - 0.085])
+
+
 def above_hairline(points: np.ndarray) -> np.ndarray:
     """Returns how far points (...,3) of the base head are above its hairline, in sine of elevation; negative below it.
 
     Elevations are seen from the middle of the skull. It is -1 from 12 cm below the eyes on.
     """
     eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
-    middle = np.array([0.0, eye[1] + 0.028, eye[2] - 0.085])
-    direction = points - middle
+    direction = points - skull_centre(eye)
     direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
     above = direction[..., 1] - hairline(np.arctan2(direction[..., 0], direction[..., 2]))
     return np.where(points[..., 1] > eye[1] - 0.12, above, -1.0)

@@ -74,13 +74,14 @@ class Collider:
         return face.numpy(), np.c_[weights, 1 - weights.sum(1)]
 
     def raycast(self, origin: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Casts rays from origins (n,3) in unit directions (n,3).
+        """Casts rays from origins (n,3) in unit directions, (n,3) or one for all (3,).
 
         Returns:
             The first face (n,) that each ray hits, -1 for none, and its distance (n,) in metres, infinite for none.
         """
         face = wp.zeros(len(origin), dtype=int)
         depth = wp.zeros(len(origin), dtype=float)
-        inputs = [self.mesh.id, vec3_array(origin), vec3_array(direction), face, depth]
+        directions = np.broadcast_to(direction, origin.shape)
+        inputs = [self.mesh.id, vec3_array(origin), vec3_array(directions), face, depth]
         wp.launch(cast_rays, dim=len(origin), inputs=inputs)
         return face.numpy(), np.where(face.numpy() >= 0, depth.numpy().astype(float), np.inf)

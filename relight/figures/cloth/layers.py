@@ -104,7 +104,7 @@ def sees_outside(points: np.ndarray, normal: np.ndarray, figure: Collider) -> np
     outside, start = np.zeros(len(points), bool), points + 0.5 * DEEP * normal
     for direction in directions:
         pending = np.flatnonzero(~outside & (normal @ direction > 0.1))  # above their surface, and no ray left yet
-        face, _ = figure.raycast(start[pending], np.broadcast_to(direction, (len(pending), 3)))
+        face, _ = figure.raycast(start[pending], direction)
         outside[pending] = face < 0
     return outside
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from relight.figures.body import makehuman
 from relight.figures.body.person import Body
-from relight.figures.body.skin import above_hairline
+from relight.figures.body.skin import above_hairline, skull_centre
 from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import normals
 from relight.figures.texture import lattice, smoothstep
@@ -84,8 +84,7 @@ class Roots:
 
 def head_centre(body: Body) -> np.ndarray:
     """Returns the centre (3,) of the skull in the rest pose, metres; it is found from the eyes."""
-    eye = body.vertices[makehuman.EYES["L"]].mean(0)
-    return np.array([0.0, eye[1] + 0.028, eye[2] - 0.085])
+    return skull_centre(body.vertices[makehuman.EYES["L"]].mean(0))
 
 
 def scalp_roots(points: np.ndarray) -> np.ndarray:

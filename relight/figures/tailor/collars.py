@@ -324,7 +324,7 @@ def cords(vertices: np.ndarray, faces: np.ndarray, neck: Neck) -> list[Surface]:
     for side in (-1, 1):
         origin = np.broadcast_to(neck.base + side * CORD_DISTANCE * neck.left + [0, 0, ahead], (rays, 3)).copy()
         origin[:, 1] = neck.base[1] + 0.05 - CORD_STEP * np.arange(rays)
-        _, depth = surface.raycast(origin, np.broadcast_to([0.0, 0.0, -1.0], (rays, 3)))
+        _, depth = surface.raycast(origin, np.array([0.0, 0.0, -1.0]))
         on_front = np.flatnonzero(np.isfinite(depth) & (depth < ahead - 0.02))[: round(CORD / CORD_STEP)]
         if len(on_front) < MIN_CORD_RINGS:
             continue

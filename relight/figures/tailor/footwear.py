@@ -242,7 +242,7 @@ def sole(
         Posed vertices (V,3) and faces (F,3), outward.
     """
     flat = bottom[:, [0, 2]]  # seen from above
-    hull = flat[ConvexHull(flat).vertices]
+    hull = flat[ConvexHull(flat).vertices]  # counter-clockwise, so faces are outward
     travel = np.r_[0, np.cumsum(np.linalg.norm(np.roll(hull, -1, 0) - hull, axis=1))]
     even = np.linspace(0, travel[-1], OUTLINE_POINTS, endpoint=False)
     ring = np.stack([np.interp(even, travel, np.r_[hull[:, c], hull[0, c]]) for c in (0, 1)], axis=1)
@@ -269,8 +269,4 @@ def sole(
         np.stack([next_column, column, np.full(n, len(vertices) - 2)], 1),
         np.stack([last + column, last + next_column, np.full(n, len(vertices) - 1)], 1),
     ]
-    faces = np.concatenate(strips + ends)
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    if np.einsum("fi,fi->f", a, np.cross(b, c)).sum() < 0:  # six times the volume: the hull may run either way
-        faces = faces[:, ::-1]
-    return motion.skin(np.tile(foot, (len(vertices), 1)), vertices), faces
+    return motion.skin(np.tile(foot, (len(vertices), 1)), vertices), np.concatenate(strips + ends)

@@ -82,7 +82,7 @@ def _drop_line(surface: Collider, x: float, top: float, length: float, lift: flo
     """
     y = top - np.arange(0.0, 1.15 * length, 0.01)
     origin = np.stack([np.full_like(y, x), y, np.full_like(y, RAY_START)], axis=1)
-    z = RAY_START - surface.raycast(origin, np.broadcast_to([0.0, 0.0, -1.0], origin.shape))[1]
+    z = RAY_START - surface.raycast(origin, np.array([0.0, 0.0, -1.0]))[1]
     reached = np.isfinite(z)
     z = np.interp(y[::-1], y[reached][::-1], z[reached][::-1])[::-1] if reached.any() else np.full_like(y, 0.1)
     z = np.maximum(gaussian_filter1d(z, 4, mode="nearest"), z)

@@ -122,8 +122,7 @@ def tie(vertices: np.ndarray, faces: np.ndarray, neck: Neck) -> Surface | None:
     # Rays from in front give the depth of the shirt at each point of the tie.
     origin = top + (half_width[:, None] * across)[..., None] * neck.left + [0.0, 0.0, TIE_RAYS]
     origin[..., 1] -= s[:, None]
-    backward = np.broadcast_to([0.0, 0.0, -1.0], (origin.size // 3, 3))
-    depth = surface.raycast(origin.reshape(-1, 3), backward)[1].reshape(origin.shape[:2])
+    depth = surface.raycast(origin.reshape(-1, 3), np.array([0.0, 0.0, -1.0]))[1].reshape(origin.shape[:2])
     is_on_shirt = np.asarray(np.isfinite(depth).all(1) & (depth < TIE_RAYS).all(1))
     if is_on_shirt[KNOT < s].sum() < MIN_TIE_ROWS:
         return None
