@@ -1,12 +1,14 @@
 """Cuts and trims of garments: hulls, drops, necklines, collars, bands, belts, ties, fits."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
+from relight.figures import wear
 from relight.figures.body.person import build_body, sample_person
 from relight.figures.cloth import colliders
 from relight.figures.cloth.colliders import Collider
@@ -61,6 +63,34 @@ def test_trunk_hull_bridges_heights_without_vertices():
     hull = suit.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25, "neck": 0.45})
     for y in (0.2, 0.24, 0.28):
         assert hull.radius(np.array([[0.0, y, 0.05]]))[0] == pytest.approx(0.1 + 0.2 * y, abs=5e-3)
+
+
+def test_hull_straightened_spans_hollows():
+    """A body of revolution as slim as an hourglass between a chest and a seat of one width, and a bump at its foot."""
+    heights = np.linspace(0, 1, 21)
+    radii = np.repeat((0.2 - 0.08 * np.sin(np.pi * heights))[:, None], suit.BEARINGS, axis=1)
+    hull = suit.Hull(0.0, heights, radii)
+    np.testing.assert_allclose(hull.straightened(-1.0, 1.0).radii, 0.2, atol=1e-12)
+    np.testing.assert_allclose(hull.straightened(-1.0, 0.5).radii, (0.2 + radii) / 2, atol=1e-12)
+    above = hull.straightened(0.5, 1.0).radii  # straight from the waist up to the chest, as cut below it
+    np.testing.assert_allclose(above[:11], radii[:11], atol=1e-12)
+    np.testing.assert_allclose(above[10:, 0], 0.12 + 0.16 * (heights[10:] - 0.5), atol=1e-12)
+    bulging = suit.Hull(0.0, heights, 0.4 - radii)
+    np.testing.assert_allclose(bulging.straightened(-1.0, 1.0).radii, bulging.radii, atol=1e-12)
+
+
+def test_cleft_is_where_two_boxes_meet():
+    """Two boxes beside each other: the sides by which they meet, at the height of the seat, and no others."""
+    boxes = [trimesh.creation.box((0.1, 0.6, 0.1)).apply_translation((x, 0, 0)) for x in (-0.055, 0.055)]
+    both = trimesh.util.concatenate([box.subdivide().subdivide().subdivide() for box in boxes])
+
+    found = wear.cleft(SimpleNamespace(heights={"crotch": 0.0}), both.vertices, both.faces)
+    middle, normal = both.triangles_center[found], both.face_normals[found]
+    assert found.sum() > 40 and (np.abs(middle[:, 0]) < 0.006).all() and (np.abs(normal[:, 0]) > 0.99).all()
+    low, high = wear.CLEFT_HEIGHTS
+    inner = np.abs(both.triangles_center[:, 0]) < 0.006
+    within = (both.triangles_center[:, 1] > low) & (both.triangles_center[:, 1] < high)
+    assert found.sum() == (inner & within).sum()
 
 
 def lengths(points: np.ndarray, ring: np.ndarray) -> float:

@@ -32,6 +32,7 @@ from relight.figures.rings import lost_rings
 from relight.figures.surfaces import grid_faces
 from relight.figures.tailor import patterns
 from relight.figures.tailor.garments import wardrobe
+from relight.figures.wear import DrapedGarment
 from relight.meshes import Material, Mesh, clean, read_mesh
 from relight.meshes.cleaning import FINDINGS
 
@@ -245,6 +246,17 @@ def test_lost_rings_finds_a_limb_that_left_and_none_that_twists(
     monkeypatch.setattr(gates, "share_inside", lambda *_: 0.0)  # cloth moved by hand touches the body, too
     reason = gates.check_garment(pattern, DrapeResult(x, [], np.ones(1000)), motion)
     assert reason is None if turned else f"the left {limb} left it" in reason
+
+
+@pytest.mark.parametrize(("share", "stands", "sits"), [(0.01, True, True), (0.02, False, True), (0.04, False, False)])
+def test_check_outfit_bounds_cloth_through_cloth(snug, monkeypatch, share, stands, sits):
+    _, motion, pattern, x, strain = snug
+    worn = [DrapedGarment(replace(pattern, levels=pattern.levels * 2), None, DrapeResult(x, [], strain))]
+    monkeypatch.setattr(gates, "crossing", lambda *_: [share])
+    monkeypatch.setattr(gates, "covered_hands", lambda *_: (0.0, 0.0))
+    for sitting, passes in ((False, stands), (True, sits)):
+        reason, measured = gates.check_outfit(worn, motion, sitting)
+        assert (reason is None) == passes and measured["crossing"] == share
 
 
 def two_walls(hole: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

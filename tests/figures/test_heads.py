@@ -151,6 +151,19 @@ def test_spread_strands_start_at_their_roots_and_draw_together(head):
     assert np.median(widths(-1) / widths(0)) == pytest.approx(0.4, abs=0.12)
 
 
+def test_ribbons_are_as_wide_as_asked_and_face_outward():
+    line = np.stack([np.zeros(6), -np.linspace(0, 0.1, 6), np.zeros(6)], 1)[None]
+    random = np.array([[0.5, 0.5, 0.5, 0.5]])  # of middle width, not turned
+    vertices, faces, uv = strands.ribbons(0.003, line, np.broadcast_to([0.0, 0, 1], line.shape), random, 0.4)
+    across = vertices.reshape(6, 2, 3)
+    np.testing.assert_allclose(
+        np.linalg.norm(across[:, 1] - across[:, 0], axis=1), 0.003 * np.interp(np.linspace(0, 1, 6), *strands.OUTLINE)
+    )
+    a, b, c = vertices[faces].swapaxes(0, 1)
+    assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+    assert (np.diff(uv.reshape(6, 2, 2)[:, 0, 1]) < 0).all() and np.ptp(uv[:, 0]) < 0.05
+
+
 def test_beard_grows_on_jaw_and_lip_only(head, heads):
     _, motion, below = head
     base = makehuman.base().vertices[makehuman.BODY]

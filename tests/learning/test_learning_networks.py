@@ -7,7 +7,7 @@ from torch import nn
 from torch.utils.flop_counter import FlopCounterMode
 
 from relight.core.errors import UserError
-from relight.learning.networks import Refinement, build, constrain_albedo
+from relight.learning.networks import PooledHead, Refinement, build, constrain_albedo
 
 HEAD = {"ours": "strided", "unet": "pooled"}
 
@@ -119,6 +119,20 @@ def test_albedo_stays_in_range_and_its_gradient_is_as_said(how, gradient):
     assert y.tolist() == [0, 0.25, 1]
     y.sum().backward()
     assert x.grad.tolist() == gradient
+
+
+def test_pooled_head_looks_at_the_figure_only():
+    torch.manual_seed(6)
+    head = PooledHead(16, [32, 16, 8], 27, 16)
+    mask = torch.zeros(2, 1, 64, 64)
+    mask[:, :, 16:48, 16:48] = 1
+    x = torch.randn(2, 16, 4, 4)
+    changed = x.clone()
+    changed[:, :, 0] = 9
+    assert torch.equal(head(x, mask), head(changed, mask))
+    changed[:, :, 2, 2] = 9
+    assert (head(x, mask) - head(changed, mask)).abs().max() > 1e-3
+    assert head(x, mask * 0).isfinite().all()
 
 
 @pytest.mark.parametrize("size", [64, 256])

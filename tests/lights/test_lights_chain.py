@@ -14,7 +14,7 @@ from relight.lights import (
     write_light_set,
 )
 from relight.lights.chain import generated_light, project_panoramas
-from relight.lights.cluster import farthest_first, irradiance_features, medoids
+from relight.lights.cluster import choose_validation_lights, farthest_first, irradiance_features, medoids
 from relight.lights.select import RULES as ALL_RULES
 from relight.lights.select import broken_rules
 from relight.lights.table import SPLITS
@@ -95,6 +95,14 @@ def test_extra_test_lights_are_of_other_rooms_and_change_no_other_light(rooms):
     assert len(extra) and not set(extra.source) & others
     assert not any(extra.reason) and not np.any(list(broken_rules(extra.coefficients, RULES).values()))
     assert any("of 500 found" in warning for warning in record["warnings"])
+
+
+@pytest.mark.parametrize(("count", "chosen"), [(1, 0), (2, 1), (4, 1), (40, 4), (400, 8)])
+def test_choose_validation_lights_takes_a_tenth_and_leaves_one(count, chosen):
+    """At most eight, none twice."""
+    lights = np.random.default_rng(0).normal(size=(count, 9, 3))
+    found = choose_validation_lights(lights)
+    assert len(set(found.tolist())) == len(found) == chosen and set(found.tolist()) <= set(range(count))
 
 
 def test_two_panoramas_make_a_light_set(rooms):

@@ -110,6 +110,23 @@ def test_transport_is_the_frontal_one_turned(view):
     np.testing.assert_allclose(found, there @ rotation_matrix(rotation, order).T, atol=1e-5)
 
 
+def test_bounced_transport_is_rotated_too():
+    baker = Baker(balls(3), replace(read_preset("bake"), size=24, rays=32, bounces=1))
+    view = View(-120, 10)
+    maps, camera = baker.maps(view), baker.camera(view)
+    x, y = pixels(24)
+    pixel, face, weights = primary_hits(baker.caster, camera, 12 * (1 + x), 12 * (1 - y))
+    points, geometric = baker.caster.points(face, weights), baker.caster.normals[face]
+    normals = shading_normals(baker.normals, baker.mesh.faces, face, weights, geometric)
+    azimuth = random_azimuths(len(pixel), 0)
+    _, gathered = integrate(
+        baker.gather_caster, points, normals, geometric, 32, radiosity=baker.radiosity, azimuth=azimuth
+    )
+    expected = np.einsum("jk,pkc->pjc", rotation_matrix(view.rotation), gathered)
+    np.testing.assert_allclose(maps.bounced[maps.mask], expected, atol=1e-6)
+    assert maps.bounced[..., 0, 0].max() > 0.1
+
+
 def shown(mesh, view):
     """The vertices' places (V, 2) in the picture of a view."""
     vertices = mesh.vertices.astype(float)
