@@ -43,10 +43,7 @@ def weight(about: str, teaches: str, supervised: bool = True) -> Any:
 class Figures:
     """The source and the content of figures."""
 
-    source: str = setting(
-        "generated figures; scans: meshes in a folder; or the name of an extension",
-        choices=("generated", "scans", *extensions.names()),
-    )
+    source: str = setting("where they come from", choices=("generated", "scans", *extensions.names()))
     folder: str | None = setting("folder of the scans", None)
     first: int = setting("first seed", 0, least=0)
     count: int = setting("number of seeds", 1, least=1)
@@ -127,18 +124,12 @@ class Lights:
 class Model:
     """The network."""
 
-    name: str = setting(
-        "architecture, or the name of an extension",
-        choices=("ours", "sfsnet", "sfsnet_ao", "unet", *extensions.names()),
-    )
+    name: str = setting("architecture", choices=("ours", "sfsnet", "sfsnet_ao", "unet", *extensions.names()))
     width: float = setting("factor on the number of channels of every layer", least=0.01)
     norm: str = setting("normalisation by the statistics of each image, or of the batch", choices=("instance", "batch"))
     dropout: float = setting("share of features that are zeroed in training", least=0, below=1)
     order: int = setting("order of the inferred transport and light", least=2)
-    albedo: str = setting(
-        "how albedo is limited to [0, 1]: clipped; clipped, with a straight-through gradient; or by a sigmoid",
-        choices=("clip", "straight_through", "sigmoid"),
-    )
+    albedo: str = setting("how albedo is limited to [0, 1]", choices=("clip", "straight_through", "sigmoid"))
     light_head: str = setting("head of the light: strided, or pooled over the figure", choices=("strided", "pooled"))
     refine: bool = setting("whether the light is refined to explain the image by the inferred maps")
     sees: str = setting("input: the image and its mask, or the mask alone", choices=("image", "mask"))
@@ -184,10 +175,7 @@ class Train:
     schedule: str = setting("schedule of the learning rate after the warm-up", choices=("constant", "cosine"))
     span: list[float] = setting("part of the cosine that it covers", [0.0, 1.0], interval=True, least=0, most=1)
     warmup: int = setting("steps in which the learning rate rises to lr", least=0)
-    color: str = setting(
-        "color model: 8-bit codes as linear albedo (paper), or linear albedo, and pictures as of cameras (photo)",
-        choices=("paper", "photo"),
-    )
+    color: str = setting("color model: codes as albedo, or linear ones as of a camera", choices=("paper", "photo"))
     seed: int = setting("seed of weights, pairs and augmentation", least=0)
     device: str = setting("device of the training; auto prefers a GPU, as scores do", choices=DEVICES)
     precision: str = setting("precision of matrix products: 32 bits, or bfloat16", choices=("f32", "bf16"))

@@ -1,12 +1,10 @@
 import numpy as np
-import pandas as pd
 import pytest
 from PIL import Image
 from samples import lights_of
 
 from relight.core.errors import UserError
 from relight.core.srgb import encode
-from relight.evaluation.experiments.occlusion import measure_occlusion, occlusion, read_occlusion
 from relight.evaluation.pictures.canvas import ball, heat, transport_bands
 from relight.evaluation.pictures.charts import plot_errors
 from relight.evaluation.pictures.contact import clearest_light, contact_sheet, light_sheet
@@ -17,27 +15,6 @@ from relight.evaluation.scoring.scores import Scores
 from relight.evaluation.scoring.tables import TABLE2_COLUMNS, experiment_table
 from relight.maps import read_maps, write_left_out
 from relight.sh import unoccluded
-
-
-def test_occlusion_closed_form(world, tmp_path):
-    """There T = AO * T(n), so |T - T(n)| = (1 - AO) |T(n)|."""
-    maps = read_maps(world.maps[0])
-    found = occlusion(maps)
-    ao = maps.ao[maps.mask]
-    norm = np.linalg.norm(unoccluded(maps.normal[maps.mask]), axis=1)
-    assert found["lost"] == pytest.approx(np.sqrt((((1 - ao) * norm) ** 2).mean()), rel=2e-3)
-    assert (found["ao"], found["dark"]) == pytest.approx((ao.mean(), (ao < 0.5).mean()))
-
-
-def test_measure_occlusion_skips_left_out_figures(world, tmp_path):
-    write_left_out(tmp_path / "broken.exr", {"name": "broken"}, "it is a plane")
-    measure_occlusion([*world.maps, tmp_path / "broken.exr"], tmp_path / "occlusion.csv")
-    expected = pd.DataFrame([occlusion(read_maps(path)) for path in world.maps])
-    found = read_occlusion(tmp_path / "occlusion.csv")
-    pd.testing.assert_frame_equal(found, expected, check_dtype=False, atol=1e-5, rtol=0)
-    (tmp_path / "other.csv").write_text("name,ao\na,1\n")
-    with pytest.raises(UserError, match="not a table of occlusion"):
-        read_occlusion(tmp_path / "other.csv")
 
 
 def test_transport_bands_of_an_open_surface_that_faces_the_camera():

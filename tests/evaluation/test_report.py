@@ -189,8 +189,6 @@ def whole_run(folder, *presets: str, **options):
         "g<1>": {"name": "g<1>", "left_out": "it is a plane"}
     }
     (folder / "figures.json").write_text(json.dumps({"figures": infos, "left_out": {"g<1>": "it is a plane"}}))
-    occlusion = [{"name": name, "ao": 0.9, "dark": 0, "lost": 0.3} for name in FIGURES]
-    pd.DataFrame(occlusion).to_csv(folder / "report" / "occlusion.csv", index=False)
     for name in ("figures", "lights"):
         Image.new("RGB", (30, 20), "red").save(folder / "report" / f"{name}.png")
     (folder / "lights").mkdir()

@@ -141,7 +141,7 @@ def test_remove_outdated_of_experiments_that_are_not_in_the_run(tmp_path, change
     report.mkdir()
     planned = {f"{name}{end}" for name in ("table1", "light_transfer") for end in ends}
     others = {"order_plates.png", *(f"order{end}" for end in ends)}
-    kept = planned | {"occlusion.csv", "notes.md", "table1_plates.png"}
+    kept = planned | {"scores.csv", "notes.md", "table1_plates.png"}
     for name in kept | others:
         (report / name).write_text("")
         os.utime(report / name, (1000, 1000))

@@ -54,14 +54,13 @@ rule plates:
 
 
 rule sheets:
-    "Draws figures and lights, and measures how much figures hide from the light."
+    "Draws figures and lights."
     input:
         expand(f"{DATA}/maps/{{batch}}", batch=PLAN.batches),
         lights=LIGHTS,
     output:
         figures=f"{OUT}/report/figures.png",
         lights=f"{OUT}/report/lights.png",
-        occlusion=f"{OUT}/report/occlusion.csv",
     log:
         f"{OUT}/log/sheets.log",
     benchmark:

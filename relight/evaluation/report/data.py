@@ -5,17 +5,14 @@ Each of them returns the context of a template in templates/sections.
 
 import os
 
-from relight.evaluation.experiments.occlusion import read_occlusion
 from relight.evaluation.report.formats import TextTable
 from relight.evaluation.report.results import Results
 from relight.evaluation.report.sections import Numbers
-from relight.evaluation.scoring.paper import IMPLIED_AO, IMPLIED_LOST
 
 
 def figures(results: Results) -> Numbers:
     """Computes the numbers of the section about the figures."""
     infos, left_out = results.record["figures"], results.record["left_out"]
-    table = read_occlusion(results.report / "occlusion.csv")
     repairs = [
         [name, ", ".join(f"{what} {times}" for what, times in info["repairs"].items())]
         for name, info in infos.items()
@@ -29,8 +26,6 @@ def figures(results: Results) -> Numbers:
         "infos": infos,
         "left_out": _two_columns(["left out", "reason"], left_out),
         "sheet": results.report / "figures.png",
-        "occlusion": table,
-        "implied": (IMPLIED_AO, IMPLIED_LOST),
         "repairs": TextTable.of(["figure", "repairs"], repairs),
         "warnings": warnings,
     }

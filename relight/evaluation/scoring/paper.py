@@ -12,10 +12,6 @@ CITATION = {
     "doi": "10.1145/3272127.3275104",
 }
 
-# Mean ambient occlusion of the paper's scans, and RMS of |T - T_unoccluded| over their pixels. They are not printed,
-# but follow from its tables.
-IMPLIED_AO, IMPLIED_LOST = 0.83, 0.25
-
 # (better row by the paper's argument, worse row, the argument): section 7.1 and the discussion of Table 2.
 ARGUMENTS = (
     ("ours_min", "sfsnet", "knowing occlusion helps"),
