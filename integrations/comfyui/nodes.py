@@ -212,7 +212,7 @@ def relight(self, image, light, mode, strength, turn, stops, mask=None, backgrou
 
 @node(
     "RelightInferMaps",
-    "Albedo, shading and normals of people",
+    "Maps of people",
     {"albedo": "IMAGE", "shading": "IMAGE", "mask": "MASK", "normal": "IMAGE"},
     {"mask": MASK, "encoding": ENCODING, "lit_by": KNOWN},
     image=IMAGE,
