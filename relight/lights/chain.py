@@ -165,14 +165,8 @@ def file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarra
     path = Path(panoramas.folder or "") / source
     try:
         require_safe_name(path)
-        panorama = read_panorama(
-            path,
-            layout=panoramas.layout,
-            flip=panoramas.flip,
-            repair=panoramas.repair,
-            upside_down=panoramas.upside_down,
-        )
-        return project(panorama, order), panorama.repairs
+        panorama = read_panorama(path, panoramas.layout, panoramas.repair, panoramas.upside_down)
+        return orient(project(panorama, order), flip=panoramas.flip), panorama.repairs
     except UserError as error:
         return str(error)
 

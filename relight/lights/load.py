@@ -27,7 +27,6 @@ GENERATED = re.compile(r"(room|sky|lamps):(\d{1,9})(?::([-+.0-9]+))?")
 KIND = re.compile(r"([a-z]{2,}):")  # Windows has drives of one letter
 HEXADECIMAL = re.compile(r"[0-9a-fA-F]{6}")  # the only color that needs no #
 IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})")
-TURNED = re.compile(r"([a-z]+):([-+.0-9]+)")  # a panorama of Poly Haven
 EVEN = "even"
 FILL = 0.2  # default irradiance of the fill, relative to the key light's
 MAX_BYTES = 1 << 20  # of a file of coefficients
@@ -92,15 +91,11 @@ def load_light(
     if len(parts := parts_of(text)) > 1:
         options = (order, layout, yaw, flip, exposure, convention, repair, upside_down)
         return total([load_light(part, *options) for part in parts], text)
-    if (match := TURNED.fullmatch(text)) and match[1] in polyhaven.NAMES and not GENERATED.fullmatch(text):
-        turned = yaw + parse_number(match[2], text)
-        light = load_light(match[1], order, layout, turned, flip, exposure, convention, repair, upside_down)
-        return replace(light, source=text)
     kind = None  # of the file, by which options have an effect
     if match := GENERATED.fullmatch(text):
-        pixels = GENERATORS[match[1]](int(match[2])) * np.float32(exposure)
-        panorama = Panorama(pixels, flip=flip, yaw=yaw + parse_number(match[3] or "0", text), source=text)
+        panorama = Panorama(GENERATORS[match[1]](int(match[2])), source=text)
         light = Light(project(panorama, order), text, panorama)
+        yaw += parse_number(match[3] or "0", text)
     elif text.startswith("key:"):
         light = Light(key_light(*_parse_key(text), order), text)
     elif text == EVEN:
@@ -112,7 +107,7 @@ def load_light(
         light = answer if isinstance(answer, Light) else Light(as_table(answer, text), text)
     elif text.startswith(("room:", "sky:", "lamps:")):
         raise UserError(f"{text} is malformed: a generated light is room:7, sky:3; a sum has blanks around its plus")
-    elif (match := KIND.match(text)) and not Path(text).exists():
+    elif (match := KIND.match(text)) and match[1] not in polyhaven.NAMES and not Path(text).exists():
         kinds = ", ".join(["room", "sky", "lamps", "key", *extensions.OWN, *extensions.names()])
         raise UserError(f"{text}: there is neither such a file nor a kind of light {match[1]!r}; kinds are {kinds}")
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):
@@ -122,16 +117,9 @@ def load_light(
         raise UserError(f"{text} is a set of lights: name one of them, such as {text}:0")
     else:
         kind = "a panorama"
-        path = _find_panorama(text)
-        panorama = read_panorama(
-            path,
-            layout=layout,
-            yaw=yaw,
-            flip=flip,
-            exposure=exposure,
-            repair=repair or path != text,
-            upside_down=upside_down,
-        )
+        path, turn = _find_panorama(text)
+        yaw += turn
+        panorama = read_panorama(path, layout, repair or path != text, upside_down)
         coefficients = project(panorama, order)
         repairs = panorama.repairs if path == text else []  # docs/lab/lights.md tells those of Poly Haven's
         light = Light(coefficients, text, panorama, repairs + _notes_below(text, coefficients, upside_down))
@@ -140,23 +128,23 @@ def load_light(
         needed = "coefficients" if name == "convention" else "a panorama"
         if is_given and kind != needed:
             raise UserError(f"{text}: {name.replace('_', '-')} has an effect on a file of {needed} only")
-    if kind != "a panorama" and not GENERATED.fullmatch(text):  # those have been projected as they are to be
-        panorama = light.panorama
-        if panorama is not None:  # of an extension
-            own_yaw = -panorama.yaw if flip else panorama.yaw
-            pixels = panorama.pixels * np.float32(exposure)
-            panorama = replace(panorama, pixels=pixels, flip=panorama.flip != flip, yaw=own_yaw + yaw)
-        light = replace(light, coefficients=orient(light.coefficients, yaw, flip) * exposure, panorama=panorama)
+    if yaw or flip or exposure != 1:
+        if (seen := light.panorama) is not None:
+            own_yaw = -seen.yaw if flip else seen.yaw
+            pixels = seen.pixels * np.float32(exposure)
+            seen = replace(seen, pixels=pixels, flip=seen.flip != flip, yaw=own_yaw + yaw)
+        light = replace(light, coefficients=orient(light.coefficients, yaw, flip) * exposure, panorama=seen)
     return light.checked().at_order(order)
 
 
-def _find_panorama(text: str) -> str | Path:
-    """Returns the file of a panorama that `text` names: a file of the user's, else one of those by Poly Haven."""
-    if not text.isidentifier() or Path(text).is_file():
-        return text
-    if text not in polyhaven.NAMES:
+def _find_panorama(text: str) -> tuple[str | Path, float]:
+    """Returns the file of a panorama, the user's or else one by Poly Haven, and degrees by which `text` turns it."""
+    name, _, degrees = text.partition(":")
+    if Path(text).is_file() or not (text.isidentifier() or name in polyhaven.NAMES):
+        return text, 0.0
+    if name not in polyhaven.NAMES:
         raise UserError(f"{text} is neither a file nor a panorama's name; those are {', '.join(polyhaven.NAMES)}")
-    return polyhaven.panorama_file(text)
+    return polyhaven.panorama_file(name), parse_number(degrees or "0", text)
 
 
 def _notes_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[str]:

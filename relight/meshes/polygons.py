@@ -53,11 +53,6 @@ def fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     [[0, 1, 2], [3, 4, 5], [3, 5, 6]]
     """
     counts = np.asarray(counts, np.int64)
-    if len(counts) and (counts == counts[0]).all():
-        step = np.arange(max(counts[0] - 2, 0))
-        corners = np.stack([np.zeros_like(step), step + 1, step + 2], axis=-1)
-        position = (counts[0] * np.arange(len(counts)))[:, None, None] + corners
-        return position.reshape(-1, 3), np.repeat(np.arange(len(counts)), len(step))
     pieces = np.maximum(counts - 2, 0)
     polygon = np.repeat(np.arange(len(counts)), pieces)
     start = np.cumsum(counts) - counts

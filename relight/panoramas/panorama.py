@@ -7,7 +7,10 @@ import numpy as np
 
 from relight.core.errors import UserError
 
-LAYOUTS = ("latlong", "angular", "ball", "cross", "strip", "strip-gl")
+LAYOUTS = {  # and the aspects, across and down, that their images have; a lat-long may be squeezed
+    "latlong": [(2, 1)], "angular": [(1, 1)], "ball": [(1, 1)], "cross": [(3, 4), (4, 3)], "strip": [(1, 6), (6, 1)],
+    "strip-gl": [(1, 6), (6, 1)],
+}  # fmt: skip
 MAX_PIXELS = 2**25  # 8192 x 4096
 
 

@@ -27,24 +27,13 @@ OTHER_FILES = (
 )
 
 
-def read_panorama(
-    path: Path | str,
-    layout: str = "auto",
-    yaw: float = 0.0,
-    flip: bool = False,
-    exposure: float = 1.0,
-    repair: bool = False,
-    upside_down: bool = False,
-) -> Panorama:
+def read_panorama(path: Path | str, layout: str = "auto", repair: bool = False, upside_down: bool = False) -> Panorama:
     """Reads a .hdr, .exr or .pfm panorama; the format is detected from the content, not the name.
 
     Args:
         path: of the file.
         layout: one of LAYOUTS; "auto" takes OpenEXR's attribute `envmap`, else decides by the aspect ratio. Square
             pictures are ambiguous and need a layout.
-        yaw: degrees by which the light is rotated about the vertical, from +z toward +x.
-        flip: whether left and right are mirrored.
-        exposure: factor on the pixels.
         repair: whether non-finite pixels are replaced by the mean of their neighbours (`repair_pixels`), and a sun
             without red is rebuilt (`repair_sun`).
         upside_down: whether the file's rows run from the bottom up, against its format.
@@ -53,22 +42,18 @@ def read_panorama(
         The panorama, with negative pixels set to zero; `repairs` lists the changes.
 
     Raises:
-        UserError: if the file is damaged, black or has non-finite pixels, or if an argument is out of range.
+        UserError: if the file is damaged, black or has non-finite pixels, or if there is no such layout.
     """
     path = existing_file(path, "panorama")
     if layout != "auto" and layout not in LAYOUTS:
-        raise UserError(f"layout={layout}: must be auto, {', '.join(LAYOUTS[:-1])} or {LAYOUTS[-1]}")
-    if not (np.isfinite(exposure) and exposure > 0 and np.isfinite(yaw)):
-        raise UserError(f"exposure={exposure}, yaw={yaw}: exposure must be positive, yaw a number of degrees")
+        raise UserError(f"layout={layout}: must be auto or one of {', '.join(LAYOUTS)}")
     pixels, envmap, repairs = read_pixels(path)
     resolved = decide_layout(path, pixels.shape[1], pixels.shape[0], layout, envmap)
     has_attribute = envmap is not None and resolved == {"latlong": "latlong", "cube": "strip"}[envmap]
     pixels = np.ascontiguousarray(pixels[::-1] if upside_down else pixels)
-    if exposure != 1.0:
-        pixels *= np.float32(exposure)
     repairs += repair_pixels(path, pixels, repair) + clip_negatives(path, pixels) + repair_sun(path, pixels, repair)
     front = "+z" if has_attribute and resolved == "latlong" else "-z"
-    return Panorama(pixels, resolved, has_attribute, flip, yaw, front, str(path), repairs)
+    return Panorama(pixels, resolved, has_attribute, front=front, source=str(path), repairs=repairs)
 
 
 def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
@@ -113,30 +98,21 @@ def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str 
     """
     if layout == "auto" and envmap:
         layout = {"latlong": "latlong", "cube": "strip"}[envmap]
+
+    def fits(name: str) -> bool:
+        return any(width * down == height * across for across, down in LAYOUTS[name])
+
     if layout == "auto":
         if abs(width - 2 * height) <= 0.01 * width:
             return "latlong"
-        if 3 * width == 4 * height or 4 * width == 3 * height:
-            layout = "cross"
-        elif width == 6 * height or height == 6 * width:
-            layout = "strip"
-        elif width == height:
+        if width == height:
             raise UserError(f"{path}: a square picture may have several layouts: give layout=angular, ball or latlong")
-        else:
+        layout = next((name for name in ("cross", "strip") if fits(name)), "")
+        if not layout:
             raise UserError(f"{path}: {width} x {height} is no aspect of a panorama, such as 2:1, 4:3, 3:4, 6:1, 1:6")
-    fits = {
-        "latlong": height >= 2 and width >= 2,
-        "angular": width == height,
-        "ball": width == height,
-        "cross": 3 * width == 4 * height or 4 * width == 3 * height,
-        "strip": width == 6 * height or height == 6 * width,
-        "strip-gl": width == 6 * height or height == 6 * width,
-    }[layout]
-    if not fits or (envmap == "cube" and min(width, height) < 2):
-        aspect = {"angular": "square", "ball": "square", "cross": "3:4 or 4:3", "latlong": "2:1"}.get(
-            layout, "1:6 or 6:1"
-        )
-        raise UserError(f"{path}: {width} x {height} does not fit the layout {layout}, which is {aspect}")
+    if min(width, height) < 2 or not (layout == "latlong" or fits(layout)):
+        aspects = " or ".join(f"{across}:{down}" for across, down in LAYOUTS[layout])
+        raise UserError(f"{path}: {width} x {height} does not fit the layout {layout}, which is {aspects}")
     return layout
 
 
