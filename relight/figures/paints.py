@@ -38,7 +38,7 @@ def garment_paint(pattern: Pattern, number: int, atlas: panels.Panels) -> Paint:
             color = woven(worn.fabric, panel, u, v, texel)
             color = stitched(garment, worn.fabric.kind, panel, u, v, top, color)
             marks_here = {mark: image[place] for mark, image in worn_places.items()}
-            return aged(Patch(garment, worn.fabric, panel, u, v, marks_here, texel, color))
+            return aged(Patch(worn.fabric, panel, u, v, texel, garment, marks_here, color))
 
         return Material(texture=panels.draw(atlas, paint_panel), name=worn.garment.name)
 

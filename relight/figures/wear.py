@@ -211,11 +211,7 @@ def fallen_over(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def finished(
-    pattern: patterns.Pattern,
-    draped: drape.DrapeResult,
-    fabric: Fabric,
-    below: Collider,
-    motion: Motion,
+    pattern: patterns.Pattern, draped: drape.DrapeResult, fabric: Fabric, below: Collider, motion: Motion
 ) -> drape.DrapeResult:
     """Adds fine wrinkles to a draped garment and an even neckline to a top, and moves it out of the layers below.
 

@@ -76,11 +76,7 @@ class Crop:
         return out[..., 0] if out.shape[2] == 1 else out
 
     def place(
-        self,
-        maps: np.ndarray,
-        rows: tuple[int, int] | None = None,
-        cubic: bool = True,
-        where: np.ndarray | None = None,
+        self, maps: np.ndarray, rows: tuple[int, int] | None = None, cubic: bool = True, where: np.ndarray | None = None
     ) -> np.ndarray:
         """Resamples maps of the square to the pixels of the photo.
 

@@ -38,8 +38,8 @@ def grown(head, name: str, fine: bool = False) -> list[HairPart]:
     return build_hair(head[1], style, 0.8, head[2], 5, fine)
 
 
-def named(parts: list[HairPart], name: str) -> HairPart:
-    return next(part for part in parts if part.name == name)
+def first(parts: list[HairPart], kind: str) -> HairPart:
+    return next(part for part in parts if part.kind == kind)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_build_hair_is_finite_and_outside_of_the_head(head, heads, style):
         assert np.isfinite(part.vertices).all() and part.uv.min() >= 0 and part.uv.max() <= 1
         assert part.faces.max() < len(part.vertices) == len(part.uv)
         _, distance, _ = layers.signed_distance(part.vertices, surface, 0.05)
-        assert np.mean(distance < -0.008) < 0.01, part.name
+        assert np.mean(distance < -0.008) < 0.01, part.kind
 
 
 @pytest.mark.parametrize("style", ["chin length", "long", "wavy long", "ponytail", "beanie", "cap"])
@@ -88,7 +88,7 @@ def test_build_hair_leaves_the_face_free(head, heads, style):
     for part in (part for part in heads[style] if part.kind in ("hair", "hat")):
         rest = (part.vertices - turn[:, 3]) @ turn[:, :3] - eye
         before = (rest[:, 2] > -0.01) & (np.abs(rest[:, 0] + eye[0]) < 1.6 * eye[0]) & (np.abs(rest[:, 1]) < 0.02)
-        assert before.mean() < 0.002, part.name
+        assert before.mean() < 0.002, part.kind
 
 
 def test_build_hair_of_a_seed_is_the_same(head, heads):
@@ -98,7 +98,7 @@ def test_build_hair_of_a_seed_is_the_same(head, heads):
 
 def test_grow_locks_fall_and_lie_on_the_shoulders(head, heads):
     _, _, (posed, faces) = head
-    part = named(heads["long"], "locks")
+    part = first(heads["long"], "hair")
     neck = np.ptp(posed[:, 1]) * 0.8
     assert part.vertices[:, 1].min() < neck  # it reaches below the shoulders
     _, distance, _ = layers.signed_distance(part.vertices, colliders.Collider(posed, posed, faces), 0.1)
@@ -175,7 +175,7 @@ def test_beard_grows_on_jaw_and_lip_only(head, heads):
     assert (skin.beard_share(lips) == 0).all()
     assert facial.beard(motion, facial.STUBBLE, below, 5, False) is None
     surface = colliders.Collider(below[0], *below)
-    _, distance, _ = layers.signed_distance(named(heads["bald"], "beard").vertices, surface, 0.1)
+    _, distance, _ = layers.signed_distance(first(heads["bald"], "beard").vertices, surface, 0.1)
     assert np.mean(distance < -0.004) < 0.02 and distance.max() < 0.05
 
 

@@ -110,7 +110,7 @@ def test_aged_sews_seams_and_hems_and_fades_knees():
     trousers, ground = wardrobe()["jeans"], np.full((100, 100, 3), 0.1)
 
     def look(**marks):
-        return aging.aged(aging.Patch(trousers, denim, "front left", u, v, at | marks, 0.002, ground))
+        return aging.aged(aging.Patch(denim, "front left", u, v, 0.002, trousers, at | marks, ground))
 
     plain = look().mean()
     assert look(rub=0 * u + 1).mean() > 1.05 * plain

@@ -17,28 +17,19 @@ class HairPart:
     """A part of hair or hat.
 
     Attributes:
-        name: name of the part.
+        kind: hair | hat | brows | lashes | beard, which differ in color.
         vertices: (V,3) posed, metres.
         faces: (F,3).
         uv: (V,2) across and along the strands.
-        kind: hair | hat | brows | lashes | beard, which differ in color.
     """
 
-    name: str
+    kind: str
     vertices: np.ndarray
     faces: np.ndarray
     uv: np.ndarray
-    kind: str = "hair"
 
 
-def build_hair(
-    motion: Motion,
-    style: HairStyle,
-    beard: float,
-    below: Surface,
-    seed: int,
-    fine: bool,
-) -> list[HairPart]:
+def build_hair(motion: Motion, style: HairStyle, beard: float, below: Surface, seed: int, fine: bool) -> list[HairPart]:
     """Builds the hair of head and face, and the hat, in the pose.
 
     Args:
@@ -50,18 +41,18 @@ def build_hair(
         fine: all strands, else fewer, wider ones.
     """
     parts = [
-        HairPart("brows", *facial.brows(motion, seed, fine), "brows"),
-        HairPart("lashes", *facial.lashes(motion, seed, fine), "lashes"),
+        HairPart("brows", *facial.brows(motion, seed, fine)),
+        HairPart("lashes", *facial.lashes(motion, seed, fine)),
     ]
     beard_strip = facial.beard(motion, beard, below, seed, fine)
     if beard_strip is not None:
-        parts.append(HairPart("beard", *beard_strip, "beard"))
+        parts.append(HairPart("beard", *beard_strip))
     if style.comb is None:
         return parts
     if style.hat != "none":
-        parts += [HairPart(style.name, *strip, "hat") for strip in hat(motion, style)]
+        parts += [HairPart("hat", *strip) for strip in hat(motion, style)]
     comb = varied(style.comb, seed)
-    parts.append(HairPart("locks", *grow_locks(motion, comb, below, seed, fine, hat=style.hat != "none")))
+    parts.append(HairPart("hair", *grow_locks(motion, comb, below, seed, fine, hat=style.hat != "none")))
     if style.tie != "none":
-        parts.append(HairPart(style.tie, *tied_hair(motion, style.tie, below, seed, fine)))
+        parts.append(HairPart("hair", *tied_hair(motion, style.tie, below, seed, fine)))
     return parts

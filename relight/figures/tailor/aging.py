@@ -5,9 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
-from relight.figures.tailor.fabrics import Fabric, trait
+from relight.figures.tailor.fabrics import trait
 from relight.figures.tailor.garments import Garment
 from relight.figures.tailor.seams import DENIM_THREAD, ZIP, line
+from relight.figures.tailor.weaves import Swatch
 from relight.figures.texture import band, grain, lattice_value
 
 FADED_DENIM = np.array([0.48, 0.51, 0.55])
@@ -16,27 +17,18 @@ FADES = {"denim": 1.0, "leather": 0.45, "corduroy": 0.35, "knit": 0.1, "melange"
 
 
 @dataclass
-class Patch:
+class Patch(Swatch):
     """The albedo of a panel, on which traces are left one after the other.
 
     Attributes:
         garment: garment to which the panel belongs.
-        fabric: its seed gives age and soil.
-        panel: its name.
-        u, v: (h,w) cloth coordinates across and along, metres.
         marks: (h,w) the panel's part of `marks.images`, by name.
-        texel: metres between the samples.
         color: (h,w,3) linear albedo, without `log`.
         log: (h,w) logarithm of the factor by which traces change the albedo; at first that of the panel's dye.
     """
 
     garment: Garment
-    fabric: Fabric
-    panel: str
-    u: np.ndarray
-    v: np.ndarray
     marks: dict[str, np.ndarray]
-    texel: float
     color: np.ndarray
     log: np.ndarray = field(init=False)
 
@@ -44,11 +36,6 @@ class Patch:
         """Varies the dye between panels, which are cut from different bolts."""
         dye = 2 * trait(self.fabric, "dye", self.number % 7) - 1
         self.log = 0.035 * dye * np.ones(self.u.shape, self.u.dtype)
-
-    @property
-    def number(self) -> int:
-        """Returns a number that differs between panels, from the letters of the panel's name."""
-        return sum(map(ord, self.panel))
 
     @property
     def thin(self) -> float:
@@ -78,15 +65,8 @@ class Patch:
 
     @property
     def offset(self) -> float:
-        """Returns a number that makes noise differ between panels."""
+        """Returns a number that makes noise differ between panels, and from that of the weave."""
         return 3.17 * (self.number % 19)
-
-    def grain(self, width: float, height: float, layer: int) -> np.ndarray:
-        """Returns noise (h,w) of mean 0 and standard deviation 1 with features of `width` by `height` metres.
-
-        Each layer of noise has a number of its own.
-        """
-        return grain(self.u, self.v, width, height, self.texel, self.fabric.seed + layer, self.offset)
 
     def line(self, distance: np.ndarray) -> np.ndarray:
         """Returns the coverage (h,w) of a line of stitches at `distance` metres, not thinner than a texel."""

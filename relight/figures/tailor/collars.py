@@ -248,12 +248,7 @@ def _rows_over(
 
 
 def collar(
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    uv: np.ndarray,
-    kind: str,
-    neck: Neck,
-    uv_per_metre: float,
+    vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, kind: str, neck: Neck, uv_per_metre: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Builds the collar of a draped garment.
 

@@ -1,6 +1,6 @@
 """Builds shoes: an upper cut from the foot of the suit, narrowed at the toes, on a sole with a heel."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sparse
@@ -10,7 +10,7 @@ from relight.figures.body import makehuman
 from relight.figures.body.person import Body
 from relight.figures.catalogue.schema import entries
 from relight.figures.pose.motion import Motion
-from relight.figures.surfaces import clip, compacted, loop, normals, smooth_line, smoothed, split, thickened
+from relight.figures.surfaces import clip, loop, normals, smooth_line, smoothed, split, thickened
 from relight.figures.texture import Color
 
 STRAPS = ((0.60, 0.80), (0.36, 0.44))  # start and end of the straps across the foot, from heel (0) to toes (1)
@@ -178,40 +178,28 @@ def build_shoe(motion: Motion, shoe: Shoe, side: str) -> list[Part]:
         if shoe.cap:
             parts.append(Part("cap", vertices, thick[in_cap]))
         if shoe.laces:
-            parts.append(laces(shape, faces, weights, motion, ground, length, toes, shoe.laces))
+            parts.append(laces(replace(outside, shape=shape, weights=weights, faces=faces), motion, shoe.laces))
     bottom = shape[shape[:, 1] < ground + 0.022]
     parts.append(Part("sole", *sole(bottom, ground, shoe, motion, outside.foot)))
     return parts
 
 
-def laces(
-    shape: np.ndarray,
-    faces: np.ndarray,
-    weights: np.ndarray,
-    motion: Motion,
-    ground: float,
-    length: float,
-    toes: float,
-    count: int,
-) -> Part:
+def laces(outside: Upper, motion: Motion, count: int) -> Part:
     """Builds bands of laces across the instep and up the shaft, cut from the upper and moved off it.
 
     Args:
-        shape: (n,3) of the upper on the rest pose, metres.
-        faces: (F,3).
-        weights: (n,B) skinning weights.
+        outside: the upper.
         motion: how the body moves from its rest pose into the pose.
-        ground: height of the ground, metres.
-        length: length of the foot, metres.
-        toes: z of its front end, metres.
         count: number of bands.
 
     Returns:
         The laces, posed.
     """
+    shape, faces, toes = outside.shape, outside.faces, outside.toes
     facing = normals(shape, faces)
-    distance = toes - shape[:, 2] + 0.9 * (shape[:, 1] - ground)  # from the toes over the instep up the shaft, metres
-    first = 0.36 * length + 0.03  # distance of the first band
+    # from the toes over the instep up the shaft, metres
+    distance = toes - shape[:, 2] + 0.9 * (shape[:, 1] - outside.ground)
+    first = 0.36 * (toes - outside.heel) + 0.03  # distance of the first band
     number = np.clip(np.round((distance - first) / LACE_STEP), 0, count - 1)  # of the nearest band
     from_band = np.abs(distance - first - number * LACE_STEP)
     middle = np.median(shape[np.abs(distance - first - 0.03) < 0.02, 0])
@@ -219,9 +207,7 @@ def laces(
     faces_up = np.where(facing[:, 1] + facing[:, 2] > 0.35, 1.0, -1.0)  # or forward
     field = np.minimum(np.minimum(HALF_LACE_WIDTH - from_band, within_ends), faces_up)  # positive on the laces
     matrix, cut = clip(sparse.identity(len(shape), format="csr"), faces, field, snap=0.1)
-    matrix, cut = compacted(matrix, cut)
-    rest = matrix @ shape + (matrix @ normals(shape, faces)) * LACE_THICKNESS
-    posed = motion.skin(matrix @ weights, rest)
+    posed = motion.skin(matrix @ outside.weights, matrix @ shape + (matrix @ facing) * LACE_THICKNESS)
     vertices, cut, _ = thickened(posed, cut, LACE_THICKNESS, rings=2)
     return Part("lace", vertices, cut)
 

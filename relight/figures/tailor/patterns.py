@@ -129,11 +129,7 @@ def refined(body: Body, garment: Garment, coarsest: Level, fields: Fields, sleev
 
 
 def fit(
-    body: Body,
-    garment: Garment,
-    fields: Fields,
-    points: np.ndarray,
-    outward: np.ndarray,
+    body: Body, garment: Garment, fields: Fields, points: np.ndarray, outward: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Computes how a garment's pattern differs from the suit that it is cut from.
 

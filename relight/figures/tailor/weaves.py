@@ -10,7 +10,7 @@ from relight.figures.tailor.prints import emblem, printed
 from relight.figures.texture import band, grain, mixed
 
 
-@dataclass(frozen=True)
+@dataclass
 class Swatch:
     """A piece of a panel, to be painted.
 
@@ -39,9 +39,14 @@ class Swatch:
         return np.array(self.fabric.second, self.u.dtype)
 
     @property
+    def number(self) -> int:
+        """Returns a number that differs between panels, from the letters of the panel's name."""
+        return sum(map(ord, self.panel))
+
+    @property
     def offset(self) -> float:
         """Returns a number that makes noise differ between panels."""
-        return 7.31 * (sum(map(ord, self.panel)) % 17)
+        return 7.31 * (self.number % 17)
 
     @property
     def soft(self) -> float:
