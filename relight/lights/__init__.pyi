@@ -1,6 +1,5 @@
 from relight.lights.chain import build_light_set as build_light_set
 from relight.lights.light import Light as Light
-from relight.lights.light import LightOptions as LightOptions
 from relight.lights.light import write_light as write_light
 from relight.lights.load import load_light as load_light
 from relight.lights.select import select_lights as select_lights

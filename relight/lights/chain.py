@@ -60,7 +60,7 @@ def build_light_set(panoramas: Panoramas, lights: Lights, order: int) -> tuple[L
     sources, coefficients, unreadable, repaired = project_panoramas(panoramas, order)
     selected, record = select_lights(coefficients, sources, lights)
     if panoramas.source == "folder":
-        warnings = [*_warn_unlit(record["unlit"], len(sources)), *_warn_below(sources, coefficients, panoramas)]
+        warnings = [*_warn_unlit(record["unlit"], len(sources)), *_warn_below(sources, coefficients)]
         record["warnings"] += warnings
         for warning in warnings:
             log.warning(warning)
@@ -84,14 +84,13 @@ def _warn_unlit(unlit: dict[str, str], total: int) -> list[str]:
     return [f"{len(unlit)} of {total} panoramas gave no light (lights.rules=strong has wider limits): {named}{more}"]
 
 
-def _warn_below(sources: list[str], coefficients: np.ndarray, panoramas: Panoramas) -> list[str]:
+def _warn_below(sources: list[str], coefficients: np.ndarray) -> list[str]:
     """Returns a warning about panoramas that are brighter from below than from above, or an empty list."""
     below = [source for source, is_below in zip(sources, is_lit_from_below(measure(coefficients))) if is_below]
     if not below:
         return []
     named = ", ".join(below[:MAX_NAMED]) + (f" and {len(below) - MAX_NAMED} more" if len(below) > MAX_NAMED else "")
-    remedy = f"panoramas.upside_down={'false' if panoramas.upside_down else 'true'}"
-    return [f"{len(below)} of {len(sources)} panoramas are brighter from below than from above: {named}; try {remedy}"]
+    return [f"{len(below)} of {len(sources)} panoramas are brighter from below: are their rows upside down? {named}"]
 
 
 def project_panoramas(panoramas: Panoramas, order: int) -> tuple[list[str], np.ndarray, dict[str, str], dict[str, str]]:
@@ -165,7 +164,7 @@ def file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarra
     path = Path(panoramas.folder or "") / source
     try:
         require_safe_name(path)
-        panorama = read_panorama(path, panoramas.layout, panoramas.repair, panoramas.upside_down)
+        panorama = read_panorama(path, panoramas.layout, panoramas.repair)
         return orient(project(panorama, order), flip=panoramas.flip), panorama.repairs
     except UserError as error:
         return str(error)

@@ -39,9 +39,6 @@ def numbers(
     ] = "auto",
     yaw: Annotated[float, typer.Option(help="Turns the light about the vertical, degrees, from front to right.")] = 0.0,
     flip: Annotated[bool, typer.Option("--flip", help="Mirror left and right.")] = False,
-    upside_down: Annotated[
-        bool, typer.Option("--upside-down", help="The panorama's rows run from the bottom up.")
-    ] = False,
     exposure: Annotated[float, typer.Option(help="Factor by which the light is multiplied.")] = 1.0,
     convention: Annotated[
         str | None,
@@ -63,7 +60,7 @@ def numbers(
     name = light.partition("@")[0]
     if Path(name).suffix.lower() in PHOTO_SUFFIXES and not name.startswith("place:"):
         light = f"place:{light}"
-    loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down)
+    loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair)
     written = []  # before anything is printed, which may go to a pipe that closes
     for path in out or []:
         if path.suffix.lower() == ".png":

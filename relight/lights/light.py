@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 
@@ -18,18 +18,6 @@ from relight.sh import CONVENTIONS, UNOCCLUDED_T00, coefficient_count, from_reli
 MIN_EIGENVALUE = -1e-3  # moment eigenvalue of a valid light; below 0, as coefficients in files are rounded
 MIN_FRONT = 0.25  # reference brightness over the mean irradiance, below which the front of a light is dark
 FRAME = "x right, y up, z toward the camera, unless the convention says otherwise"
-
-
-class LightOptions(TypedDict, total=False):
-    """Options of `relight.lights.load_light` that callers pass on."""
-
-    layout: str
-    yaw: float
-    flip: bool
-    exposure: float
-    convention: str | None
-    repair: bool
-    upside_down: bool
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,6 @@ def load_light(
     exposure: float = 1.0,
     convention: str | None = None,
     repair: bool = False,
-    upside_down: bool = False,
 ) -> Light:
     """Loads the light that `text` names. Its brightness is not normalised.
 
@@ -68,7 +67,6 @@ def load_light(
             else relight's.
         repair: whether non-finite pixels of a panorama's file are replaced, which otherwise are an error, and a sun
             that has lost its red is rebuilt.
-        upside_down: whether the rows of a panorama's file run from the bottom up.
 
     Returns:
         The light with (order + 1)^2 coefficients; its `notes` are for the user.
@@ -89,7 +87,7 @@ def load_light(
     if convention is not None and convention not in CONVENTIONS:
         raise UserError(f"convention {convention!r}: must be one of {', '.join(CONVENTIONS)}")
     if len(parts := parts_of(text)) > 1:
-        options = (order, layout, yaw, flip, exposure, convention, repair, upside_down)
+        options = (order, layout, yaw, flip, exposure, convention, repair)
         return total([load_light(part, *options) for part in parts], text)
     kind = None  # of the file, by which options have an effect
     if match := GENERATED.fullmatch(text):
@@ -119,15 +117,15 @@ def load_light(
         kind = "a panorama"
         path, turn = _find_panorama(text)
         yaw += turn
-        panorama = read_panorama(path, layout, repair or path != text, upside_down)
+        panorama = read_panorama(path, layout, repair or path != text)
         coefficients = project(panorama, order)
         repairs = panorama.repairs if path == text else []  # docs/lab/lights.md tells those of Poly Haven's
-        light = Light(coefficients, text, panorama, repairs + _notes_below(text, coefficients, upside_down))
-    given = {"layout": layout != "auto", "upside_down": upside_down, "repair": repair, "convention": convention}
+        light = Light(coefficients, text, panorama, repairs + _notes_below(text, coefficients))
+    given = {"layout": layout != "auto", "repair": repair, "convention": convention}
     for name, is_given in given.items():
         needed = "coefficients" if name == "convention" else "a panorama"
         if is_given and kind != needed:
-            raise UserError(f"{text}: {name.replace('_', '-')} has an effect on a file of {needed} only")
+            raise UserError(f"{text}: {name} has an effect on a file of {needed} only")
     if yaw or flip or exposure != 1:
         if (seen := light.panorama) is not None:
             own_yaw = -seen.yaw if flip else seen.yaw
@@ -147,12 +145,11 @@ def _find_panorama(text: str) -> tuple[str | Path, float]:
     return polyhaven.panorama_file(name), parse_number(degrees or "0", text)
 
 
-def _notes_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[str]:
+def _notes_below(text: str, coefficients: np.ndarray) -> list[str]:
     """Returns a note if the light of a panorama is brighter from below than from above, or an empty list."""
     if not is_lit_from_below(measure(coefficients[None]))[0]:
         return []
-    option = "without --upside-down" if upside_down else "with --upside-down, if its rows run from the bottom up"
-    return [f"{text}: brighter from below than from above; read it {option}"]
+    return [f"{text}: brighter from below than from above; are its rows upside down?"]
 
 
 def _parse_key(text: str) -> tuple[str, float, float, float]:

@@ -27,7 +27,7 @@ OTHER_FILES = (
 )
 
 
-def read_panorama(path: Path | str, layout: str = "auto", repair: bool = False, upside_down: bool = False) -> Panorama:
+def read_panorama(path: Path | str, layout: str = "auto", repair: bool = False) -> Panorama:
     """Reads a .hdr, .exr or .pfm panorama; the format is detected from the content, not the name.
 
     Args:
@@ -36,7 +36,6 @@ def read_panorama(path: Path | str, layout: str = "auto", repair: bool = False, 
             pictures are ambiguous and need a layout.
         repair: whether non-finite pixels are replaced by the mean of their neighbours (`repair_pixels`), and a sun
             without red is rebuilt (`repair_sun`).
-        upside_down: whether the file's rows run from the bottom up, against its format.
 
     Returns:
         The panorama, with negative pixels set to zero; `repairs` lists the changes.
@@ -50,7 +49,7 @@ def read_panorama(path: Path | str, layout: str = "auto", repair: bool = False, 
     pixels, envmap, repairs = read_pixels(path)
     resolved = decide_layout(path, pixels.shape[1], pixels.shape[0], layout, envmap)
     has_attribute = envmap is not None and resolved == {"latlong": "latlong", "cube": "strip"}[envmap]
-    pixels = np.ascontiguousarray(pixels[::-1] if upside_down else pixels)
+    pixels = np.ascontiguousarray(pixels)
     repairs += repair_pixels(path, pixels, repair) + clip_negatives(path, pixels) + repair_sun(path, pixels, repair)
     front = "+z" if has_attribute and resolved == "latlong" else "-z"
     return Panorama(pixels, resolved, has_attribute, front=front, source=str(path), repairs=repairs)

@@ -20,7 +20,7 @@ UNREAD: dict[str, list[str]] = {
         f"figures.{name}"
         for name in ("first", "count", "detail", "texture", "per_subject", "sitting", "poses", "garments", "hair")
     ],
-    "panoramas.source=generated": ["panoramas.layout", "panoramas.upside_down", "panoramas.repair"],
+    "panoramas.source=generated": ["panoramas.layout", "panoramas.repair"],
     "panoramas.source=folder": ["panoramas.count", "panoramas.skies", "panoramas.lamps"],
 }
 NAME_PATTERN, MAX_NAME_LENGTH = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*"), 100

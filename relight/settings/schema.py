@@ -103,7 +103,6 @@ class Panoramas:
         choices=("auto", "latlong", "angular", "ball", "cross", "strip", "strip-gl"),
     )
     flip: bool = setting("whether panoramas are mirrored left to right")
-    upside_down: bool = setting("whether the first row of files is the bottom", False)
     repair: bool = setting("whether pixels that are not finite get the mean of their neighbours; else refused", False)
 
 

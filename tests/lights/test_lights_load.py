@@ -8,10 +8,8 @@ from typer.testing import CliRunner
 
 from relight.core.errors import UserError
 from relight.lights import Light, load_light, reference_brightness, write_light
-from relight.lights.chain import file_light
 from relight.lights.commands import app
 from relight.panoramas import Panorama, generate_room, orient, project
-from relight.settings import Panoramas
 from relight.sh import irradiance, rotate_y
 
 
@@ -45,27 +43,12 @@ def test_panorama_and_coefficients_are_oriented_alike(tmp_path, monkeypatch, tex
     np.testing.assert_allclose(light.coefficients, turned, rtol=1e-12)
 
 
-def test_upside_down_is_applied_everywhere(tmp_path):
-    pixels = np.random.default_rng(0).random((16, 32, 3)).astype(np.float32)
-    path = store_pfm(tmp_path / "a.pfm", pixels[::-1])
-    expected = project(Panorama(pixels))
-    np.testing.assert_allclose(load_light(path, upside_down=True).coefficients, expected, rtol=1e-6)
-    out = tmp_path / "a.json"
-    assert CliRunner().invoke(app, [str(path), "--upside-down", "-o", str(out)]).exit_code == 0
-    np.testing.assert_allclose(load_light(out).coefficients, expected, rtol=1e-6)
-    folder = Panoramas("folder", str(tmp_path), 0, 0, 0, "auto", False, upside_down=True)
-    np.testing.assert_allclose(file_light("a.pfm", folder, 2)[0], expected, rtol=1e-6)
-
-
 def test_a_panorama_that_is_brighter_from_below_gets_a_note(tmp_path):
-    right = store_pfm(tmp_path / "a.pfm", generate_room(7))
     wrong = store_pfm(tmp_path / "b.pfm", generate_room(7)[::-1])
-    assert not load_light(right).notes and not load_light(wrong, upside_down=True).notes
-    for path, upside_down, option in ((wrong, False, "with --"), (right, True, "without --")):
-        (note,) = load_light(path, upside_down=upside_down).notes
-        assert note.startswith(f"{path}: brighter from below") and f"read it {option}" in note
-    assert not load_light(store_pfm(tmp_path / "c.pfm", np.ones((8, 16, 3), np.float32))).notes
-    assert "--upside-down" in CliRunner().invoke(app, [str(wrong)]).output
+    (note,) = load_light(wrong).notes
+    assert note.startswith(f"{wrong}: brighter from below") and note in CliRunner().invoke(app, [str(wrong)]).output
+    for pixels in (generate_room(7), np.ones((8, 16, 3), np.float32)):
+        assert not load_light(store_pfm(tmp_path / "a.pfm", pixels)).notes
 
 
 def test_a_key_light_comes_from_the_given_direction():
@@ -126,7 +109,6 @@ def test_options_without_an_effect_are_refused(tmp_path):
     np.savetxt(tmp_path / "a.txt", np.eye(9, 3))
     for text, options, says in (
         ("room:7", {"layout": "strip"}, "layout has an effect on a file of a panorama only"),
-        ("room:7", {"upside_down": True}, "upside-down has an effect"),
         ("key:#ffffff@0,0", {"convention": "dpr"}, "convention has an effect on a file of coefficients only"),
         (panorama, {"convention": "dpr"}, "convention has an effect"),
         (panorama, {"layout": "foo"}, "layout=foo"),
