@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from difflib import get_close_matches
 from numbers import Integral, Real
 from pathlib import Path
 
@@ -28,6 +29,7 @@ KIND = re.compile(r"([a-z]{2,}):")  # Windows has drives of one letter
 HEXADECIMAL = re.compile(r"[0-9a-fA-F]{6}")  # the only color that needs no #
 IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})")
 EVEN = "even"
+ELEVATION = 30  # default degrees of a key light above the horizon
 FILL = 0.2  # default irradiance of the fill, relative to the key light's
 MAX_BYTES = 1 << 20  # of a file of coefficients
 
@@ -51,7 +53,7 @@ def load_light(
     room:7, sky:3, lamps:5, room:7:40  a generated panorama, the last one rotated by 40 degrees
     even                            light without a direction, of irradiance 1
     key:#ffeedd@45,30,0.2           a distant lamp of this sRGB color, 45 degrees to the right of the camera and 30
-                                    degrees up, with a constant fill of 0.2 times its irradiance (at least 0)
+                                    degrees up, with a constant fill of 0.2 times its irradiance (both by default)
     place:street.jpg                an estimate from a photograph of a place (relight.photos.place)
     mine:text                       the light that the extension `mine` returns for the text
     room:7 + key:#ffeedd@45,30      the sum of lights
@@ -141,7 +143,9 @@ def _find_panorama(text: str) -> tuple[str | Path, float]:
     if Path(text).is_file() or not (text.isidentifier() or name in polyhaven.NAMES):
         return text, 0.0
     if name not in polyhaven.NAMES:
-        raise UserError(f"{text} is neither a file nor a panorama's name; those are {', '.join(polyhaven.NAMES)}")
+        lamp = "a lamp, such as key:white@-60,30 (60 degrees to the left, 30 up)"
+        near = get_close_matches(text, polyhaven.NAMES, 1) or ["hall"]
+        raise UserError(f"{text} is neither a file nor a light: give {lamp}, room:7, sky:3, even, or {near[0]}")
     return polyhaven.panorama_file(name), parse_number(degrees or "0", text)
 
 
@@ -153,16 +157,17 @@ def _notes_below(text: str, coefficients: np.ndarray) -> list[str]:
 
 
 def _parse_key(text: str) -> tuple[str, float, float, float]:
-    """Parses the name of a key light: color (six digits), azimuth, elevation, and fill, which may be left out."""
+    """Parses the name of a key light: color (six digits), azimuth, elevation and fill, of which the last may lack."""
     color, _, numbers = text.removeprefix("key:").partition("@")
     try:
         codes = ImageColor.getrgb(f"#{color}" if HEXADECIMAL.fullmatch(color) else color)[:3]
     except ValueError:
         raise UserError(f"{text}: {color!r} is no color: give #ffeedd, or a name such as red") from None
     parts = numbers.split(",")
-    if len(parts) not in (2, 3):
-        raise UserError(f"{text}: after the @ must come azimuth, elevation and perhaps fill, such as @45,30,{FILL}")
-    azimuth, elevation, fill = (parse_number(part, text) for part in (*parts, str(FILL))[:3])
+    if len(parts) > 3 or not numbers:
+        raise UserError(f"{text}: after the @ come azimuth, elevation and fill, such as @45,30,{FILL}")
+    usual = ("", str(ELEVATION), str(FILL))
+    azimuth, elevation, fill = (parse_number(part, text) for part in (*parts, *usual[len(parts) :]))
     return bytes(codes).hex(), azimuth, elevation, fill
 
 

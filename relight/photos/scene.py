@@ -25,7 +25,7 @@ from relight.photos.trust import doubts
 from relight.sh import deringed, order_of, rotate_y
 
 BEHIND = 110  # degrees from the front
-DIRECTED = 0.5  # horizontal part of the first band over the mean: 1.7 for a lamp, less for an even light
+DIRECTED = 0.5  # a part of the first band over the mean: 1.7 for a lamp, less for an even light
 WHITE_BALANCES = ("keep", "scene")
 
 
@@ -152,15 +152,18 @@ class Scene:
         return light, look.background.matched(light, factor, factor / needed)
 
     def notes_on(self, look: Look) -> list[str]:
-        """What a user should know about the light of a look: its own notes, and whether it comes from behind."""
+        """What a user should know about the light of a look: its notes, and whether it comes from behind or below."""
         if look.light is None:
             return []
-        level, _, z, x = luminance(look.light.at_order(1).coefficients)
+        level, y, z, x = luminance(look.light.at_order(1).coefficients)
         heading = np.degrees(np.arctan2(x, z))
         turned = abs((heading + look.turn + 180) % 360 - 180)
-        note = f"most of this light comes from behind: --turn {-heading:.0f} brings it to the front"
-        is_behind = turned > BEHIND and np.hypot(x, z) > DIRECTED * level
-        return look.light.notes + ([note] if is_behind else [])
+        notes = [f"most of this light comes from behind: --turn {-heading:.0f} brings it to the front"]
+        if turned < BEHIND or np.hypot(x, z) < DIRECTED * level:
+            notes = []
+        if -y > DIRECTED * level:
+            notes.append("most of this light comes from below, as none in the network's training does: faces suffer")
+        return look.light.notes + notes
 
     def turned(
         self, look: Look, light: np.ndarray, background: Background, turns: Sequence[float] = (0.0,)

@@ -252,7 +252,7 @@ KEYS = {
     "key:rad@0,0": "'rad' is no color: give #ffeedd, or a name such as red",
     "key:#ff@45,30": "'#ff' is no color",
     "key:": "'' is no color",
-    "key:#ffffff@45,30,1,2": "after the @ must come azimuth",
+    "key:#ffffff@45,30,1,2": "after the @ come azimuth",
     "key:#ffffff@a,b": "'a' is not a number",
     "key:#ffffff@400,30": "azimuth 400 must be in -360 to 360",
     "key:#ffffff@0,95": "elevation 95 must be in -90",

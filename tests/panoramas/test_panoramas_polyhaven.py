@@ -70,7 +70,7 @@ def test_load_light_prefers_a_file_and_lists_the_names(package, tmp_path, monkey
     monkeypatch.chdir(tmp_path)
     (tmp_path / "hall").write_bytes(exr(0.5))
     np.testing.assert_allclose(load_light("hall").coefficients, 0.5 * project(Panorama(PIXELS)), rtol=1e-5)
-    with pytest.raises(UserError, match=r"^hal is neither a file nor a panorama's name; those are apartment, bridge,"):
+    with pytest.raises(UserError, match=r"^hal is neither a file nor a light: give a lamp, .*, or hall$"):
         load_light("hal")
 
 

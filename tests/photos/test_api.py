@@ -189,5 +189,7 @@ def test_a_light_from_behind_is_told_with_the_turn_that_mends_it(relighter, phot
     scene = relighter.scene(photo_files[0])
     (note,) = scene.notes_on(Look("key:#ffffff@-150,10"))
     assert note == "most of this light comes from behind: --turn 150 brings it to the front"
+    (note,) = scene.notes_on(Look("key:#ffffff@0,-70,0.1"))
+    assert note.startswith("most of this light comes from below")
     for light, turn in (("key:#ffffff@-150,10", 150.0), ("key:#ffffff@80,10", 0.0), ("even", 180.0)):
         assert scene.notes_on(Look(light, turn=turn)) == []

@@ -66,7 +66,7 @@ def masked(picture: Picture, mask: Given | None = None) -> Picture:
         if alpha is not None and has_outline(alpha):
             with suppress(UserError):  # of labels
                 coverage, said = coverage_of(alpha, "its alpha channel")
-                return replace(picture, coverage=coverage, notes=[*notes, *said])
+                return replace(picture, coverage=coverage, notes=[*notes, "its alpha channel is its mask", *said])
         notes = [*notes, *[NO_OUTLINE] * (alpha is not None), AUTOMATIC]
         coverage = automatic_mask(picture)
     return replace(picture, coverage=coverage if alpha is None else np.minimum(coverage, alpha), notes=notes)
