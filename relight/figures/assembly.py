@@ -57,7 +57,9 @@ class Assembly:
         self.body, self.detail, self.seed = motion.body, detail, seed
         scarves = [w for w in worn if w.pattern.garment.kind == "scarf"]
         self.cut = [w for w in worn if w.pattern.garment.kind != "scarf"]
-        self.covers = [as_cover(w) for w in self.cut]
+        self.covers = [  # a drop hangs free, so nothing is hidden behind it
+            Cover(w.pattern.levels[-1].fitted, *w.surface, close=w.pattern.fields["drop"] < 0.02) for w in self.cut
+        ]
         self.clothes = [w.surface for w in (*self.cut, *scarves)]
         vertices, faces = stacked([(motion.posed_skin, makehuman.base().faces["body"]), *self.clothes])
         self.figure = Collider.at_rest(vertices, faces)
@@ -226,13 +228,6 @@ class Assembly:
         }
         for part in parts:
             self.builder.add(part.vertices, part.faces, part.uv[part.faces], paints[part.kind])
-
-
-def as_cover(worn: DrapedGarment) -> Cover:
-    """Returns a draped garment as it covers what is below it; its drop hangs free, so nothing is hidden behind it."""
-    level = worn.pattern.levels[-1]
-    above_drop = worn.pattern.fields["drop"] < 0.02
-    return Cover(level.fitted, worn.draped.positions, level.faces, close=above_drop)
 
 
 def refined(

@@ -56,7 +56,8 @@ class Constraints:
         """
         for _ in range(PEOPLE):
             person = sample_person(rng)
-            if self._has_hair(person) and (not self.garments or self._find_outfit(rng, person) is not None):
+            has_hair = style_odds(person.female > 0.5, person, self.hair).any()
+            if has_hair and (not self.garments or self._find_outfit(rng, person) is not None):
                 return person
         raise UserError(f"nobody of {PEOPLE} people who were drawn would have {self._describe()}")
 
@@ -91,9 +92,6 @@ class Constraints:
             if self._has_garments(fitted_to_pose(outfit, pose)):
                 return pose
         raise UserError(f"no pose of {PEOPLE} that were drawn can be taken in {self._describe()}")
-
-    def _has_hair(self, person: Person) -> bool:
-        return bool(style_odds(person.female > 0.5, person, self.hair).any())
 
     def _find_outfit(self, rng: np.random.Generator, person: Person) -> Outfit | None:
         for _ in range(OUTFITS):

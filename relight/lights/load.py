@@ -82,10 +82,8 @@ def load_light(
     text = str(text)
     if not (isinstance(order, Integral) and order >= 0):
         raise UserError(f"order={order!r}: it must be a whole number, at least 0")
-    if not (isinstance(exposure, Real) and isinstance(yaw, Real)):
-        raise UserError(f"exposure={exposure!r}, yaw={yaw!r}: both must be numbers")
-    if not (np.isfinite(exposure) and exposure > 0 and np.isfinite(yaw)):
-        raise UserError(f"exposure={exposure}, yaw={yaw}: exposure must be positive, yaw a number of degrees")
+    if not all(isinstance(number, Real) and np.isfinite(number) for number in (exposure, yaw)) or exposure <= 0:
+        raise UserError(f"exposure={exposure!r}, yaw={yaw!r}: exposure must be positive, yaw a number of degrees")
     if convention is not None and convention not in CONVENTIONS:
         raise UserError(f"convention {convention!r}: must be one of {', '.join(CONVENTIONS)}")
     if len(parts := parts_of(text)) > 1:

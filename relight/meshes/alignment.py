@@ -126,12 +126,11 @@ def read_align_table(path: Path | str) -> dict[str, dict[str, str]]:
         for key in ("up", "front"):
             if row.get(key) and row[key] not in (*AXES, "auto"):
                 raise UserError(f"{path}: {key} {row[key]!r} of {row['name']}; {', '.join(AXES)} and auto are known")
+        row["turn"] = (row.get("turn") or "0").replace(",", ".")  # a decimal comma
         try:
-            row["turn"] = (row.get("turn") or "0").replace(",", ".")  # a decimal comma
-            is_number = math.isfinite(float(row["turn"]))
+            if not math.isfinite(float(row["turn"])):
+                raise ValueError
         except ValueError:
-            is_number = False
-        if not is_number:
-            raise UserError(f"{path}: turn {row['turn']!r} of {row['name']} is not a number of degrees")
+            raise UserError(f"{path}: turn {row['turn']!r} of {row['name']} is not a number of degrees") from None
         rows[row["name"]] = row
     return rows

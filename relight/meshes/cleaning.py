@@ -22,7 +22,6 @@ MIN_KEPT = 0.5  # least share of the surface that must remain
 MAIN_PART = 0.5  # least share of the surface of a part that is most of the figure
 MIN_SOLIDITY = 0.1  # of a part that has an inside; hair cards and collars have about 0
 MAX_DEGENERATE = 0.1  # share of faces without area above which there is a warning
-FINDINGS = ("merged vertices", "holes", "boundary edges", "parts")  # change neither shape nor albedo
 
 
 def clean(mesh: Mesh) -> Mesh:
@@ -109,7 +108,8 @@ def _repair(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
     work.meshing_remove_unreferenced_vertices()
     if not face_count():
         raise UserError(f"{_name(mesh)}: no face has an area")
-    repairs["non-manifold edges"] = _non_manifold_edges(work.current_mesh().face_matrix())
+    uses = edge_uses(work.current_mesh().face_matrix())
+    repairs["non-manifold edges"] = round((1 / uses[uses > 2]).sum())  # an edge with n faces is there n times
     if repairs["non-manifold edges"]:
         work = _split_non_manifold_edges(work.current_mesh())
     work.meshing_repair_non_manifold_vertices(vertdispratio=0)
@@ -170,11 +170,6 @@ def _split_non_manifold_edges(mesh: pymeshlab.Mesh) -> pymeshlab.MeshSet:
         source = np.concatenate([source, source[faces[face, corner]]])
         faces[face, corner] = np.arange(len(source) - len(face), len(source))
     return _mesh_set(vertices[source], faces.astype(np.int32), mesh.face_scalar_array(), mesh.wedge_tex_coord_matrix())
-
-
-def _non_manifold_edges(faces: np.ndarray) -> int:
-    uses = edge_uses(faces)
-    return round((1 / uses[uses > 2]).sum())  # an edge with n faces is there n times
 
 
 def edge_uses(faces: np.ndarray) -> np.ndarray:

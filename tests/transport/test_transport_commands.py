@@ -72,10 +72,8 @@ def test_errors_name_their_cause(mesh, tmp_path):
     for arguments, words in (
         ((tmp_path / "none.obj",), "none.obj"),
         ((mesh, "-o", "a.tif"), "a.tif"),
-        ((mesh, "--up", "up"), "--up up"),
         ((mesh, "-o", "a.npz", "--yaw", "5"), "--yaw is for maps"),
         ((mesh, "--as-is", "--front", "+x"), "--front aligns the mesh, which --as-is leaves"),
-        ((mesh, "--padding", "0.7"), "--padding 0.7"),
         ((tmp_path / "far.ply", "--as-is"), "sees nothing.*align it first"),
         ((tmp_path / "thread.ply", "--size", "16", "--rays", "1"), "sees nothing.*thinner than the pixels.*16 x 16"),
         ((mesh, "--focal", "5"), "focal length 5.0: must be 10 to 10000 mm"),

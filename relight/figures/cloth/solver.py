@@ -159,11 +159,6 @@ class ClothSolver:
         x = self.positions()
         return np.linalg.norm(x[self.edges[:, 0]] - x[self.edges[:, 1]], axis=1) / self.edge_length
 
-    def solve_constraints(self, iterations: int) -> None:
-        """Solves all distance constraints (bending, then stretch) in sequence, `iterations` times."""
-        inputs = [self.x, self.pairs, self.rest_length, self.stiffness, len(self.pairs), iterations]
-        wp.launch(solve_distance_constraints, dim=1, inputs=inputs)
-
     def contacts(self, collider: Collider) -> list[wp.array]:
         """Returns the arguments of the kernel `resolve_contacts` that give the nearest faces and the collider."""
         nearest = [self.contact_face, self.contact_barycentric]
@@ -191,7 +186,8 @@ class ClothSolver:
             launch(find_self_contacts, self.grid.id, self.x, self.rest_shape, self.mean_edge, *partners)
         for k in range(settings.substeps):
             launch(integrate, self.x, self.v, self.previous, settings.gravity, dt, damping)
-            self.solve_constraints(settings.iterations)
+            inputs = [self.x, self.pairs, self.rest_length, self.stiffness, len(self.pairs), settings.iterations]
+            wp.launch(solve_distance_constraints, dim=1, inputs=inputs)
             if settings.self_contact:
                 launch(resolve_self_contacts, self.x, self.resolved, *partners, 0.9 * self.mean_edge)
                 self.x, self.resolved = self.resolved, self.x
