@@ -32,22 +32,13 @@ def provenance(folder: Path) -> dict[str, Any]:
 
 
 def machine() -> str:
-    """Describes processor, cores, memory, GPU and system, without the host name."""
+    """Describes cores, memory, GPU and system, without the host name."""
     import torch
 
     cores = count_cores()
-    parts = [f"{processor()}, {cores} core{'s' * (cores != 1)}", f"{psutil.virtual_memory().total / 2**30:.0f} GiB"]
+    parts = [f"{cores} core{'s' * (cores != 1)}", f"{psutil.virtual_memory().total / 2**30:.0f} GiB"]
     parts += [torch.cuda.get_device_name(0)] if torch.cuda.is_available() else []
     return "; ".join([*parts, f"{platform.system()} {platform.machine()}", f"Python {platform.python_version()}"])
-
-
-def processor() -> str:
-    """Returns the model name of the processor: that of Linux, or else Python's."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
 
 
 def command(folder: Path) -> str:
