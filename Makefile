@@ -45,7 +45,7 @@ test: $(STAMP)  ## the tests
 test-fast: $(STAMP)  ## the tests without those that take CPU-seconds each
 	@$(PYTEST) -m "not slow" $(ARGS)
 
-fuzz: $(STAMP)  ## feed the readers 5,000 damaged panoramas, meshes and other files each; make fuzz CASES=50000
+fuzz: $(STAMP)  ## feed the readers thousands of damaged meshes and other files; make fuzz CASES=50000
 	@RELIGHT_FUZZ=$(CASES) $(PYTEST) tests/meshes/test_meshes_malformed.py tests/reliability/test_reliability_readers.py $(ARGS)
 
 chaos: $(STAMP)  ## kill the workflow 60 times at random moments; make chaos KILLS=6

@@ -119,45 +119,37 @@ def tiny_network(tmp_path_factory) -> Path:
     """A network for photos, 64 px, as relight.photos.network reads it: random, but for a transport like that of a
     surface, so that shadings are positive; enough for all that is not about quality."""
     import onnx
-    from onnx import helper, numpy_helper
 
     rng = np.random.default_rng(3)
-    bias = np.array([0, 0, 0, 0.8, 0.2, 0.3, 0, 0, 0, 0, 0, 0], np.float32)
     light = np.zeros((9, 3), np.float32)
     light[:4] = np.array([[0.8], [0.15], [0.2], [-0.1]]) * rng.uniform(0.8, 1.2, (4, 3))
     constants = {
         "weight": rng.normal(0, 0.1, (12, 3, 5, 5)).astype(np.float32),
-        "bias": bias,
+        "bias": np.array([0, 0, 0, 0.8, 0.2, 0.3, 0, 0, 0, 0, 0, 0], np.float32),
         "base": light[None],
         "one": np.float32(1),
         "row": np.array([-1, 1, 3], np.int64),
         "sizes": np.array([3, 9], np.int64),
     }
-    node = helper.make_node
-    nodes = [
-        node("Conv", ["image", "weight", "bias"], ["maps"], pads=[2, 2, 2, 2]),
-        node("Split", ["maps", "sizes"], ["first", "second"], axis=1),
-        node("Sigmoid", ["first"], ["color"]),
-        node("Mul", ["color", "mask"], ["albedo"]),
-        node("Mul", ["second", "mask"], ["transport"]),
-        node("GlobalAveragePool", ["image"], ["mean"]),
-        node("Reshape", ["mean", "row"], ["tint"]),
-        node("Add", ["tint", "one"], ["factor"]),
-        node("Mul", ["base", "factor"], ["light"]),
-    ]
-    kind = onnx.TensorProto.FLOAT
-    sizes = {"image": ["B", 3, "H", "W"], "mask": ["B", 1, "H", "W"]}
-    results = {"albedo": ["B", 3, "H", "W"], "transport": ["B", 9, "H", "W"], "light": ["B", 9, 3]}
-    ends = [
-        [helper.make_tensor_value_info(name, kind, size) for name, size in each.items()] for each in (sizes, results)
-    ]
-    initial = [numpy_helper.from_array(np.asarray(value), name) for name, value in constants.items()]
-    model = helper.make_model(
-        helper.make_graph(nodes, "tiny", *ends, initial), opset_imports=[helper.make_opsetid("", 18)], ir_version=8
-    )
+    model = onnx.parser.parse_model("""
+        <ir_version: 8, opset_import: ["": 18]>
+        tiny (float[B,3,H,W] image, float[B,1,H,W] mask)
+            => (float[B,3,H,W] albedo, float[B,9,H,W] transport, float[B,9,3] light) {
+          maps = Conv <pads = [2, 2, 2, 2]> (image, weight, bias)
+          first, second = Split <axis = 1> (maps, sizes)
+          color = Sigmoid (first)
+          albedo = Mul (color, mask)
+          transport = Mul (second, mask)
+          mean = GlobalAveragePool (image)
+          tint = Reshape (mean, row)
+          factor = Add (tint, one)
+          light = Mul (base, factor)
+        }""")
+    stored = [onnx.numpy_helper.from_array(np.asarray(value), name) for name, value in constants.items()]
+    model.graph.initializer.extend(stored)
     lights = (light * rng.uniform(0.5, 1.5, (12, 9, 3))).ravel().round(4).tolist()
     config = {"size": 64, "model": {"order": 2}, "train": {"color": "photo"}, "lights": lights}
-    helper.set_model_props(model, {"relight": json.dumps(config)})
+    onnx.helper.set_model_props(model, {"relight": json.dumps(config)})
     path = tmp_path_factory.mktemp("weights") / "tiny.onnx"
     onnx.save(model, path)
     return path

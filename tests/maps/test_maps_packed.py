@@ -7,7 +7,7 @@ from samples import random_maps
 
 from relight.core.errors import UserError
 from relight.core.srgb import encode
-from relight.maps import PackedMaps, pack_maps, read_maps, write_left_out, write_maps
+from relight.maps import PackedMaps, pack_figures, pack_maps, read_maps, write_left_out, write_maps
 from relight.maps.packed import decode_normals, encode_normals
 
 
@@ -72,6 +72,12 @@ def test_bounces_are_averaged_into_the_transport(tmp_path):
     pack_maps([tmp_path / "a.exr"], tmp_path / "packed.safetensors")
     expected = (maps.transport + maps.bounced.mean(-1))[maps.mask]
     np.testing.assert_allclose(PackedMaps(tmp_path / "packed.safetensors").figure(0)["transport"], expected, atol=3e-3)
+
+
+def test_too_few_usable_figures_are_refused(folder):
+    with pytest.raises(UserError, match=r"only 1 of 2 .*usable.*; c: no faces"):
+        pack_figures([folder / "a1.exr", folder / "c.exr"], 0.5, folder / "packed", folder / "record")
+    assert not (folder / "packed").exists()
 
 
 def test_octahedral_normals():

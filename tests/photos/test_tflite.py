@@ -55,19 +55,10 @@ def resized(x, rows, columns):
 def test_convert_of_every_operation(tflite):
     rng = np.random.default_rng(0)
     image = rng.uniform(0, 1, (9, 7, 3))
-    w = {
-        name: rng.normal(0, 0.6, shape).astype(np.float16)
-        for name, shape in {
-            "conv": (4, 3, 3, 3),
-            "depth": (1, 5, 5, 4),
-            "squeeze": (4, 1, 1, 4),
-            "up": (2, 2, 2, 4),
-        }.items()
-    }
-    bias = {
-        name: rng.normal(0, 0.2, n).astype(np.float16)
-        for name, n in {"conv": 4, "depth": 4, "squeeze": 4, "up": 2}.items()
-    }
+    shapes = {"conv": (4, 3, 3, 3), "depth": (1, 5, 5, 4), "squeeze": (4, 1, 1, 4), "up": (2, 2, 2, 4)}
+    outputs = {"conv": 4, "depth": 4, "squeeze": 4, "up": 2}
+    w = {name: rng.normal(0, 0.6, shape).astype(np.float16) for name, shape in shapes.items()}
+    bias = {name: rng.normal(0, 0.2, n).astype(np.float16) for name, n in outputs.items()}
     writer = tflite()
     first = writer.tensor(shape=[1, 9, 7, 3])
 

@@ -192,6 +192,18 @@ def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photo
     assert page.run("new URLSearchParams(relight.address()).get('taken')") == "Window"
 
 
+def test_the_window_shows_the_same_pixels(balls, maps, lights):
+    size = len(maps.mask)
+    balls.run(f"relight.set({json.dumps(START)})")
+    balls.run(
+        "(() => { const stage = document.getElementById('stage'); Object.assign(relight.placement, "
+        "{ scale: 1, x: stage.clientWidth / 2 - 100, y: stage.clientHeight / 2 - 150 }); relight.redraw(); })()"
+    )
+    shown = np.asarray(Image.open(io.BytesIO(balls.screenshot())).convert("RGB"))[150 : 150 + size, 100 : 100 + size]
+    expected = codes(maps.albedo * relit_shading(maps, lights["Window"]))
+    assert farthest(shown, expected, maps.mask) <= 2
+
+
 def rgbe(pixels):
     exponent = np.frexp(pixels.max(-1, keepdims=True))[1]
     return np.concatenate([np.floor(np.ldexp(pixels, 8 - exponent)), exponent + 128], -1).astype(np.uint8)

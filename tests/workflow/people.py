@@ -38,18 +38,11 @@ def write_people(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(0)
     textured, colored, plain = (person(seed) for seed in range(3))
-    stripes = np.zeros((64, 64, 3), np.uint8)
-    stripes[:] = (200, 60, 40)
+    stripes = np.full((64, 64, 3), (200, 60, 40), np.uint8)
     stripes[::8] = (240, 240, 230)
-    Image.fromarray(stripes).save(folder / "cloth.png")
-    (folder / "textured.mtl").write_text("newmtl cloth\nKd 1 1 1\nmap_Kd cloth.png\n")
     uv = (textured.vertices[:, :2] - textured.vertices[:, :2].min(0)) / np.ptp(textured.vertices[:, :2], axis=0)
-    lines = ["mtllib textured.mtl"]
-    lines += ["v {:.6f} {:.6f} {:.6f}".format(*vertex) for vertex in textured.vertices]
-    lines += ["vt {:.6f} {:.6f}".format(*corner) for corner in uv]
-    lines += ["usemtl cloth"]
-    lines += ["f " + " ".join(f"{i}/{i}" for i in face) for face in textured.faces + 1]
-    (folder / "textured.obj").write_text("\n".join(lines) + "\n")
+    textured.visual = trimesh.visual.TextureVisuals(uv, image=Image.fromarray(stripes))
+    textured.export(folder / "textured.obj")
     colors = rng.integers(60, 220, 3) * np.ones((len(colored.vertices), 1))
     colors[colored.vertices[:, 1] < 0.9] = (40, 50, 90)
     colored.visual = trimesh.visual.ColorVisuals(colored, vertex_colors=colors.astype(np.uint8))

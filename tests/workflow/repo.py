@@ -10,6 +10,7 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 
 import psutil
@@ -30,8 +31,8 @@ LEFT = (
     "docs",
     "tests",
 )
-# Three experiments of which one has lights of its own, and two trainings of which one goes on from the other.
-EXPERIMENTS = "experiment=[table1,unusual_lights,self_supervised]"
+# Two experiments, and two trainings of which one goes on from the other.
+EXPERIMENTS = "experiment=[table1,self_supervised]"
 WORDS = ("scale=smoke", EXPERIMENTS, "figures.count=3", "sweep.only=[ours_full,self_all]")
 OUT = "results/smoke"
 
@@ -75,20 +76,28 @@ def relight(repo: Path, *words: str) -> subprocess.CompletedProcess:
 # Dry runs of Snakemake itself; they fork from one process, which has imported Snakemake.
 DRY_RUNS = """
 import json, os, sys
+from pathlib import Path
 import relight.lab.plan
 from snakemake.cli import main
-for words in json.loads(sys.argv[1]):
+for words, edit in json.loads(sys.argv[1]):
+    if edit:
+        file, text = Path(edit[0]), edit[1]
+        whole, begin = file.read_text(), "    params:\\n"
+        file.write_text(whole.replace(begin, begin + text) if file.suffix == ".smk" else whole + text)
     if os.fork() == 0:
         main(["all", "-n", "--quiet", "rules", "--config", "hydra=" + " ".join(words)])
     if os.wait()[1]:
         sys.exit(1)
+    if edit:
+        file.write_text(whole)
     print("END", flush=True)
 """
 
 
-def planned(repo: Path, *runs: Sequence[str]) -> list[dict[str, int]]:
-    """What dry runs would do, by their words: {rule: jobs} of each."""
-    run = output(repo, [sys.executable, "-c", DRY_RUNS, json.dumps(runs)])
+def planned(repo: Path, *runs: Sequence[str], edits: Sequence[tuple[str, str] | None] = ()) -> list[dict[str, int]]:
+    """What dry runs would do, by their words: {rule: jobs} of each; `edits` of a file are there during one of them."""
+    pairs = [*zip_longest(runs, edits)]
+    run = output(repo, [sys.executable, "-c", DRY_RUNS, json.dumps(pairs)])
     assert run.returncode == 0, run.stdout
     tables = [re.findall(r"^(\w+) +(\d+)$", text, re.M) for text in run.stdout.split("END\n")[:-1]]
     return [{rule: int(jobs) for rule, jobs in table if rule not in ("total", "all")} for table in tables]

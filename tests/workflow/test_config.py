@@ -87,36 +87,22 @@ def test_a_preset_is_read_without_hydra():
     [
         ("train.lrr=1", ["train.lrr", "did you mean lr", "steps"]),
         ("train.lr=fast", ["train.lr must be a number, not 'fast'"]),
-        ("train.lr=nan", ["train.lr must be greater than 0, not nan"]),
-        ("model.refine=perhaps", ["model.refine must be true or false, not 'perhaps'"]),
-        ("name=null", ["name must be text, not null"]),
-        ("loss=ful", ["loss=ful", "full", "min"]),
         ("seed=42", ["seed: no such setting", "did you mean split.seed or lights.seed or train.seed?"]),
-        ("train.widht=1", ["train.widht: no such setting", "did you mean model.width?"]),
-        ("experiment=tabel1", ["experiment=tabel1: no such choice", "did you mean table1?"]),
         ("train.lr=(1", ["cannot read the override", "in two pairs of quotes"]),
         ("+experiments.claim.compare={nobody against sfsnet: x}", ["experiments.claim.compare", "ROW against ROW"]),
         ("experiments.claim.compare_in=[relit]", ["experiments.claim.compare_in: relit must be", "such as relit_rmse"]),
         ("experiments.claim.shows=[hue]", ["experiments.claim.shows", "one of shading, transport", "hue"]),
         ("+extra=1", ["extra", "train"]),
-        ("x y=3", ["'x y=3'", "key=value"]),
-        ("train=7", ["train=7: no such choice", "default, photo, plus"]),
         ("~train.lr", ["~train.lr: a setting cannot be removed"]),
         ("sweep.seeds=[]", ["sweep.seeds must be a list of at least one, each at least 0, not []"]),
         ("bake.size=100", ["bake.size", "multiple of 64", "100"]),
-        ("figures.source=scans", ["figures.folder"]),
-        ("figures.folder=/x", ["figures.folder=/x is not read by figures.source=generated", "figures=scans"]),
-        ("panoramas.folder=/x", ["panoramas.folder=/x is not read", "give panoramas=folder"]),
         ("lights.test=60", ["lights.test", "60", "lights.clusters"]),
-        ("train.span=[1,0.9]", ["train.span must be [least, most], each in [0, 1]"]),
-        ("lights.clusters=1", ["lights.clusters must be at least 2, not 1"]),
         ("train.lights=[dim]", ["train.lights", "train, rich, test", "dim"]),
         ("train.part=test", ["without ground truth", "loss.albedo", "loss=self_supervised"]),
         ("experiments.claim.rows=[nobody]", ["experiments.claim.rows", "no row nobody"]),
         ("experiments.claim.figures=lying", ["experiments.claim.figures", "sitting", "lying"]),
         ("experiments.table9.rows=[ours_full]", ["experiments.table9: no such setting", "claim"]),
         ("name=a/b", ["name", "a/b"]),
-        ("name=", ["name", "''"]),
         ("++sweep.rows={x/y: []}", ["sweep.rows", "x/y"]),
         ("++experiments={a b: {rows: []}}", ["experiments", "a b"]),
         ("+train._target_=os.system", ["train._target_", "no such setting"]),
@@ -124,7 +110,6 @@ def test_a_preset_is_read_without_hydra():
         ("scale=demo,smoke", ["scale=demo,smoke", "relight run -m", "[a,b]"]),
         ("train.lr=interval(0,1)", ["train.lr=interval(0,1)", "relight run -m"]),
         ("track.uri=${oc.env:HOME}", ["track.uri", "${oc.env:HOME}", "write the value"]),
-        ("scale=huge", ["scale=huge", "demo", "smoke"]),
     ],
 )
 @pytest.mark.slow
@@ -216,9 +201,7 @@ def test_one_switch_does_all_that_the_paper_did():
     assert (paper.train.lr, paper.train.steps) == (1e-3, own.train.steps)
 
 
-@pytest.mark.parametrize(
-    "folder", ["a=b", "a, b", "a#b", "it's", "(x)", 'say "hi"', "back\\", "\\", "ä:b", "{x}", "[y]", "~", "1e5"]
-)
+@pytest.mark.parametrize("folder", ["a=b", "a, b", "a#b", "it's", 'say "hi"', "back\\", "ä:b", "{x}", "1e5"])
 def test_folders_may_have_any_sign(folder):
     if folder.startswith(("[", "{")):
         folder = "x/" + folder

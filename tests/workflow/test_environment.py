@@ -8,10 +8,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
-import yaml
 from packaging.requirements import Requirement
 
-from relight.core.libraries import LIBRARIES
 from relight.settings import ROOT
 
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -62,22 +60,6 @@ def test_make_installs_uv_in_the_locked_version():
     shell = re.search(r"^UV := \$\(shell (.*)\)$", (ROOT / "Makefile").read_text(), re.M)[1].replace("$$", "$")
     found = subprocess.run(shell, shell=True, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
     assert found == [f"uv=={VERSIONS['uv'][0]}"]
-
-
-def test_conda_brings_the_system_libraries():
-    """By the names of conda-forge, whose recipes name the libraries in each package."""
-    names = {
-        "libEGL.so.1": "libegl",
-        "libGL.so.1": "libgl",
-        "libOpenGL.so.0": "libopengl",
-        "libX11.so.6": "xorg-libx11",
-        "libcom_err.so.2": "e2fsprogs-libs",
-        "libidn2.so.0": "libidn2",
-        "libudev.so.1": "libudev1",
-        "libusb-1.0.so.0": "libusb",
-    }
-    listed = yaml.safe_load((ROOT / "environment.yml").read_text())["dependencies"]
-    assert [names[library] for library in LIBRARIES if names[library] not in listed] == []
 
 
 @pytest.mark.parametrize("user", ["root", "ann"])
