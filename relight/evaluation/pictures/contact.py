@@ -1,6 +1,7 @@
 """Draws contact sheets: the maps of every figure of a data set side by side, with its name; all lights of a set."""
 
 import math
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from relight.evaluation.pictures.canvas import CELL, FAINT, WHITE_PERCENTILE, Ca
 from relight.evaluation.scoring.metrics import shade
 from relight.lights import LightSet, measure
 from relight.lights.table import SPLITS
-from relight.maps import LeftOut, Maps, read_info, read_maps
+from relight.maps import LeftOut, Maps, read_maps
 from relight.maps.square import fill_outside
 
 VIEWS = ("lit", "albedo", "normal", "AO", "shading")
@@ -27,8 +28,8 @@ BALL, BALLS = 110, 10  # pixels of a ball, and balls in a row, on the sheet of l
 def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path) -> None:
     """Draws figures side by side: lit, albedo, normals, AO and shading.
 
-    Colors are sRGB-encoded; white is the 99.5th percentile of a figure's shading. Normals are displayed as (n+1)/2. A
-    figure that was left out is replaced by the reason.
+    Colors are sRGB-encoded; white is the 99.5th percentile of a figure's shading. Normals are displayed as (n+1)/2.
+    Figures that were left out are not shown.
 
     Args:
         maps_paths: maps of the figures (EXR).
@@ -38,11 +39,13 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path) -> None:
     Raises:
         UserError: if there are no maps.
     """
-    if not maps_paths:
+    figures = []
+    for path in progress(maps_paths, "maps read"):
+        with suppress(LeftOut):
+            figures.append(read_maps(path))
+    if not figures:
         raise UserError(f"{out}: there are no maps to show")
-    figures = [_read(path) for path in progress(maps_paths, "maps read")]
-    masks = [maps.mask for _, maps in figures if isinstance(maps, Maps)]
-    rows, _ = bounding_box(masks) if masks else (slice(0, 1), slice(0, 1))  # of all figures
+    rows, _ = bounding_box([maps.mask for maps in figures])  # of all figures
     height, width = CELL_HEIGHT, round(ASPECT * CELL_HEIGHT)
     tile = len(VIEWS) * (width + GAP) + 6 * GAP
     across = max(1, min(len(figures), WIDTH // tile))
@@ -54,20 +57,14 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path) -> None:
             sheet.text(words, x, TOP // 2, size=16, anchor="mm", bold=True)
     beside_lit = 4 * GAP + width // 2 + 20
     sheet.put(ball(light, TOP - 18, white=1, linear=True), beside_lit, y=9)
-    for i, (name, maps) in enumerate(figures):
+    for i, maps in enumerate(figures):
         x, y = 4 * GAP + i % across * tile, TOP + i // across * (height + WORDS)
-        sheet.text(name, x, y + height + 5, size=14, color=FAINT)
-        if isinstance(maps, Maps):
-            for v, colors in enumerate(views(maps, light)):
-                cell = Image.new("RGB", (width, height), CELL)
-                # Extended to pixels that a figure covers in part, but not at their centre.
-                cell.paste(*_scale_to_cell(fill_outside(colors, maps.mask), maps, rows, (width, height)))
-                sheet.cell(cell, x + v * (width + GAP), y)
-        else:
-            room = len(VIEWS) * (width + GAP) - GAP
-            sheet.cell(Image.new("RGB", (room, height), CELL), x, y)
-            middle = x + room // 2, y + height // 2
-            sheet.text(f"left out: {maps}", *middle, size=15, anchor="mm", color=FAINT, width=room - 40)
+        sheet.text(maps.info["name"], x, y + height + 5, size=14, color=FAINT)
+        for v, colors in enumerate(views(maps, light)):
+            cell = Image.new("RGB", (width, height), CELL)
+            # Extended to pixels that a figure covers in part, but not at their centre.
+            cell.paste(*_scale_to_cell(fill_outside(colors, maps.mask), maps, rows, (width, height)))
+            sheet.cell(cell, x + v * (width + GAP), y)
     sheet.save(out)
 
 
@@ -98,15 +95,6 @@ def clearest_light(lights: np.ndarray) -> np.ndarray:
     statistics = measure(lights)
     directed = statistics["first"] + statistics["toward"]  # contrast, and how far it comes from the camera
     return lights[int(np.argmax(directed - np.abs(statistics["red"]) - np.abs(statistics["blue"])))]
-
-
-def _read(path: Path) -> tuple[str, Maps | str]:
-    """Returns a figure's name, and its maps or the reason why it was left out, from its file (.exr)."""
-    name = read_info(path).get("name", Path(path).stem)
-    try:
-        return name, read_maps(path)
-    except LeftOut as reason:
-        return name, str(reason)
 
 
 def _scale_to_cell(
