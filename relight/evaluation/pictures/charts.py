@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-import matplotlib
+import matplotlib.style
 import numpy as np
 from matplotlib.figure import Figure  # no pyplot: no windows, nothing global
 
@@ -13,21 +13,7 @@ from relight.evaluation.scoring.tables import Table
 from relight.learning.training_name import COLORS
 
 GREY = "#9a9a9e"  # of baselines
-STYLE = {
-    "axes.titlesize": 10,
-    "axes.titleweight": "bold",
-    "axes.labelsize": 8,
-    "axes.labelcolor": "#777777",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#888888",
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e6e6e3",
-    "lines.solid_capstyle": "butt",
-    **{f"{axis}tick.{which}.size": 0 for axis in "xy" for which in ("major", "minor")},
-    **{f"{axis}tick.labelsize": 8 for axis in "xy"},
-}
+STYLE = ["seaborn-v0_8-paper", "seaborn-v0_8-whitegrid"]
 
 
 def _finite_interval(estimate: Estimate) -> tuple[float, float]:
@@ -47,7 +33,7 @@ def plot_errors(table: Table, rows_of_run: list[str], out: Path) -> None:
     shown = table.present(column for column in table.columns if column.endswith("rmse"))
     rows = [row for row, cells in table.rows.items() if any(column in cells for column in shown)]
     color_of = {row: COLORS[place % len(COLORS)] for place, row in enumerate(rows_of_run)}
-    with matplotlib.rc_context(STYLE):  # type: ignore[arg-type]  # its hints list every key
+    with matplotlib.style.context(STYLE):
         figure = Figure(figsize=(2.6 + 2.3 * len(shown), 0.9 + 0.34 * len(rows)), layout="constrained")
         panels = figure.subplots(ncols=len(shown), sharey=True, squeeze=False)[0]
         for panel, column in zip(panels, shown):
