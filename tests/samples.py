@@ -35,7 +35,7 @@ def lights_of(split: Sequence[str], **fields) -> LightSet:
     coefficients = np.zeros((len(split), 9, 3), np.float32)
     coefficients[:, 0] = 1
     usual = {"source": np.array([f"room:{i}" for i in count]), "reason": np.full(len(split), ""), "yaw": 0.0 * count}
-    usual |= {"coefficients": coefficients, "seed": count, "cluster": count, "scale": 1.0 + 0 * count}
+    usual |= {"coefficients": coefficients, "scale": 1.0 + 0 * count}
     return LightSet(split=np.array(split), **{**usual, **fields})
 
 

@@ -60,10 +60,18 @@ def build_light_set(panoramas: Panoramas, lights: Lights, order: int) -> tuple[L
     sources, coefficients, unreadable, repaired = project_panoramas(panoramas, order)
     selected, record = select_lights(coefficients, sources, lights)
     if panoramas.source == "folder":
-        warnings = [*_warn_unlit(record["unlit"], len(sources)), *_warn_below(sources, coefficients)]
-        record["warnings"] += warnings
-        for warning in warnings:
-            log.warning(warning)
+        unlit = [f"{source}: {reason}" for source, reason in record["unlit"].items()]
+        below = [source for source, is_below in zip(sources, is_lit_from_below(measure(coefficients))) if is_below]
+        for found, what in (
+            (unlit, "gave no light (lights.rules=strong has wider limits)"),
+            (below, "are brighter from below (are their rows upside down?)"),
+        ):
+            if found:
+                named = "; ".join(found[:MAX_NAMED])
+                more = f"; and {len(found) - MAX_NAMED} more" if len(found) > MAX_NAMED else ""
+                warning = f"{len(found)} of {len(sources)} panoramas {what}: {named}{more}"
+                record["warnings"].append(warning)
+                log.warning(warning)
     read = {
         "step": "read",
         "in": len(sources) + len(unreadable),
@@ -73,24 +81,6 @@ def build_light_set(panoramas: Panoramas, lights: Lights, order: int) -> tuple[L
     record["steps"].insert(0, read)
     record |= {"unreadable": unreadable, "repaired": repaired}
     return selected, record
-
-
-def _warn_unlit(unlit: dict[str, str], total: int) -> list[str]:
-    """Returns a warning about panoramas without usual lights, of `total` ones, or an empty list."""
-    if not unlit:
-        return []
-    named = "; ".join(f"{source}: {reason}" for source, reason in list(unlit.items())[:MAX_NAMED])
-    more = f"; and {len(unlit) - MAX_NAMED} more, which chain.json names" if len(unlit) > MAX_NAMED else ""
-    return [f"{len(unlit)} of {total} panoramas gave no light (lights.rules=strong has wider limits): {named}{more}"]
-
-
-def _warn_below(sources: list[str], coefficients: np.ndarray) -> list[str]:
-    """Returns a warning about panoramas that are brighter from below than from above, or an empty list."""
-    below = [source for source, is_below in zip(sources, is_lit_from_below(measure(coefficients))) if is_below]
-    if not below:
-        return []
-    named = ", ".join(below[:MAX_NAMED]) + (f" and {len(below) - MAX_NAMED} more" if len(below) > MAX_NAMED else "")
-    return [f"{len(below)} of {len(sources)} panoramas are brighter from below: are their rows upside down? {named}"]
 
 
 def project_panoramas(panoramas: Panoramas, order: int) -> tuple[list[str], np.ndarray, dict[str, str], dict[str, str]]:

@@ -20,7 +20,7 @@ def irradiance_features(lights: np.ndarray) -> np.ndarray:
     return (np.asarray(lights, np.float64) * weight[:, None]).reshape(len(lights), -1)
 
 
-def medoids(lights: np.ndarray, sources: np.ndarray, clusters: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def medoids(lights: np.ndarray, sources: np.ndarray, clusters: int, seed: int) -> np.ndarray:
     """Clusters lights by k-means and returns the medoid of each cluster.
 
     The mean itself would be a blurred light. All panoramas have the same total weight, since soft lights keep copies
@@ -34,7 +34,7 @@ def medoids(lights: np.ndarray, sources: np.ndarray, clusters: int, seed: int) -
         seed: random seed of k-means.
 
     Returns:
-        Indices (M,) of the medoids, ascending, and the cluster (M,) of each, with M <= `clusters`.
+        Indices (M,) of the medoids, ascending, with M <= `clusters`.
     """
     from sklearn.cluster import KMeans
     from threadpoolctl import threadpool_limits
@@ -54,10 +54,9 @@ def medoids(lights: np.ndarray, sources: np.ndarray, clusters: int, seed: int) -
         for i in members[np.argsort(distance[members], kind="stable")]:
             if medoids_per_source.get(sources[i], 0) < max_per_source:
                 medoids_per_source[sources[i]] = medoids_per_source.get(sources[i], 0) + 1
-                selected.append((i, label))
+                selected.append(i)
                 break
-    selected.sort()
-    return np.array([i for i, _ in selected]), np.array([label for _, label in selected])
+    return np.sort(selected)
 
 
 def farthest_first(points: np.ndarray) -> np.ndarray:

@@ -161,9 +161,7 @@ def _rotated_copies(coefficients: np.ndarray, sources: np.ndarray, seed: int) ->
         split=np.full(n * steps, "train", dtype="<U10"),
         source=np.repeat(np.asarray(sources, dtype=str), steps),
         yaw=np.tile(yaw, n),
-        seed=seeds,
         scale=scale,
-        cluster=np.full(n * steps, -1),
         reason=np.full(n * steps, "", dtype="<U64"),
     )
 
@@ -248,9 +246,7 @@ def cluster(lights: LightSet, clusters: int, seed: int, record: dict[str, Any] |
         seed: random seed of k-means.
         record: gets the step, and a warning if there are fewer clusters; None for neither.
     """
-    chosen, label = medoids(lights.coefficients, lights.source, clusters, seed)
-    selected = lights.rows(chosen)
-    selected.cluster[:] = label
+    selected = lights.rows(medoids(lights.coefficients, lights.source, clusters, seed))
     if record is not None:
         _record_step(record, "cluster", len(lights), len(selected), {})
         if len(selected) < clusters:

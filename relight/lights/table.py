@@ -27,9 +27,7 @@ class LightSet:
             training).
         source: (N,) str, the panorama: "room:12", "sky:3", or a file's path within its folder.
         yaw: (N,) degrees by which the panorama's light was rotated about the vertical, from +z toward +x.
-        seed: (N,) int, of the light's reference brightness.
         scale: (N,) factor from the panorama's units.
-        cluster: (N,) int, the k-means cluster whose medoid the light is.
         reason: (N,) str, the rules that an unusual light breaks, separated by spaces; empty for usual lights.
     """
 
@@ -37,9 +35,7 @@ class LightSet:
     split: np.ndarray
     source: np.ndarray
     yaw: np.ndarray
-    seed: np.ndarray
     scale: np.ndarray
-    cluster: np.ndarray
     reason: np.ndarray
 
     def __len__(self) -> int:

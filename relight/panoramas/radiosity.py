@@ -37,6 +37,11 @@ class AreaLight:
     radiance: np.ndarray
     daylight: bool = False
 
+    def contains(self, wall: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Returns whether points (N,3) on walls (N,) lie in the rectangle, (N,) bool."""
+        inside = (point >= self.low - 1e-6) & (point <= self.high + 1e-6)
+        return (wall == self.wall) & inside[:, list(IN_PLANE[self.wall // 2])].all(1)
+
 
 @dataclass(frozen=True)
 class Lamp:
@@ -285,9 +290,7 @@ def is_sunlit(room: Room, sun: Sun, point: np.ndarray) -> np.ndarray:
     passes_window = np.zeros(len(point), bool)
     for light in room.area_lights:
         if light.daylight:
-            inside = (exit_point >= light.low - 1e-6) & (exit_point <= light.high + 1e-6)
-            plane = list(IN_PLANE[light.wall // 2])
-            passes_window |= (wall == light.wall) & inside[:, plane].all(1)
+            passes_window |= light.contains(wall, exit_point)
     to_window = toward[passes_window] * distance[passes_window, None]
     passes_window[passes_window] = ~_is_occluded(room, point[passes_window], to_window)
     return passes_window
@@ -379,8 +382,7 @@ def render_room(room: Room) -> np.ndarray:
         image[facing] += (lit * cosine[facing])[:, None] * room.sun.irradiance
     image *= room.albedo[wall] / np.pi
     for light in room.area_lights:
-        inside = (point >= light.low - 1e-6) & (point <= light.high + 1e-6)
-        image[(wall == light.wall) & inside[:, list(IN_PLANE[light.wall // 2])].all(1)] = light.radiance
+        image[light.contains(wall, point)] = light.radiance
     if room.boxes:
         _render_boxes(room, walls, total, image, depth)
     _render_lamps(room, image, depth)

@@ -60,18 +60,15 @@ class VertexTransport:
             UserError: if the path has another suffix.
         """
         path = Path(path)
-        if path.suffix.lower() == ".npz":
-            arrays: dict[str, Any] = {name: v for name, v in vars(self).items() if isinstance(v, np.ndarray)}
-            with atomic_write(path) as temporary, open(temporary, "wb") as file:
-                np.savez(file, **arrays, convention=np.array(CONVENTION))
-        elif path.suffix.lower() == ".ply":
-            with atomic_write(path) as temporary:
-                temporary.write_bytes(self._ply())
-        elif path.suffix.lower() == ".glb":
-            with atomic_write(path) as temporary:
-                temporary.write_bytes(self._glb())
-        else:
+        suffix = path.suffix.lower()
+        if suffix not in (".npz", ".ply", ".glb"):
             raise UserError(f"{path}: transport per vertex is written as .ply, .npz or .glb")
+        with atomic_write(path) as temporary, open(temporary, "wb") as file:
+            if suffix == ".npz":
+                arrays: dict[str, Any] = {name: v for name, v in vars(self).items() if isinstance(v, np.ndarray)}
+                np.savez(file, **arrays, convention=np.array(CONVENTION))
+            else:
+                file.write(self._ply() if suffix == ".ply" else self._glb())
 
     def _glb(self) -> bytes:
         import trimesh

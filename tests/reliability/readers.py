@@ -177,11 +177,9 @@ def write_whole(folder: Path) -> dict[str, list[Path]]:
         found.setdefault("light", []).append(path)
     add("light", "light.txt", "\n".join(" ".join(map(str, row)) for row in coefficients))
     add("light", "probe.json", json.dumps({"object": {"sh": coefficients.tolist(), "intensity": 1}}))
-    text, number = np.array(["room:1", "room:2"]), np.arange(2)
+    text, number = np.array(["room:1", "room:2"]), np.arange(2.0)
     table = np.stack([coefficients, coefficients]).astype(np.float32)
-    write_light_set(
-        LightSet(table, np.array(["train", "test"]), text, 1.0 * number, number, 1.0 * number, number, text), folder
-    )
+    write_light_set(LightSet(table, np.array(["train", "test"]), text, number, number, text), folder)
     for reader in ("light_set", "training_lights"):
         add(reader, f"{reader}.npz", (folder / "lights.npz").read_bytes())
     add("split", "split.json", json.dumps({"train": ["a", "b"], "test": ["c"]}))
