@@ -83,12 +83,12 @@ class Writer:
         self.tensors.append((None if values is None else np.ascontiguousarray(values), shape))
         return len(self.tensors) - 1
 
-    def operation(self, code, inputs, options=(), custom=b""):
-        """options: (field, "Int8" | "Int32" | "Bool", value); code: a number, or the name of a custom operation."""
+    def operation(self, code, inputs, options=()):
+        """options: (field, "Int8" | "Int32", value); code: a number, or the name of a custom operation."""
         out = self.tensor(shape=[1])
         if code not in self.codes:
             self.codes.append(code)
-        self.operations.append((self.codes.index(code), inputs, [out], options, custom))
+        self.operations.append((self.codes.index(code), inputs, [out], options))
         return out
 
     def bytes(self, first, last):
@@ -130,12 +130,10 @@ class Writer:
             else:
                 codes.append(table(4, [(0, "Int8", code), (3, "Int32", code)]))
         operations = []
-        for code, inputs, outputs, options, custom in self.operations:
+        for code, inputs, outputs, options in self.operations:
             fields = [(0, "Uint32", code), reference(1, numbers(inputs)), reference(2, numbers(outputs))]
             if options:
                 fields += [(3, "Uint8", 1), reference(4, table(8, options))]
-            if custom:
-                fields += [reference(5, b.CreateByteVector(custom))]
             operations.append(table(7, fields))
         lists = offsets(tensors), numbers([first]), numbers([last]), offsets(operations)
         graph = table(5, [reference(field, value) for field, value in enumerate(lists)])

@@ -1,10 +1,9 @@
-"""Converts a TensorFlow Lite graph to .onnx: the few operations of small segmentation networks.
+"""Converts the TensorFlow Lite graph of the built-in mask to .onnx: the operations and options that it has, no others.
 
 Field and operation numbers are those of the formats' schemas (schema.fbs of TensorFlow Lite, version 3; onnx.proto).
 Tensors are (B,C,H,W) in the .onnx and (B,H,W,C) in the .tflite.
 """
 
-import struct
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,31 +13,11 @@ from flatbuffers.table import Table
 
 VTABLE_HEADER = 4  # bytes: a vtable has two sizes, then an offset of two bytes for each field
 DTYPES = {0: np.float32, 1: np.float16, 2: np.int32}
-NAMES = {
-    0: "ADD",
-    1: "AVERAGE_POOL_2D",
-    3: "CONV_2D",
-    4: "DEPTHWISE_CONV_2D",
-    6: "DEQUANTIZE",
-    14: "LOGISTIC",
-    18: "MUL",
-    19: "RELU",
-    23: "RESIZE_BILINEAR",
-    117: "HARD_SWISH",
-}
 CUSTOM = 32  # the operation has a name instead of a number
+CONV, DEPTHWISE, DEQUANTIZE, RESIZE, TRANSPOSED = "3", "4", "6", "23", "Convolution2DTransposeBias"
+# Operations by number; averages are over the whole image.
+SIMPLE = {"0": "Add", "1": "GlobalAveragePool", "14": "Sigmoid", "18": "Mul", "19": "Relu", "117": "HardSwish"}
 BYTE, INT = numbers.Int8Flags, numbers.Int32Flags
-WINDOW = {"padding": (0, BYTE), "stride_w": (1, INT), "stride_h": (2, INT)}
-# Of each operation's options the number and type of those that are read.
-OPTIONS = {
-    "ADD": {"activation": (0, BYTE)},
-    "MUL": {"activation": (0, BYTE)},
-    "AVERAGE_POOL_2D": {**WINDOW, "width": (3, INT), "height": (4, INT), "activation": (5, BYTE)},
-    "CONV_2D": {**WINDOW, "activation": (3, BYTE), "dilation_w": (4, INT), "dilation_h": (5, INT)},
-    "DEPTHWISE_CONV_2D": {**WINDOW, "activation": (4, BYTE), "dilation_w": (5, INT), "dilation_h": (6, INT)},
-    "RESIZE_BILINEAR": {"align_corners": (2, BYTE), "half_pixel_centers": (3, BYTE)},
-}
-SIMPLE = {"ADD": "Add", "MUL": "Mul", "RELU": "Relu", "HARD_SWISH": "HardSwish", "LOGISTIC": "Sigmoid"}
 PADDING = {0: "SAME_UPPER", 1: "VALID"}
 OPSET, IR_VERSION = 18, 8
 FLOAT, INT64 = 1, 7  # types of tensors in ONNX
@@ -52,7 +31,7 @@ def convert(data: bytes) -> bytes:
     the image and for its mirror image.
 
     Raises:
-        ValueError: for an operation, or a use of one, that is not known here, and for several inputs or outputs.
+        ValueError: for an operation that is not known here, and for several inputs or outputs.
     """
     model = _Record(data, int.from_bytes(data[:4], "little"))
     names = [_name(code) for code in model.records(1)]
@@ -69,10 +48,10 @@ def convert(data: bytes) -> bytes:
     for record in graph.records(3):
         name = names[record.number(0, numbers.Uint32Flags)]
         inputs, outputs = (record.numbers(field, np.int32).tolist() for field in (1, 2))
-        if name == "DEQUANTIZE" and inputs[0] in constants:
+        if name == DEQUANTIZE:
             constants[outputs[0]] = constants.pop(inputs[0]).astype(np.float32)
         else:
-            writer.operation(name, inputs, outputs[0], _options(name, record))
+            writer.operation(name, inputs, str(outputs[0]), record)
     writer.node("Split", [str(last)], "straight", "mirrored", axis=0, num_outputs=2)
     writer.node("Mean", ["straight", writer.flipped("mirrored")], "mask")
     _, height, width, channels = tensors[first].numbers(0, np.int32).tolist()
@@ -92,44 +71,25 @@ class _Writer:
         self.nodes: list[bytes] = []
         self.initializers: list[bytes] = []
 
-    def operation(self, name: str, inputs: list[int], output: int, options: dict[str, int]) -> None:
-        """Adds an operation of the .tflite file, with its activation; ValueError if it is not known here."""
-        activation = options.get("activation", 0)
-        result = f"{output}.linear" if activation else str(output)
+    def operation(self, name: str, inputs: list[int], output: str, record: "_Record") -> None:
+        """Adds an operation of the .tflite file; ValueError if it is not known here."""
+        image = str(inputs[0])
         if name in SIMPLE:
-            self.node(SIMPLE[name], [self._value(i) for i in inputs], result)
-        elif name in ("CONV_2D", "DEPTHWISE_CONV_2D"):
-            axes, group = ((0, 3, 1, 2), 1) if name == "CONV_2D" else ((3, 0, 1, 2), self.constants[inputs[1]].shape[3])
-            weights = self.constant(self.constants[inputs[1]].transpose(axes), f"{inputs[1]}")
-            bias = self.constant(self.constants[inputs[2]], f"{inputs[2]}")
-            dilations = [options["dilation_h"], options["dilation_w"]]
-            self.node(
-                "Conv", [str(inputs[0]), weights, bias], result, **_window(options), group=group, dilations=dilations
-            )
-        elif name == "Convolution2DTransposeBias":
-            kernel = self.constants[inputs[1]].transpose(3, 0, 1, 2)
-            if list(kernel.shape[2:]) != [options["stride_h"], options["stride_w"]]:
-                raise ValueError("a transposed convolution whose windows overlap is not known here")
-            operands = [str(inputs[0]), self.constant(kernel, f"{inputs[1]}"), self._value(inputs[2])]
-            self.node("ConvTranspose", operands, result, strides=list(kernel.shape[2:]))
-        elif name == "AVERAGE_POOL_2D":
-            kernel_shape = [options["height"], options["width"]]
-            self.node("AveragePool", [str(inputs[0])], result, **_window(options), kernel_shape=kernel_shape)
-        elif name == "RESIZE_BILINEAR":
+            self.node(SIMPLE[name], list(map(str, inputs)), output)
+        elif name in (CONV, DEPTHWISE):
+            axes, group = ((0, 3, 1, 2), 1) if name == CONV else ((3, 0, 1, 2), self.constants[inputs[1]].shape[3])
+            options = record.record(4)
+            padding, strides = PADDING[options.number(0, BYTE)], [options.number(2, INT), options.number(1, INT)]
+            operands = [image, *self._weights(inputs, axes)]
+            self.node("Conv", operands, output, auto_pad=padding, strides=strides, group=group)
+        elif name == TRANSPOSED:  # MediaPipe's own; its windows do not overlap
+            strides = list(self.constants[inputs[1]].shape[1:3])
+            self.node("ConvTranspose", [image, *self._weights(inputs, (3, 0, 1, 2))], output, strides=strides)
+        elif name == RESIZE:
             sizes = self.constant(self.constants[inputs[1]].astype(np.int64), f"{output}.sizes")
-            corners, centers = options["align_corners"], options["half_pixel_centers"]
-            mode = "align_corners" if corners else "half_pixel" if centers else "asymmetric"
-            operands = [str(inputs[0]), "", "", sizes]
-            self.node("Resize", operands, result, mode="linear", coordinate_transformation_mode=mode, axes=[2, 3])
+            self.node("Resize", [image, "", "", sizes], output, mode="linear", axes=[2, 3])
         else:
             raise ValueError(f"operation {name} is not known here")
-        if activation == 1:
-            self.node("Relu", [result], str(output))
-        elif activation == 3:
-            zero, six = (self.constant(np.float32(value), f"{output}.{value}") for value in (0, 6))
-            self.node("Clip", [result, zero, six], str(output))
-        elif activation:
-            raise ValueError(f"activation {activation} is not known here")
 
     def flipped(self, name: str) -> str:
         """Adds the mirror image of a tensor and returns its name."""
@@ -166,16 +126,13 @@ class _Writer:
         graph += _field(11, _described("image", shape)) + _field(12, _described("mask", None))
         return _number(1, IR_VERSION) + _field(7, graph) + _field(8, _number(2, OPSET))
 
-    def _value(self, tensor: int) -> str:
-        """Returns the name of a tensor; a constant is added, with its channels in the place of ONNX."""
-        if tensor in self.constants:
-            values = self.constants[tensor]
-            return self.constant(values.transpose(0, 3, 1, 2) if values.ndim == 4 else values, str(tensor))
-        return str(tensor)
-
-
-def _window(options: dict[str, int]) -> dict[str, Any]:
-    return {"auto_pad": PADDING[options["padding"]], "strides": [options["stride_h"], options["stride_w"]]}
+    def _weights(self, inputs: list[int], axes: tuple[int, ...]) -> tuple[str, str]:
+        """Adds the kernel of a convolution, with its axes in this order, and its bias, and returns their names."""
+        _, kernel, bias = inputs
+        return (
+            self.constant(self.constants[kernel].transpose(axes), str(kernel)),
+            self.constant(self.constants[bias], str(bias)),
+        )
 
 
 def _described(name: str, shape: list[int] | None) -> bytes:
@@ -208,9 +165,9 @@ def _text(field: int, text: str) -> bytes:
 class _Record(Table):
     """A table of the file, with its fields by their numbers."""
 
-    def number(self, field: int, kind: type, default: int = 0) -> int:
-        """Returns the number in a field, counted from 0, read by `kind` of flatbuffers; `default` if it is left out."""
-        return self.GetSlot(VTABLE_HEADER + 2 * field, default, kind)
+    def number(self, field: int, kind: type) -> int:
+        """Returns the number in a field, counted from 0, read by `kind` of flatbuffers; 0 if it is left out."""
+        return self.GetSlot(VTABLE_HEADER + 2 * field, 0, kind)
 
     def numbers(self, field: int, dtype: type) -> np.ndarray:
         """Returns the vector in a field; empty if the field is absent."""
@@ -218,6 +175,10 @@ class _Record(Table):
         if not offset:
             return np.empty(0, dtype)
         return np.frombuffer(self.Bytes, dtype, self.VectorLen(offset), self.Vector(offset))
+
+    def record(self, field: int) -> "_Record":
+        """Returns the table in a field."""
+        return _Record(self.Bytes, self.Indirect(self.Pos + self.Offset(VTABLE_HEADER + 2 * field)))
 
     def records(self, field: int) -> list["_Record"]:
         """Returns the tables in a field that is a vector of them; an empty list if it is left out."""
@@ -227,20 +188,6 @@ class _Record(Table):
 
 
 def _name(code: _Record) -> str:
-    """Returns the name of an operation by its code, or "number N" of one that is not known here."""
-    number = max(code.number(0, BYTE), code.number(3, INT))  # the first is of older files, and up to 127
-    if number == CUSTOM:
-        return code.String(code.Pos + code.Offset(4 + 2 * 1)).decode()
-    return NAMES.get(number, f"number {number}")
-
-
-def _options(name: str, record: _Record) -> dict[str, int]:
-    """Reads the options of an operation; what the file leaves out is 0, and 1 for a dilation."""
-    if name == "Convolution2DTransposeBias":  # MediaPipe's own
-        _, stride_w, stride_h = struct.unpack("<3i", record.numbers(5, np.uint8).tobytes())
-        return {"stride_w": stride_w, "stride_h": stride_h}
-    fields, place = OPTIONS.get(name, {}), record.Offset(4 + 2 * 4)
-    if not fields or not place:
-        return dict.fromkeys(fields, 0)
-    options = _Record(record.Bytes, record.Indirect(record.Pos + place))
-    return {key: options.number(field, kind, int(key.startswith("dilation"))) for key, (field, kind) in fields.items()}
+    """Returns the number of an operation, as text, or its name."""
+    number = code.number(3, INT)
+    return code.String(code.Pos + code.Offset(VTABLE_HEADER + 2)).decode() if number == CUSTOM else str(number)
