@@ -139,10 +139,8 @@ def covered_hands(worn: list[DrapedGarment], motion: Motion) -> tuple[float, flo
     """
     skin_faces = makehuman.base().faces["body"]
     skin = motion.posed_skin
-    parts = [(skin, skin_faces)]
-    for w in worn:
-        parts.append((w.draped.positions, w.pattern.levels[-1].faces[~w.pattern.sleeve]))
-    vertices, faces = stacked(parts)
+    cloth = [(w.draped.positions, w.pattern.levels[-1].faces[~w.pattern.sleeve]) for w in worn]
+    vertices, faces = stacked([(skin, skin_faces), *cloth])
     hand = makehuman.bone_weights("finger", "metacarpal") > 0.7
     skin_forward = normals(skin, skin_faces)[:, 2] > 0.2
     a, b, c = (vertices[faces[:, k]] for k in range(3))

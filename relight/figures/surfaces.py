@@ -30,11 +30,7 @@ def edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def rim(faces: np.ndarray) -> np.ndarray:
     """Returns the border edges (m,2), directed as in their faces and sorted by their first vertex."""
     _, face_edge, count = edges(faces)
-    sides = []
-    for k in range(3):
-        is_border = count[face_edge[:, k]] == 1
-        sides.append(faces[is_border][:, [k, (k + 1) % 3]])
-    border = np.concatenate(sides)
+    border = np.concatenate([faces[count[face_edge[:, k]] == 1][:, [k, (k + 1) % 3]] for k in range(3)])
     return border[np.lexsort((border[:, 1], border[:, 0]))]
 
 

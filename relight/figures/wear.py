@@ -262,8 +262,7 @@ def drape_scarf(
             no_uv, kind = np.zeros((len(x), 2)), other.pattern.garment.collar
             collar = collars.collar(x, cloth, no_uv, kind, neck, uv_per_metre=1.0)
             if collar is not None:
-                collar_vertices, collar_faces, _ = collar
-                parts.append((collar_vertices, collar_faces))
+                parts.append(collar[:2])
     vertices, faces = stacked(parts)
     pattern = scarves.build_scarf(motion, scarf.garment, Collider.at_rest(vertices, faces), detail.refine)
     draped = drape.drape(

@@ -119,8 +119,10 @@ def load_light(
         yaw += turn
         panorama = read_panorama(path, layout, repair or path != text)
         coefficients = project(panorama, order)
-        repairs = panorama.repairs if path == text else []  # docs/lab/lights.md tells those of Poly Haven's
-        light = Light(coefficients, text, panorama, repairs + _notes_below(text, coefficients))
+        notes = panorama.repairs if path == text else []  # docs/lab/lights.md tells those of Poly Haven's
+        if is_lit_from_below(measure(coefficients[None]))[0]:
+            notes = [*notes, f"{text}: brighter from below than from above; are its rows upside down?"]
+        light = Light(coefficients, text, panorama, notes)
     given = {"layout": layout != "auto", "repair": repair, "convention": convention}
     for name, is_given in given.items():
         needed = "coefficients" if name == "convention" else "a panorama"
@@ -145,13 +147,6 @@ def _find_panorama(text: str) -> tuple[str | Path, float]:
         near = get_close_matches(text, polyhaven.NAMES, 1) or ["hall"]
         raise UserError(f"{text} is neither a file nor a light: give {lamp}, room:7, sky:3, even, or {near[0]}")
     return polyhaven.panorama_file(name), parse_number(degrees or "0", text)
-
-
-def _notes_below(text: str, coefficients: np.ndarray) -> list[str]:
-    """Returns a note if the light of a panorama is brighter from below than from above, or an empty list."""
-    if not is_lit_from_below(measure(coefficients[None]))[0]:
-        return []
-    return [f"{text}: brighter from below than from above; are its rows upside down?"]
 
 
 def _parse_key(text: str) -> tuple[str, float, float, float]:

@@ -224,12 +224,11 @@ class Baker:
             pixels[centres.ray] = values
             return pixels.reshape(size, size, *values.shape[1:])
 
+        names = ("albedo", "gloss") if self.glossy else ("albedo",)
         outfit_layers = [
-            {"albedo": to_image(albedo)} for albedo in np.moveaxis(means["albedo"].astype(np.float32), 1, 0)
+            {name: to_image(means[name][:, outfit].astype(np.float32)) for name in names}
+            for outfit in range(len(self.outfit_meshes))
         ]
-        if self.glossy:
-            for layers, gloss in zip(outfit_layers, np.moveaxis(means["gloss"].astype(np.float32), 1, 0)):
-                layers["gloss"] = to_image(gloss)
         maps = Maps(
             mask=to_image(np.ones(len(centres.ray), bool)),
             coverage=coverage.astype(np.float32).reshape(size, size),
