@@ -60,8 +60,7 @@ smoke: $(STAMP)  ## the whole workflow at the smallest scale
 	@$(BIN)/relight run scale=smoke $(ARGS)
 
 ui: $(STAMP)  ## browse the runs in MLflow on this machine
-	@MLFLOW_DISABLE_TELEMETRY=true MLFLOW_SERVER_ENABLE_JOB_EXECUTION=false \
-	  $(BIN)/mlflow server --backend-store-uri sqlite:///mlflow.db --workers 1
+	@$(BIN)/relight ui
 
 docs: $(STAMP)  ## the site of docs/, in build/site; after `relight web setup` with its demo
 	$(call install,docs)

@@ -112,10 +112,7 @@ def run(
     """Run the whole workflow, from figures and panoramas to the report. Makes only what is missing."""
     import shlex
 
-    from relight.settings import IS_CLONE
-
-    if not IS_CLONE:  # but a wheel, which does not contain the workflow
-        raise UserError("relight run needs the repository with its Snakefile: clone it and type `make` there")
+    need_clone("run")
     if cfg:
         from omegaconf import OmegaConf
 
@@ -126,6 +123,30 @@ def run(
     from relight.lab.run import run as workflow
 
     raise typer.Exit(workflow(overrides or [], multirun, cores, dry, target, shlex.split(snakemake)))
+
+
+@app.command()
+def ui(
+    overrides: Annotated[
+        list[str] | None,
+        typer.Argument(help="Settings that select the runs: name=mine, track.uri=sqlite:///other.db ..."),
+    ] = None,
+    port: Annotated[int, typer.Option(help="Port of the local server.", min=1, max=65535)] = 5000,
+) -> None:
+    """Browse the runs in MLflow, on this machine only."""
+    from relight.lab.tracking.server import serve
+    from relight.settings import composed
+
+    need_clone("ui")
+    serve(composed(overrides or []).track, port)
+
+
+def need_clone(command: str) -> None:
+    """Raises UserError if relight was installed from a wheel, which does not contain the workflow."""
+    from relight.settings import IS_CLONE
+
+    if not IS_CLONE:
+        raise UserError(f"relight {command} needs the repository with its Snakefile: clone it and type `make` there")
 
 
 def main() -> None:

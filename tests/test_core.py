@@ -146,6 +146,7 @@ LACKING = {  # command -> the extra that it lacks
     "figures --seeds 0": "figures",
     "movie PHOTO --out a.mp4": "video",
     "run scale=smoke": "workflow",
+    "ui": "tracking|workflow",
 }
 
 

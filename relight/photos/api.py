@@ -39,7 +39,7 @@ class Relighter:
             mask: a file, an image of Pillow, or (H,W) bool, uint8 of 0 to 255 or float in [0,1]. By default the file
                 beside the photo, its alpha, or an automatic mask.
             size: pixels that the longer side is scaled down to; None keeps the photo as it is.
-            **options: `split`, `white_balance` and `lit_by` of `Scene.of`.
+            **options: `mask_model`, `split` and `white_balance` of `Scene.of`.
 
         Returns:
             The scene: `people`, `light`, `notes`, and `relit(Look(...))` for any number of looks.
@@ -65,9 +65,14 @@ class Relighter:
         _warn(scene)
         return list(scene.people)
 
-    def read_light(self, text: Path | str, white_balance: str = "keep") -> Light | None:
+    def read_light(
+        self,
+        text: Path | str,
+        mask_model: Path | str | None = None,
+        white_balance: str = "keep",
+    ) -> Light | None:
         """Reads a light as a user names it: relight.photos.scene.named_light."""
-        return named_light(self.network, text, white_balance)
+        return named_light(self.network, text, mask_model, white_balance)
 
     def relight(
         self,

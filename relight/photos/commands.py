@@ -55,6 +55,7 @@ LIGHT, BEHIND = "Light", "Background"
 OPTIONS: dict[str, tuple[str, str | None, str | None, str]] = {
     "light": ("--light -l", LIGHT, "LIGHT", "The new light; see above. Several lights add up."),
     "mask": ("--mask -m", None, "FILE", "White on the people, as large as the photo; of a clip, a folder or a video."),
+    "mask_model": ("--mask-model", None, "FILE", "ONNX network for automatic masks; or FILE:bgr, :rgb, :signed."),
     "mode": (
         "--mode",
         None,
@@ -98,6 +99,7 @@ class Words:
     turn: float = 0.0
     stops: float = 0.0
     absolute: bool = False
+    mask_model: str | None = None
 
     def look(self, network: "PhotoNetwork") -> "Look":
         """Reads the light and the background."""
@@ -107,12 +109,13 @@ class Words:
 
         background = read_background(self.background, self.blur, self.shadow)
         text = " + ".join(self.light or ["auto"])
-        light = named_light(network, text, self.white_balance)
+        light = named_light(network, text, self.mask_model, self.white_balance)
         return Look(light, self.mode, background, self.turn, self.stops, not self.absolute)
 
     def scene(self, together: bool = False) -> "SceneOptions":
         """The options of `Scene.of`."""
-        return {"white_balance": self.white_balance, "split": not together, "lit_by": self.lit_by}
+        words: SceneOptions = {"mask_model": self.mask_model, "white_balance": self.white_balance}
+        return {**words, "split": not together, "lit_by": self.lit_by}
 
 
 def with_options(examples: str) -> Callable[[Callable], Callable]:
@@ -273,6 +276,7 @@ def mask_draw(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="The mask; by default PHOTO_mask.png beside the photo.")
     ] = None,
+    mask_model: str | None = None,
 ) -> None:
     """Write the automatic mask of a photo, to correct in a paint program. `relight photo` finds it beside the photo."""
     from relight.core.errors import UserError
@@ -285,7 +289,7 @@ def mask_draw(
     if out.exists():  # it may have been corrected, or be the photo
         raise UserError(f"{out} exists: delete it for a new one, or give another --out")
     out = writable_file(out, "--out")
-    write_picture(out, automatic_mask(Picture.of(path)))
+    write_picture(out, automatic_mask(Picture.of(path), mask_model))
     print(out)
 
 

@@ -5,6 +5,7 @@ import json
 import multiprocessing
 import os
 import re
+import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -24,7 +25,7 @@ from relight.core.progress import progress
 from relight.core.version import __version__
 from relight.photos.color import DISPLAY_STOPS, KNEE, on_white
 from relight.photos.look import Look
-from relight.photos.mask import selfie
+from relight.photos.mask.find import automatic_model
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.opening import list_photos, list_pictures, mask_beside, mask_in
 from relight.photos.scene import Scene, SceneOptions, require_white_balance
@@ -254,7 +255,7 @@ def relight_photos(
     tasks = {}
     for photo in photos:
         mask = (mask_in(masks, photo.stem) or Path(masks) / f"{photo.stem}.png") if masks else mask_beside(photo)
-        files = photo, mask, selfie.network_file()
+        files = photo, mask, automatic_model(options.get("mask_model"))
         fingerprint = _fingerprint(files, look, maps, options, network)
         if _recorded(Path(out) / photo.name) == fingerprint:
             summary.kept.append(photo.name)
@@ -284,9 +285,16 @@ def _run(work: partial, tasks: dict, jobs: int, weights: Path | None) -> Iterato
         return
     spawn = multiprocessing.get_context("spawn")  # threads of the inference do not survive a fork
     with ProcessPoolExecutor(jobs, spawn, initializer=_start, initargs=(weights, max(1, cores // jobs), work)) as pool:
-        for name, future in [(name, pool.submit(_work, task)) for name, task in tasks.items()]:
+        usual = signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C, which workers leave to this process
+        futures = [(name, pool.submit(_work, task)) for name, task in tasks.items()]
+        signal.signal(signal.SIGINT, usual)
+        for name, future in futures:
             try:
                 yield name, future.result()
+            except (KeyboardInterrupt, GeneratorExit):
+                for worker in multiprocessing.active_children():
+                    worker.kill()
+                raise
             except BrokenProcessPool:
                 who = name if jobs == 1 else f"{name}, or one of the {jobs - 1} after it"
                 raise UserError(

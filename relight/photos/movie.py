@@ -121,7 +121,7 @@ def _relight_clip(
         return balanced([person])[0] if white_balance == "keep" else person
 
     def relit() -> Iterator[np.ndarray]:
-        pictures = (frame.downscaled(size) for frame in with_masks(path, frames, masks))
+        pictures = (frame.downscaled(size) for frame in with_masks(path, frames, masks, options.get("mask_model")))
         exposed = None
         for i, scene in enumerate(smooth_over_time(pictures, network.size, infer)):
             exposed = exposed or scene.exposed(look, turning=turns != 0)
@@ -136,14 +136,16 @@ def _white_notes(picture: Picture, look: Look) -> list[str]:
     return [WHITE] * (picture.alpha is not None and look.background.kind == "keep")
 
 
-def with_masks(clip: Path | str, frames: Iterator[Picture], masks: Path | str | None) -> Iterator[Picture]:
+def with_masks(
+    clip: Path | str, frames: Iterator[Picture], masks: Path | str | None, mask_model: Path | str | None = None
+) -> Iterator[Picture]:
     """Yields the frames of a clip, masked.
 
     `masks` is a video, or a folder: by the frames' names if any has one, else in order. If it is None, a frame's file
     has its mask beside it, or it is found; raises UserError if a mask is missing or is of another size.
     """
     if masks is None:
-        yield from map(masked, frames)
+        yield from (masked(frame, None, mask_model) for frame in frames)
         return
     masks = Path(masks)
     named = masks.is_dir() and Path(clip).is_dir() and any(mask_in(masks, frame.stem) for frame in list_photos(clip))

@@ -32,6 +32,7 @@ WHITE_BALANCES = ("keep", "scene")
 class SceneOptions(TypedDict, total=False):
     """Options of `Scene.of` that callers pass on."""
 
+    mask_model: Path | str | None
     split: bool
     white_balance: str
     lit_by: Light | str | None
@@ -62,6 +63,7 @@ class Scene:
         image: Given,
         mask: Given | None = None,
         network: PhotoNetwork | None = None,
+        mask_model: Path | str | None = None,
         split: bool = True,
         white_balance: str = "keep",
         size: int | None = None,
@@ -73,6 +75,7 @@ class Scene:
             image: as `Picture.of` takes it.
             mask: as `masked` takes it; by default it is found.
             network: by default the one that comes with the package.
+            mask_model: ONNX network for automatic masks.
             split: whether people who do not touch are inferred one by one.
             white_balance: `keep` takes the light to be white on average (`balanced`), `scene` to have the color that
                 the network infers.
@@ -86,7 +89,7 @@ class Scene:
         require_white_balance(white_balance)
         picture = Picture.of(image)
         if picture.coverage is None or mask is not None:
-            picture = masked(picture, mask)
+            picture = masked(picture, mask, mask_model)
         picture = picture.downscaled(size) if size else picture
         assert picture.coverage is not None  # it is `masked`
         network = network or read_network()
@@ -190,13 +193,19 @@ def require_white_balance(white_balance: str) -> None:
         raise UserError(f"white balance {white_balance!r} is neither keep nor scene")
 
 
-def named_light(network: PhotoNetwork, text: Path | str, white_balance: str = "keep") -> Light | None:
+def named_light(
+    network: PhotoNetwork,
+    text: Path | str,
+    mask_model: Path | str | None = None,
+    white_balance: str = "keep",
+) -> Light | None:
     """Reads a light as a user names it (docs/photos.md).
 
     Args:
         network: whose order the light has, and which infers the light of a photo.
         text: a panorama, a file of coefficients, "room:12", "key:#ffeedd@45,30", "place:street.jpg", a photo of
             somebody, or "auto".
+        mask_model: for an automatic mask of that photo.
         white_balance: of that photo.
 
     Returns:
@@ -208,7 +217,7 @@ def named_light(network: PhotoNetwork, text: Path | str, white_balance: str = "k
     text = str(text)
     if not is_of_person(text):
         return None if text == AUTO else load_light(text, network.order)
-    scene = Scene.of(text, network=network, white_balance=white_balance)
+    scene = Scene.of(text, None, network, mask_model, white_balance=white_balance)
     notes = [f"{Path(text).name}: {note}" for note in scene.notes]
     if AUTOMATIC in scene.picture.notes:
         notes.append(f"{text} is taken for a photo of somebody; the light of a place is {PREFIX}{text}")

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from relight.cli import app
 from relight.core.errors import UserError
-from relight.photos.mask import selfie
-from relight.photos.mask.find import AUTOMATIC, NO_OUTLINE, masked
+from relight.photos.mask import selfie, u2net
+from relight.photos.mask.find import AUTOMATIC, NO_OUTLINE, automatic_model, masked
 from relight.photos.mask.tflite import convert
 from relight.photos.picture import Picture
 
@@ -182,14 +182,78 @@ def test_photo_at_a_terminal_asks_whether_to_fetch_the_network(answer, wheel, we
     assert isinstance(result.exception, UserError) == (answer == "n")
 
 
-def test_a_photo_whose_alpha_is_no_mask_gets_an_automatic_one(wheel):
-    selfie.setup(wheel)
-    picture, figure = scene()
-    y, x = np.mgrid[: len(figure), : figure.shape[1]]
-    alpha = np.where(np.hypot(x - 120, y - 150) > 180, np.uint8(0), np.uint8(255))  # round corners
-    photo = masked(Picture.of(Image.fromarray(np.dstack([picture, alpha]))))
+def model_of(path, nodes, shape=(1, 3, 320, 320), opset=13, **constants):
+    """An ONNX network of `nodes` (operation, inputs, attributes), each of which feeds the next; of a given input."""
+    onnx = pytest.importorskip("onnx")
+    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
+    made, last = [], "image"
+    for number, (operation, others, attributes) in enumerate(nodes):
+        made.append(helper.make_node(operation, [last, *others], [f"{number}"], **attributes))
+        last = f"{number}"
+    stored = [onnx.numpy_helper.from_array(value, name) for name, value in constants.items()]
+    shapes = [helper.make_tensor_value_info("image", kind, shape), helper.make_tensor_value_info(last, kind, None)]
+    graph = helper.make_graph(made, "network", shapes[:1], shapes[1:], stored)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
+    onnx.save(model, str(path))
+
+
+REACH = np.hypot(*np.meshgrid(np.linspace(-1.3, 1.3, 96), np.linspace(-1.2, 1.2, 128)))
+CODES = (np.clip(1.1 - REACH, 0, 1) * 255).astype(np.uint8)
+
+
+def stretched(code):
+    low, value, high = (1 / (1 + np.exp((0.485 - c) / 0.229)) for c in (0, code, 1))
+    return (value - low) / (high - low)
+
+
+TO_MATTE = ("Gather", ["first"], {"axis": 1})  # of the channel that the network sees first
+# the word, the network's input and nodes, and the coverage of red codes in [0,1]
+NETWORKS = {
+    "DAViD's: 512 px, BGR, a soft matte": (":bgr", (1, 3, 512, 512), [("Gather", ["last"], {"axis": 1})], lambda c: c),
+    "RGB": (":rgb", (1, 3, 256, 192), [TO_MATTE], lambda c: c),
+    "channels last": (":rgb", (1, 192, 256, 3), [("Gather", ["first"], {"axis": 3})], lambda c: c),
+    "open sides": (":rgb", ("n", 3, "h", "w"), [TO_MATTE], lambda c: c),
+    "in [-1,1], which a matte divides by two": (
+        ":signed", (1, 3, 512, 512), [TO_MATTE, ("Mul", ["half"], {}), ("Add", ["half"], {})], lambda c: c),
+    "before a sigmoid": (
+        ":signed", (1, 3, 256, 256), [TO_MATTE, ("Mul", ["nine"], {})], lambda c: 1 / (1 + np.exp(9 - 18 * c))),
+    "of two classes": (":bgr", (1, 3, 64, 64), [("Gather", ["both"], {"axis": 1})], lambda c: c),
+    "rembg's, whose mask is stretched": ("", (1, 3, 320, 320), [TO_MATTE, ("Sigmoid", [], {})], stretched),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_a_network_of_any_size_and_normalisation(tmp_path, name):
+    word, shape, nodes, right = NETWORKS[name]
+    indices = {"first": [0], "last": [2], "both": [0, 2]}
+    constants = {key: np.array(value, np.int64) for key, value in indices.items()}
+    scalars = {"half": np.float32([0.5]), "nine": np.float32([9])}
+    model_of(tmp_path / "a.onnx", nodes, shape, **constants, **scalars)
+    pixels = np.dstack([CODES, 0 * CODES, 255 - CODES])
+    found = u2net.segment(pixels, f"{tmp_path / 'a.onnx'}{word}")
+    assert np.abs(found - 255 * right(CODES / 255)).mean() < 2 and found.shape == CODES.shape
+    photo = masked(Picture.of(pixels), model=f"{tmp_path / 'a.onnx'}{word}")
+    assert AUTOMATIC in photo.notes and automatic_model(f"{tmp_path / 'a.onnx'}{word}") == tmp_path / "a.onnx"
+
+
+def test_a_photo_whose_alpha_is_no_mask_gets_an_automatic_one(tmp_path):
+    model_of(tmp_path / "a.onnx", [TO_MATTE], (1, 3, 128, 96), first=np.array([0], np.int64))
+    alpha = np.where(REACH > 1.6, np.uint8(0), np.uint8(255))
+    image = Image.fromarray(np.dstack([CODES, CODES, CODES, alpha]))
+    photo = masked(Picture.of(image), model=f"{tmp_path / 'a.onnx'}:rgb")
     assert photo.notes[-2:] == [NO_OUTLINE, AUTOMATIC]
-    assert overlap(photo.coverage > 127, figure) > 0.95 and not photo.coverage[alpha == 0].any()
+    assert ((photo.coverage > 127) != (CODES > 127)).mean() < 0.02 and not photo.coverage[alpha == 0].any()
+
+
+def test_what_is_no_such_network_is_said(tmp_path):
+    model_of(tmp_path / "a.onnx", [("Flatten", [], {})], (1, 3, 8, 8))
+    for name, says in (
+        ("a.onnx", "does not work as a network for segmentation"),
+        ("a.onnx:cmyk", "'cmyk' is none of imagenet, rgb, bgr, signed"),
+        ("none.onnx:bgr", "there is no file"),
+    ):
+        with pytest.raises(UserError, match=says):
+            u2net.segment(np.zeros((9, 9, 3), np.uint8), tmp_path / name)
 
 
 def test_tighten_leaves_softness_only_near_edges():

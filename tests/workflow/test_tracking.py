@@ -3,7 +3,6 @@ kind of store; nothing at all does as well."""
 
 import multiprocessing
 import os
-import re
 import shutil
 import signal
 import socket
@@ -208,21 +207,22 @@ def test_without_an_address_nothing_is_tracked(tmp_path, monkeypatch, capsys):
 
 
 def test_serve_is_one_server_that_ends_with_it_and_takes_runs(tmp_path):
-    """The server of `make ui`; by http, trainings are recorded, too."""
+    """`relight ui` takes overrides and says where the runs are; by http, trainings are recorded, too."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    (line,) = re.findall(r"/mlflow (server .*)", (ROOT / "Makefile").read_text())
-    words = line.replace("sqlite:///mlflow.db", f"sqlite:///{tmp_path}/a.db").split()
+    words = ["ui", f"track.uri=sqlite:///{tmp_path}/a.db", "track.experiment=test", "--port", str(port)]
     server = subprocess.Popen(
-        [sys.executable, "-m", "mlflow", *words, "--port", str(port)],
-        env={**os.environ, "MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
-        stdout=subprocess.DEVNULL,
+        [sys.executable, "-m", "relight.cli", *words],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        cwd=tmp_path,
+        text=True,
     )
     try:
+        line = server.stdout.readline()
         address = f"http://127.0.0.1:{port}"
+        assert line.startswith(f"MLflow: {address}/#/experiments/1/runs")
         deadline = time.monotonic() + 120
         while time.monotonic() < deadline:
             try:

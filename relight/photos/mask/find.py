@@ -10,7 +10,7 @@ from PIL import Image
 from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.maps.square import MASK_THRESHOLD
-from relight.photos.mask import selfie
+from relight.photos.mask import selfie, u2net
 from relight.photos.mask.coverage import WANTED, coverage_of
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.people import NobodyFound, is_inverted
@@ -29,13 +29,14 @@ class NoMaskNetwork(UserError):
     """A picture needs an automatic mask, and no network for it has been set up."""
 
 
-def masked(picture: Picture, mask: Given | None = None) -> Picture:
+def masked(picture: Picture, mask: Given | None = None, model: Path | str | None = None) -> Picture:
     """Finds where the people of a picture are.
 
     Args:
         picture: without a mask.
         mask: a file; an image of Pillow; (H,W) bool, uint8 of 0 to 255 or float in [0,1]. By default the file beside
             the picture's, the picture's alpha, or an automatic mask.
+        model: ONNX network for automatic masks, instead of `automatic_model`'s choice.
 
     Returns:
         The picture with its `coverage`, and notes on the mask. Its edge is fitted to the picture
@@ -68,7 +69,7 @@ def masked(picture: Picture, mask: Given | None = None) -> Picture:
                 coverage, said = coverage_of(alpha, "its alpha channel")
                 return replace(picture, coverage=coverage, notes=[*notes, "its alpha channel is its mask", *said])
         notes = [*notes, *[NO_OUTLINE] * (alpha is not None), AUTOMATIC]
-        coverage = automatic_mask(picture)
+        coverage = automatic_mask(picture, model)
     return replace(picture, coverage=coverage if alpha is None else np.minimum(coverage, alpha), notes=notes)
 
 
@@ -122,23 +123,34 @@ def _values(image: Image.Image, what: str) -> np.ndarray:
     return rgba[..., 3] if has_outline(rgba[..., 3]) else rgba[..., :3]
 
 
-def automatic_mask(picture: Picture) -> np.ndarray:
-    """Segments the people of a picture of any size with the built-in network.
+def automatic_mask(picture: Picture, model: Path | str | None = None) -> np.ndarray:
+    """Segments the people of a picture with the network that `automatic_model` chooses.
+
+    Args:
+        picture: of any size.
+        model: an ONNX segmentation model, as `u2net.segment` takes it; None for the built-in one.
 
     Returns:
         Coverage (H,W) uint8, its edge fitted to the picture.
 
     Raises:
-        UserError: if it is not set up (NoMaskNetwork), or finds nobody (NobodyFound).
+        UserError: if there is no such network (NoMaskNetwork), or it finds nobody (NobodyFound).
     """
-    if not selfie.network_file().is_file():
+    if automatic_model(model) is None:
         raise NoMaskNetwork(
             f"{picture.what} has no mask: for automatic masks run `relight mask setup` once; or {BY_HAND}"
         )
-    mask = selfie.segment(picture.codes)
+    mask = selfie.segment(picture.codes) if model is None else u2net.segment(picture.codes, model)
     if not (mask >= MASK_THRESHOLD).any() or (mask >= MASK_THRESHOLD).all():
         raise NobodyFound(f"the automatic mask found nobody in {picture.what}: {BY_HAND}")
     return fit_edge(picture.pixels, mask, automatic=True)
+
+
+def automatic_model(model: Path | str | None = None) -> Path | None:
+    """Returns the file of the network for automatic masks: `model`, else the built-in one where it is set up."""
+    if model is not None:
+        return u2net.named_model(model)[0]
+    return selfie.network_file() if selfie.network_file().is_file() else None
 
 
 def _is_the_photo(mask: np.ndarray, pixels: np.ndarray) -> bool:
