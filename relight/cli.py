@@ -116,9 +116,10 @@ def run(
     if cfg:
         from omegaconf import OmegaConf
 
+        from relight.lab.run import with_remembered
         from relight.settings import composed
 
-        print(OmegaConf.to_yaml(composed(overrides or [])), end="")
+        print(OmegaConf.to_yaml(composed(with_remembered(overrides or []))), end="")
         return
     from relight.lab.run import run as workflow
 

@@ -6,8 +6,10 @@ from pathlib import Path
 
 from relight.core.errors import UserError
 from relight.core.files import existing_file
+from relight.core.text import read_table
 from relight.lab.plan import Plan
 from relight.lab.record import read_record
+from relight.meshes.scans import TABLE
 from relight.settings import flat
 
 DATA_GROUPS = ("figures", "align", "bake", "panoramas", "lights")  # that decide a data set
@@ -42,6 +44,10 @@ def _files(plan: Plan) -> Iterator[str]:
     table = plan.shared["align"]["table"]
     files = [existing_file(table, "align.table")] if table else []
     files += [*map(Path, plan.panoramas + plan.table), *(scan.path for scan in plan.scans.values())]
+    scans = Path(plan.shared["figures"]["folder"] or "") / TABLE
+    if not table and plan.scans and scans.is_file():
+        for axis in {"up", "front", "turn"}.intersection(read_table(scans)[0]):
+            yield f"{scans} has a column `{axis}`, which is read from align.table: give align.table={scans}, too"
     limit = time.time() + MAX_CLOCK_SKEW
     for path in files:
         if path.exists() and path.stat().st_mtime > limit:  # Snakemake ends a job whose outputs are older

@@ -44,7 +44,10 @@ def run(
     Raises:
         UserError: if settings are invalid, or another workflow makes the same results.
     """
-    overrides = with_remembered(overrides)
+    remembered = with_remembered(overrides)
+    if kept := remembered[: len(remembered) - len(overrides)]:
+        print(f"goes on with {shlex.join(kept)}")
+    overrides = remembered
     if multirun:
         fixed, rows = expand_sweep(overrides)
         for word in (word for word in overrides if word.startswith("experiment=")):
@@ -95,8 +98,6 @@ def with_remembered(overrides: list[str]) -> list[str]:
     given = dict(word.partition("=")[::2] for word in overrides)
     records = (read_record(ROOT / "results" / given[key])["overrides"] for key in ("name", "data") if key in given)
     kept = [word for word in next(filter(None, records), []) if word.partition("=")[0] not in {*given, "name"}]
-    if kept:
-        print(f"goes on with {shlex.join(kept)}")
     return [*kept, *overrides]
 
 

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from relight.core.errors import UserError
+
 app = typer.Typer(help="Your own figures: list a folder, check files.", no_args_is_help=True)
 
 
@@ -29,8 +31,18 @@ def check(
     """Read, clean and align a file, or each of a folder, and print what was found and repaired."""
     from relight.meshes.scans import list_scans
 
-    for path in [scan.path for scan in list_scans(mesh).values()] if mesh.is_dir() else [mesh]:
-        _check(path, up, front)
+    if not mesh.is_dir():
+        _check(mesh, up, front)
+        return
+    failed = 0
+    for scan in (scans := list_scans(mesh)).values():
+        try:
+            _check(scan.path, up, front)
+        except UserError as error:
+            failed += 1
+            print(error)
+    if failed:
+        raise UserError(f"{failed} of {len(scans)} scans cannot be used")
 
 
 def _check(mesh: Path, up: str, front: str) -> None:

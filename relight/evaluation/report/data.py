@@ -35,7 +35,7 @@ def lights(results: Results) -> Numbers:
     """Computes the numbers of the section about the lights."""
     from relight.lights import read_light_set
 
-    record, chosen = results.lights, read_light_set(results.folder / "lights")
+    record, chosen = results.lights, read_light_set(results.data / "lights")
     steps = [
         [step["step"], step["in"], step["out"], ", ".join(f"{why} {n}" for why, n in step["why"].items() if n)]
         for step in record["steps"]
