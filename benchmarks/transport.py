@@ -15,6 +15,7 @@ over 24 seeds.
 """
 
 import os
+import platform
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is imported: idle threads of BLAS take CPU time
 
@@ -25,7 +26,6 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import qmc
 
-from relight.evaluation.report.provenance import processor
 from relight.meshes import Mesh, vertex_normals
 from relight.sh import basis, unoccluded
 from relight.transport.baker import primary_hits
@@ -229,7 +229,7 @@ def cpu_seconds(function, *arguments) -> float:
 
 def machine() -> str:
     """Returns the processor and its number of cores, in words."""
-    return f"{processor()}, {os.cpu_count()} cores, one used"
+    return f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, one used"
 
 
 def main() -> None:
