@@ -283,24 +283,26 @@ def _run(work: partial, tasks: dict, jobs: int, weights: Path | None) -> Iterato
         _start(weights, cores, work)
         yield from ((name, _work(task)) for name, task in tasks.items())
         return
+    name = next(iter(tasks), "")
+    block = getattr(signal, "pthread_sigmask", lambda *_: None)  # Windows has none
     spawn = multiprocessing.get_context("spawn")  # threads of the inference do not survive a fork
     with ProcessPoolExecutor(jobs, spawn, initializer=_start, initargs=(weights, max(1, cores // jobs), work)) as pool:
-        usual = signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C, which workers leave to this process
-        futures = [(name, pool.submit(_work, task)) for name, task in tasks.items()]
-        signal.signal(signal.SIGINT, usual)
-        for name, future in futures:
-            try:
+        try:
+            block(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it: Ctrl-C, which waits meanwhile, is not theirs
+            futures = [(name, pool.submit(_work, task)) for name, task in tasks.items()]
+            block(signal.SIG_UNBLOCK, {signal.SIGINT})
+            for name, future in futures:
                 yield name, future.result()
-            except (KeyboardInterrupt, GeneratorExit):
-                for worker in multiprocessing.active_children():
-                    worker.kill()
-                raise
-            except BrokenProcessPool:
-                who = name if jobs == 1 else f"{name}, or one of the {jobs - 1} after it"
-                raise UserError(
-                    f"{who}: its process died, perhaps for want of memory; what is done stays: give --jobs 1, or a "
-                    "smaller photo"
-                ) from None
+        except BrokenProcessPool:
+            who = name if jobs == 1 else f"{name}, or one of the {jobs - 1} after it"
+            raise UserError(
+                f"{who}: its process died, perhaps for want of memory; what is done stays: give --jobs 1, or a "
+                "smaller photo"
+            ) from None
+        except (KeyboardInterrupt, GeneratorExit):
+            for worker in multiprocessing.active_children():
+                worker.kill()
+            raise
 
 
 _worker: tuple[PhotoNetwork, partial] | None = None  # those of this process
