@@ -19,3 +19,11 @@ def test_list_and_check(tmp_path, person):
     checked, each = (CliRunner().invoke(app, ["check", str(path)]) for path in (tmp_path / "eve.ply", tmp_path))
     assert checked.exit_code == 0 and checked.output == each.output, checked.exception
     assert "5280 faces" in checked.output and "+y up, facing +z" in checked.output and "parts: 10" in checked.output
+
+
+def test_a_damaged_scan_does_not_end_the_check_of_its_folder(tmp_path, person):
+    write(tmp_path / "eve.ply", person())
+    (tmp_path / "adam.ply").write_bytes(b"ply")
+    checked = CliRunner().invoke(app, ["check", str(tmp_path)])
+    assert "adam.ply" in checked.output and "eve.ply: 5280 faces" in checked.output
+    assert str(checked.exception) == "1 of 2 scans cannot be used"

@@ -208,6 +208,17 @@ def test_what_a_run_would_miss_later_is_told_before(setting, message):
         check(Plan(compose_run(["scale=smoke", setting])), ROOT)
 
 
+@pytest.mark.slow
+def test_axes_beside_the_names_of_scans_are_asked_for(tmp_path):
+    for name in ("a.obj", "b.obj"):
+        (tmp_path / name).touch()
+    (tmp_path / "scans.csv").write_text("path,up\na.obj,+z\nb.obj,+z\n")
+    words = ["scale=smoke", "figures=scans", f"figures.folder={tmp_path}"]
+    with pytest.raises(UserError, match=r"scans\.csv has a column `up`.*give align\.table="):
+        check(Plan(compose_run(words)), ROOT)
+    check(Plan(compose_run([*words, f"align.table={tmp_path}/scans.csv"])), ROOT)
+
+
 @pytest.mark.parametrize("kind", ["figures=scans figures", "panoramas=folder panoramas"])
 @pytest.mark.slow
 def test_files_of_the_future_are_told(tmp_path, kind):
