@@ -114,7 +114,7 @@ class Scene:
     def lamp(self) -> str:
         """The name of a warm lamp from the side from which the light does not come, so that all see what changed."""
         from_right = float(luminance(self.light.astype(np.float64))[3]) > 0
-        return f"key:#ffdcb4@{-60 if from_right else 60},25,0.2"
+        return f"key:#ffe6c8@{-50 if from_right else 50},40,0.3"
 
     @cached_property
     def doubts(self) -> list[list[str]]:

@@ -245,10 +245,10 @@ def test_photo_writes_the_photo_beside_the_result(photo_files, weights, tmp_path
 def test_opposite_lamp_is_on_the_side_from_which_no_light_comes(relighter, draw):
     pixels, mask = draw()
     scene = relighter.scene(pixels, mask)
-    for x, side in ((0.5, -60), (-0.5, 60)):
+    for x, side in ((0.5, -50), (-0.5, 50)):
         light = np.zeros((9, 3), np.float32)
         light[0], light[3] = 1, x
         turned = replace(scene, people=[replace(scene.people[0], light=light)])
-        assert turned.lamp == f"key:#ffdcb4@{side},25,0.2"
+        assert turned.lamp == f"key:#ffe6c8@{side},40,0.3"
     named = relighter.relight(pixels, mask, scene.lamp)
     np.testing.assert_array_equal(relighter.relight(pixels, mask), named)

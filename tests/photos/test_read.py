@@ -115,6 +115,7 @@ def test_masks_that_look_wrong():
     assert "the figure is a rectangle" in said(box)
     pair = person(center=0.35) | person(center=0.65)
     assert count_heads(alone[20:, 20:-20]) == 1 and "several people who touch" in said(pair)
+    assert "several people who touch" in said(alone | np.roll(person(center=0.8), 40, 0))  # a smaller one in front
     assert said(person(width=260, center=0.3), person(width=260, center=0.7)) == ""
     assert "cut by the photo's lower edge:" in said(alone[:120])
     assert "photo's left and right edges:" in said(alone[:, 58:-58])
