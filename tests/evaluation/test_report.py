@@ -284,7 +284,7 @@ def check(html: str) -> Outline:
 
 
 def test_head_draws_no_conclusion_from_a_few_figures(tmp_path):
-    for figures, concludes in ((4, False), (10, True)):
+    for figures, concludes in ((5, False), (6, True)):
         folder = tmp_path / str(figures)
         made = results(folder, "claim", {"sfsnet": {"shading_true_light_rmse": 0.6}})
         for file in (folder / "evaluate" / "test-test").glob("*.csv"):
@@ -296,7 +296,7 @@ def test_head_draws_no_conclusion_from_a_few_figures(tmp_path):
         )
         head = build.head("run", made, outcome=None)
         assert ("Knowing occlusion makes shading better" in head) == concludes
-        assert ("concluded from this run: its networks are tested on 4 figures." in head) != concludes
+        assert ("concluded from this run: its networks are tested on 5 figures." in head) != concludes
 
 
 def test_command_repeats_a_run(tmp_path):

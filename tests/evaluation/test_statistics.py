@@ -156,9 +156,16 @@ def test_estimate_prefers_the_larger_spread(noisy):
     assert np.mean(np.array(found) < 0.05) <= 0.075 and np.mean(np.array(found) < 0.001) <= 0.015
 
 
-def test_estimate_and_compare_of_few_figures():
-    first, second = (estimate(np.array([row])[..., None], resamples=2000) for row in ([0.5, 0.6], [0.7, 0.9]))
-    assert compare(first, second).p > 0.1
+@pytest.mark.parametrize("figures", [2, 5, 6, 7])
+def test_compare_decides_what_a_sign_test_could(figures):
+    """All figures agree, by 30 times their spread: Student's t is sure of two, a sign test of six."""
+    first, second = (
+        estimate(np.linspace(*ends, figures)[None, :, None], resamples=9) for ends in ((0.5, 0.51), (0.8, 0.83))
+    )
+    assert (compare(first, second).p < 0.05) == (stats.binomtest(figures, figures).pvalue < 0.05)
+
+
+def test_estimate_and_compare_of_one_figure():
     first, second = (estimate(np.full((1, 1, 3), value), resamples=100) for value in (0.5, 0.7))
     assert (first.low, first.high, first.mean) == (-np.inf, np.inf, 0.5)
     assert compare(first, second).p == 1

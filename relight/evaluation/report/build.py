@@ -12,9 +12,9 @@ from relight.evaluation.report.provenance import provenance
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import compare_rows
 from relight.evaluation.scoring.paper import CITATION
+from relight.evaluation.scoring.statistics import MIN_FIGURES
 from relight.evaluation.scoring.tables import PRINTED, Table
 
-MIN_FIGURES = 5  # test figures, with fewer of which the first lines of the page draw no conclusion
 # Endings of the files of an experiment.
 PICTURES = ("errors", "plates", "relit", "overview")
 FILE_ENDS = (".csv", ".md", *(f"_{kind}.png" for kind in PICTURES))
@@ -124,10 +124,10 @@ def head(name: str, results: Results, outcome: dict[str, Any] | None) -> Markup:
 def _answer(results: Results) -> dict[str, Any] | None:
     """Returns the context of templates/answer.md: transport against normals by column, and in `over_ao` with AO.
 
-    None if the experiment `claim` is not in the run or lacks a row.
+    None if the experiment `claim` is not in the run, or lacks a row or test figures.
     """
     table = results.table("claim") if "claim" in results.tables else Table(())
     claims = compare_rows(table, "ours_min", "sfsnet", ("shading_true_light_rmse", "relit_rmse"))
     over_ao = compare_rows(table, "ours_min", "sfsnet_ao", ("shading_true_light_rmse",))
     context = {"name": "claim", "claims": claims, "over_ao": next(iter(over_ao.values()), None), "scored": table}
-    return context if len(claims) == 2 else None
+    return context if len(claims) == 2 and table.figures >= MIN_FIGURES else None

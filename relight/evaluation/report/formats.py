@@ -183,7 +183,7 @@ def effect(comparison: Comparison) -> tuple[str, str]:
 
 def bound(comparison: Comparison) -> str | None:
     """Returns the relative bound on a difference whose verdict is equivalent or open; None for the others."""
-    return None if comparison.verdict.is_significant else f"±{100 * comparison.bound:.1f} %"
+    return None if comparison.verdict.is_significant else f"±{percent(comparison.bound).lstrip('+')}"
 
 
 def number(value: float, digits: int = 3) -> str:
