@@ -144,7 +144,7 @@ def test_experiment_on_other_figures_or_lights_is_compared_with_the_usual_ones(t
     )
 
 
-def test_experiment_without_pairs_has_its_table_alone(tmp_path):
+def test_experiment_without_pairs_compares_the_best_row(tmp_path):
     """As in a sweep, whose networks infer neither normals nor AO: no column is empty but for baselines."""
     errors = {row: {"shading_rmse": 0.5} for row in ("no_tv", "no_shading", "ours_full")}
     errors["no_reconstruction"] = {"shading_rmse": 0.3}
@@ -154,7 +154,9 @@ def test_experiment_without_pairs_has_its_table_alone(tmp_path):
         table = pd.read_csv(file)
         table.drop(columns=[column for column in table if column.startswith("normal")]).to_csv(file, index=False)
     found = sections.experiment(made, "table2")
-    assert found["comparisons"].frame.empty
+    best = found["comparisons"].frame.loc["w/o reconstruction against Ours (full): best shading RMSE"]
+    assert best["first better by"] == "+40.0 %" and best["the first is"] is Verdict.BETTER
+    assert len(found["comparisons"].frame) == 3 and set(found["comparisons"].frame["in"]) == {"shading RMSE"}
     assert [head for _, head in found["tables"]["table2"].frame] == ["Shading", "Shading"]
 
 

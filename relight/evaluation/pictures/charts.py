@@ -3,23 +3,15 @@
 from pathlib import Path
 
 import matplotlib.style
-import numpy as np
 from matplotlib.figure import Figure  # no pyplot: no windows, nothing global
 
 from relight.core.files import atomic_write
 from relight.evaluation.scoring.labels import label, title
-from relight.evaluation.scoring.statistics import Estimate
 from relight.evaluation.scoring.tables import Table
 from relight.learning.training_name import COLORS
 
 GREY = "#9a9a9e"  # of baselines
 STYLE = ["seaborn-v0_8-paper", "seaborn-v0_8-whitegrid"]
-
-
-def _finite_interval(estimate: Estimate) -> tuple[float, float]:
-    """Returns the ends of the interval of an estimate; infinite ones, of a single figure, are replaced by the mean."""
-    low, high = (end if np.isfinite(end) else estimate.mean for end in (estimate.low, estimate.high))
-    return low, high
 
 
 def plot_errors(table: Table, rows_of_run: list[str], out: Path) -> None:
@@ -41,8 +33,8 @@ def plot_errors(table: Table, rows_of_run: list[str], out: Path) -> None:
             places = [place for place, _ in with_column]
             estimates = [table.rows[row][column] for _, row in with_column]
             colors = [color_of[row] if row in table.networks else GREY for _, row in with_column]
-            lows, highs = zip(*map(_finite_interval, estimates))
-            panel.hlines(places, lows, highs, colors=colors, linewidth=2.2)
+            lows, highs = zip(*((estimate.low, estimate.high) for estimate in estimates))
+            panel.hlines(places, lows, highs, colors=colors, linewidth=2.2)  # none for infinite ones, of one figure
             panel.scatter([estimate.mean for estimate in estimates], places, s=36, c=colors)
             panel.set(title=title(column), xlabel="lower is better", xlim=(max(0, panel.get_xlim()[0]), None))
             panel.grid(visible=False, axis="y")

@@ -19,7 +19,7 @@ from relight.evaluation.report.formats import (
 )
 from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
-from relight.evaluation.scoring.comparisons import Comparison, Verdict, compare_rows, orderings
+from relight.evaluation.scoring.comparisons import Comparison, Verdict, compare_rows, correct, orderings
 from relight.evaluation.scoring.labels import column_label, label
 from relight.evaluation.scoring.tables import Table
 
@@ -78,18 +78,25 @@ def write_score_table(table: Table, title: str, stem: Path) -> None:
 def _compare_pairs(table: Table, settings: dict[str, Any], usual: Table | None = None) -> Comparisons:
     """Compares the pairs in an experiment's settings, without those of which the table lacks a row.
 
-    If there is a table on the `usual` figures and lights, they are compared there, too, and each network with itself.
+    Without pairs, as in a sweep, the best network in the first column is compared with the others. If there is a table
+    on the `usual` figures and lights, the pairs are compared there, too, and each network with itself.
     """
-    columns, compared = tuple(settings["compare_in"]), {}
+    columns, compared, pairs = tuple(settings["compare_in"]), {}, settings["compare"]
+    if not pairs and columns:
+        columns, rows = columns[:1], table.networks
+        best = next((row for row in rows if (cell := table.rows[row].get(columns[0])) and cell.best), "")
+        pairs = {f"{best} against {row}": f"best {column_label(columns[0])}" for row in rows if row != best}
     others = " and ".join(f"{settings[what]} {what}" for what in ("figures", "lights") if settings[what] != "test")
     for row in table.networks if usual else ():
         compared[f"{label(row)}, {others} against usual ones"] = compare_rows(table, row, row, columns, usual)
-    for pair, measures in settings["compare"].items():
+    for pair, measures in pairs.items():
         first, _, second = pair.partition(" against ")
         words = f"{label(first)} against {label(second)}: {measures}"
         compared[words] = compare_rows(table, first, second, columns)
         if usual:
             compared[f"{words} (usual ones)"] = compare_rows(usual, first, second, columns)
+    if len(columns) == 1:
+        correct([comparison for by_column in compared.values() for comparison in by_column.values()])
     return {words: by_column for words, by_column in compared.items() if by_column}
 
 
