@@ -65,11 +65,8 @@ def lit_copy(material, name, sources):
     """
     origin = material and material.get(ORIGIN, material)
     copy = origin.copy() if origin else bpy.data.materials.new(name)
-    nodes, link, copy.name = (
-        copy.node_tree.nodes,
-        copy.node_tree.links.new,
-        f"relight {origin.name if origin else name}",
-    )
+    nodes, link = copy.node_tree.nodes, copy.node_tree.links.new
+    copy.name = f"relight {origin.name if origin else name}"
     if origin:
         copy[ORIGIN] = origin
     else:

@@ -95,8 +95,9 @@ def evaluated(item, depsgraph):
     attributes.remove(attributes[REST])
     if problem:
         raise Problem(f"{item.name} {problem}")
-    matrix = np.array(shown.matrix_world)
-    return vertices.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3], faces.reshape(-1, 3), own
+    matrix, faces = np.array(shown.matrix_world), faces.reshape(-1, 3)
+    outward = faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else faces
+    return vertices.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3], outward, own
 
 
 def read_maps(path):
@@ -168,5 +169,6 @@ def add_plane(path, context):
 
 def axes(item, depsgraph):
     """Returns the axes (3,3), as rows in the scene's frame, of the frame in which an object's transport is."""
-    x, y, z = np.array(item.evaluated_get(depsgraph).matrix_world.to_quaternion().to_matrix()).T
+    left, _, right = np.linalg.svd(np.array(item.evaluated_get(depsgraph).matrix_world)[:3, :3])  # a mirror stays one
+    x, y, z = (left @ right).T
     return np.stack([x, y, z] if item[PROPERTY] == MESH else [x, z, -y])  # of a plane: right, up, toward the viewer

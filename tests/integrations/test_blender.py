@@ -227,6 +227,23 @@ def test_a_duplicate_turns_on_its_own(addon, scene, linked):
     assert np.abs(light_of(addon, copy) - before).max() > 0.5
 
 
+@in_blender
+def test_mirrored_objects_bake_and_turn_as_mirrors(addon, scene, tmp_path):
+    """Baked as a mirror image, and back: each time as Cycles renders it in matte white."""
+    import bpy
+
+    item = head()
+    item.data.materials.append(white())
+    item.scale.x, item.rotation_euler = -1, (0, 0, 0.6)
+    bpy.ops.relight.bake_transport(rays=256)
+    for mirror in (-1, 1):
+        item.scale.x = mirror
+        bpy.context.view_layer.update()
+        mine, item.material_slots[0].link = rendered(scene, tmp_path / "mine.exr", 16), "DATA"
+        agree(mine, rendered(scene, tmp_path / "truth.exr", 128))
+        item.material_slots[0].link = "OBJECT"
+
+
 def lit(scene, item, material) -> None:
     """Shows an object in a material, in all of its slots."""
     for slot in item.material_slots:
