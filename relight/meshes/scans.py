@@ -19,6 +19,7 @@ from relight.meshes.read import READERS, read_mesh, suffix_list
 TABLE = "scans.csv"
 YES, NO = ("", "1", "1.0", "y", "yes", "t", "true", "x", "on"), ("0", "0.0", "n", "no", "f", "false", "-", "off")
 MAX_NAME = 71  # characters of a name, before the hash
+LETTERS = dict(zip(map(ord, "ßẞæÆœŒøØłŁđĐðÐþÞı"), "ss SS ae Ae oe Oe o O l L d D d D th Th i".split()))  # no accents
 
 
 @dataclass(frozen=True)
@@ -106,10 +107,11 @@ def safe_name(text: str) -> str:
 
     Accents are dropped. If letters are dropped or the name is truncated, a hash of `text` keeps names distinct.
 
-    >>> safe_name("Zoë 1")
-    'Zoe_1'
+    >>> safe_name("Zoë Groß")
+    'Zoe_Gross'
     """
-    bare = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+    decomposed = unicodedata.normalize("NFKD", text).translate(LETTERS)
+    bare = "".join(c for c in decomposed if not unicodedata.combining(c))
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", bare)[:MAX_NAME].strip("_-") or "scan"
     whole = len(bare) <= MAX_NAME and not any(c.isalnum() for c in bare if not c.isascii())
     return name if whole else f"{name}_{short_hash(text)}"
