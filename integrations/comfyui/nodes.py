@@ -17,13 +17,13 @@ import torch
 from relight.core import srgb
 from relight.core.errors import UserError
 from relight.lights import Light
+from relight.maps.square import tiles
 from relight.panoramas import Panorama, project
 from relight.photos.api import load
 from relight.photos.look import Look
 from relight.photos.mask.find import NobodyFound, masked
 from relight.photos.picture import Picture
 from relight.photos.place import is_of_person
-from relight.photos.render import strips
 from relight.photos.shading import shading
 from relight.photos.write import placed_maps
 from relight.sh import mean_direction
@@ -82,9 +82,9 @@ def pixels_of(picture, encoding):
     if encoding == "linear" or not picture[..., :3].max() <= 1:
         return linear_of(picture, encoding)
     pixels = np.empty((*picture.shape[:2], 3), np.uint16)
-    for first, last in strips(0, len(pixels)):
-        codes = picture[first:last, :, :3].float().cpu().numpy()
-        pixels[first:last] = np.round(codes.clip(0) * 65535)
+    for window in tiles((0, len(pixels)), (0, pixels.shape[1])):
+        codes = picture[window][..., :3].float().cpu().numpy()
+        pixels[window] = np.round(codes.clip(0) * 65535)
     return pixels
 
 
@@ -202,11 +202,11 @@ def relight(self, image, light, mode, strength, turn, stops, mask=None, backgrou
     for i, scene in each(image, mask, encoding, partial(scene_of, lit_by=lit_by)):
         relit, coverage = scene.relit(looks[i % len(looks)]), scene.picture.coverage
         alpha[i] = torch.from_numpy(coverage) / 255
-        for rows in (slice(*part) for part in strips(0, len(relit))):
-            part = relit[rows]
+        for window in tiles((0, len(relit)), (0, relit.shape[1])):
+            part = relit[window]
             part = part / np.float32(65535) if part.dtype == np.uint16 else encoded(part, encoding)
-            own = True if background is not None else coverage[rows, :, None] > 0
-            np.copyto(out[i, rows].numpy(), part, where=own)
+            own = True if background is not None else coverage[window][..., None] > 0
+            np.copyto(out[i][window].numpy(), part, where=own)
     return out, alpha
 
 

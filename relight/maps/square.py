@@ -5,9 +5,10 @@ of the box is 1 - 2 * PADDING of its side. Its corners fall between the pixels o
 Both directions use the same real-valued square and pixel centres, so maps return to the place they were taken from.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 from PIL import Image
@@ -18,7 +19,8 @@ from relight.core.srgb import to_bytes
 
 MASK_THRESHOLD = 128  # coverage (of 255) from which a pixel counts as the person's
 PADDING = 0.05  # margin around the person's box, as a share of the square's side
-BLOCK = 32  # lines that are resampled by one product of matrices
+TILE = 256  # pixels of a part's side: the maps of a part stay in the processor's cache
+Window = tuple[slice, ...]  # rows and columns of a photo
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Crop:
         return self.rows[1] - self.rows[0], self.columns[1] - self.columns[0]
 
     @property
-    def window(self) -> tuple[slice, slice]:
+    def window(self) -> Window:
         """The rows and columns of the photo that `place` fills, as an index of its pixels."""
         return slice(*self.rows), slice(*self.columns)
 
@@ -62,86 +64,72 @@ class Crop:
         # A canvas of whole pixels that holds the square, with a pixel to spare on each side; zero outside of the photo.
         top, left = int(np.floor(self.top)) - 1, int(np.floor(self.left)) - 1
         reach = int(np.ceil(self.side)) + 3
-        canvas = np.zeros((reach, reach), np.float32)
-        rows = slice(max(top, 0), min(top + reach, image.shape[0]))
-        columns = slice(max(left, 0), min(left + reach, image.shape[1]))
-        on_canvas = slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left)
-        box = (self.left - left, self.top - top, self.left - left + self.side, self.top - top + self.side)
+        rows, columns = (
+            slice(max(start, 0), min(start + reach, count)) for start, count in zip((top, left), image.shape)
+        )
+        on_canvas = slice(columns.start - left, columns.stop - left)
+        above, beside = self.top - top, self.left - left
         kind = Image.Resampling.BILINEAR  # a tent as wide as two of the coarser pixels: no ringing, hardly any shift
         image = image if image.ndim == 3 else image[..., None]
         out = np.empty((self.size, self.size, image.shape[2]), np.float32)
         for channel in range(image.shape[2]):
-            canvas[on_canvas] = image[rows, columns, channel]
-            out[..., channel] = np.asarray(Image.fromarray(canvas).resize((self.size, self.size), kind, box))
+            narrow = np.zeros((reach, self.size), np.float32)  # resampled along the rows, as Pillow does first
+            for first in range(rows.start, rows.stop, TILE):
+                part = image[first : min(first + TILE, rows.stop), columns, channel]
+                canvas = np.zeros((len(part), reach), np.float32)
+                canvas[:, on_canvas] = part
+                size, across = (self.size, len(part)), (beside, 0, beside + self.side, len(part))
+                narrow[first - top :][: len(part)] = np.asarray(Image.fromarray(canvas).resize(size, kind, across))
+            down = (0, above, self.size, above + self.side)
+            out[..., channel] = np.asarray(Image.fromarray(narrow).resize((self.size, self.size), kind, down))
         return out[..., 0] if out.shape[2] == 1 else out
 
-    def place(
-        self, maps: np.ndarray, rows: tuple[int, int] | None = None, cubic: bool = True, where: np.ndarray | None = None
-    ) -> np.ndarray:
+    def place(self, maps: np.ndarray, window: Window | None = None, cubic: bool = True) -> np.ndarray:
         """Resamples maps of the square to the pixels of the photo.
 
         Args:
             maps: (S,S) or (S,S,C).
-            rows: half-open range of the photo's rows within `self.rows`, all of them by default. Strips equal the
-                whole but for rounding.
+            window: some of the photo's rows and columns, `self.window` by default; it costs h w S, so large ones are
+                parted (`tiles`). Parts equal the whole but for rounding.
             cubic: interpolation where maps are enlarged; bilinear otherwise, which is cheaper and does not ring.
-            where: flat indices (N,) into (h,w); only these pixels are returned.
 
         Returns:
-            (h,w[,C]) float32 at the pixels of `window` or its `rows`, or (N[,C]).
+            (h,w) or (h,w,C) float32; channels come first in memory.
         """
-        first, last = rows or self.rows
         scale = self.size / self.side  # pixels of the square per pixel of the photo
-        margin = self._margin(scale)
         kind = Image.Resampling.BICUBIC if scale < 1 and cubic else Image.Resampling.BILINEAR
 
-        def weights(start: int, stop: int, origin: float) -> list[tuple[slice, slice, np.ndarray]]:
-            span = (start - origin) * scale, (stop - origin) * scale
-            return _resampling(self.size, margin, span, stop - start, kind)
+        def weights(part: slice, origin: float) -> tuple[slice, np.ndarray]:
+            span = (part.start - origin) * scale, (part.stop - origin) * scale
+            return _resampling(self.size, span, part.stop - part.start, kind)
 
-        down, across = weights(first, last, self.top), weights(*self.columns, self.left)
-        shape = (last - first, self.columns[1] - self.columns[0])
-        maps = (maps if maps.ndim == 3 else maps[..., None]).astype(np.float32, copy=False)
-        # Channels come first in memory, as they are filled here and read by most callers.
-        out = np.empty((maps.shape[2], *(shape if where is None else where.shape)), np.float32)
-        columns_placed, whole = np.empty((shape[1], self.size), np.float32), np.empty(shape, np.float32)
-        for channel, placed in enumerate(out):
-            _resample(across, maps[..., channel].T, columns_placed)
-            _resample(down, columns_placed.T, placed if where is None else whole)
-            if where is not None:
-                np.take(whole, where, out=placed)
-        return out[0] if len(out) == 1 else np.moveaxis(out, 0, -1)
-
-    def _margin(self, scale: float) -> int:
-        """Returns how far the window reaches past the square at most, in pixels of the square, and two to spare."""
-        low = min(self.rows[0] - self.top, self.columns[0] - self.left)
-        high = max(self.rows[1] - self.top, self.columns[1] - self.left) - self.side
-        return max(int(np.ceil(max(-low, high) * scale)), 0) + 2
+        (rows, down), (columns, across) = map(weights, window or self.window, (self.top, self.left))
+        planes = np.ascontiguousarray(np.moveaxis(np.atleast_3d(maps[rows, columns]), -1, 0), np.float32)
+        placed = down @ planes @ across.T
+        return placed[0] if maps.ndim == 2 else np.moveaxis(placed, 0, -1)
 
 
-@lru_cache(maxsize=8)
-def _resampling(
-    size: int, margin: int, span: tuple[float, float], count: int, kind: Image.Resampling
-) -> list[tuple[slice, slice, np.ndarray]]:
-    """Returns the weights by which Pillow resamples a line, its results for unit vectors: a band matrix in blocks.
+@lru_cache(maxsize=256)
+def _resampling(size: int, span: tuple[float, float], count: int, kind: Image.Resampling) -> tuple[slice, np.ndarray]:
+    """Returns the weights (count, n) by which Pillow resamples a line, and which n of its `size` values they are of.
 
-    The line is first extended by `margin` copies of its ends; `span` is in values of the line before that.
+    They are its results for unit vectors. The line goes on with copies of its ends; `span` is in its values.
     """
+    margin = int(np.ceil(max(-span[0], span[1] - size, 0))) + 2
     units = np.pad(np.eye(size, dtype=np.float32), ((margin, margin), (0, 0)), mode="edge")
     box = (0, span[0] + margin, size, span[1] + margin)
     weights = np.asarray(Image.fromarray(units).resize((size, count), kind, box))
-    blocks = []
-    for first in range(0, count, BLOCK):
-        rows = slice(first, first + BLOCK)
-        used = np.flatnonzero(weights[rows].any(0))
-        columns = slice(int(used[0]), int(used[-1]) + 1)
-        blocks.append((rows, columns, np.ascontiguousarray(weights[rows, columns])))
-    return blocks
+    used = np.flatnonzero(weights.any(0))
+    line = slice(int(used[0]), int(used[-1]) + 1)
+    return line, np.ascontiguousarray(weights[:, line])
 
 
-def _resample(blocks: list[tuple[slice, slice, np.ndarray]], lines: np.ndarray, out: np.ndarray) -> None:
-    for rows, columns, weights in blocks:
-        np.matmul(weights, lines[columns], out=out[rows])
+def tiles(rows: tuple[int, int], columns: tuple[int, int]) -> Iterator[Window]:
+    """Yields the parts, of at most TILE x TILE pixels, of half-open ranges of rows and columns."""
+    down, across = (
+        [slice(start, min(start + TILE, last)) for start in range(first, last, TILE)] for first, last in (rows, columns)
+    )
+    yield from product(down, across)
 
 
 def crop_around(coverage: np.ndarray, size: int) -> Crop:

@@ -83,14 +83,15 @@ class Ground:
         left = np.maximum(self.unoccluded[:count] @ light - self.occluded[..., :count] @ light, 0)
         return np.minimum((left + ambient) / (whole + ambient), 1)
 
-    def cast_shadows(self, background: np.ndarray, light: np.ndarray) -> None:
-        """Darkens a background (H,W,3), linear, in place under a light (K,3)."""
-        shadows = self.shadows(light)
+    def with_shadows(self, background: np.ndarray, light: np.ndarray) -> np.ndarray:
+        """Returns a background (H,W,3), linear, darkened under a light (K,3)."""
+        shadows, out = self.shadows(light), np.array(background)
         (first, last), (start, stop) = self.rows, self.columns
-        part = background[first:last, start:stop]
+        part = out[first:last, start:stop]
         for channel in range(3):
             small = Image.fromarray(np.ascontiguousarray(shadows[..., channel]))
             part[..., channel] *= np.asarray(small.resize((stop - start, last - first), Image.Resampling.BILINEAR))
+        return out
 
 
 def ground_under(coverages: Sequence[np.ndarray], order: int = 2) -> Ground | None:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter, uniform_filter
 
 from relight.core.srgb import LUMINANCE
-from relight.maps.square import Crop
+from relight.maps.square import Crop, Window
 
 RADIUS = 2  # of a window, pixels of the square
 SMOOTH = 1e-3  # variance of the guide under which a window counts as flat: weaker texture is not copied
@@ -25,6 +25,7 @@ class Guide:
     Attributes:
         values: (S,S,1) or (S,S,C) float64.
         mask: (S,S) bool, of the person.
+        filled: (S,S,...) float32, the values with those of the nearest pixel of the mask outside of it.
     """
 
     def __init__(self, values: np.ndarray, mask: np.ndarray):
@@ -34,6 +35,7 @@ class Guide:
         self._average = self._mean(self.values)
         self._variance = np.maximum(self._mean(self.values**2) - self._average**2, 0)
         self._nearest = tuple(distance_transform_edt(~mask, return_distances=False, return_indices=True))
+        self.filled = self.fill_outside(values)
 
     def slope(self, maps: np.ndarray, smooth: float) -> np.ndarray:
         """Fits maps to the guide by least squares over the mask in each window, averaged over windows.
@@ -74,24 +76,17 @@ class FittedMap:
     low: np.ndarray | None
     high: np.ndarray | None
 
-    def place(
-        self, crop: Crop, detail: np.ndarray, rows: tuple[int, int], where: np.ndarray | None = None
-    ) -> np.ndarray:
-        """Resamples the map to the photo's pixels, (h,w,C) or (N,C), with detail: as `Crop.place` does.
+    def place(self, crop: Crop, detail: np.ndarray, window: Window) -> np.ndarray:
+        """Resamples the map to a window of the photo, (h,w,C), with detail: as `Crop.place` does.
 
         The result stays within the values that the map has nearby, so a highlight of the photo leaves no halo. `detail`
-        (...,1) or (...,C) is the guide at those pixels minus that of the square.
+        (h,w,1) or (h,w,C) is the guide at those pixels minus that of the square.
         """
-        out = []
-        for c in range(self.base.shape[2]):  # one channel at a time stays in the processor's cache
-            values = crop.place(self.base[..., c], rows, True, where)
-            values += crop.place(self.slope[..., c], rows, False, where) * detail[..., min(c, detail.shape[-1] - 1)]
-            if self.low is None or self.high is None:
-                out.append(np.clip(values, 0, 1, out=values))
-            else:
-                low, high = (crop.place(maps[..., c], rows, False, where) for maps in (self.low, self.high))
-                out.append(np.clip(values, low, high, out=values))
-        return np.moveaxis(np.stack(out), 0, -1)
+        values = crop.place(self.base, window) + crop.place(self.slope, window, cubic=False) * detail
+        if self.low is None or self.high is None:
+            return np.clip(values, 0, 1, out=values)
+        low, high = (crop.place(maps, window, cubic=False) for maps in (self.low, self.high))
+        return np.clip(values, low, high, out=values)
 
 
 def fit_map(maps: np.ndarray, guide: Guide, textured: bool = False) -> FittedMap:
@@ -123,4 +118,4 @@ def square_root(linear: np.ndarray) -> np.ndarray:
 
 def luma(guide: np.ndarray) -> np.ndarray:
     """Returns the weighted sum of the channels: (...,3) -> (...,1)."""
-    return (guide @ LUMINANCE.astype(np.float32))[..., None]
+    return sum(weight * guide[..., c] for c, weight in enumerate(LUMINANCE.astype(np.float32)))[..., None]

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from relight.core.srgb import decode, encode, to_linear
-from relight.maps.square import MASK_THRESHOLD, Crop, crop_around
+from relight.maps.square import MASK_THRESHOLD, Crop, Window, crop_around
 from relight.panoramas import luminance
 from relight.photos.color import chroma
 from relight.photos.guide import FittedMap, Guide, fit_map, luma, square_root
@@ -87,24 +87,21 @@ class Person:
         """The transport."""
         return fit_map(self.transport, self._grey_guide)
 
-    def detail(self, linear: np.ndarray, rows: tuple[int, int], where: np.ndarray) -> np.ndarray:
+    def detail(self, linear: np.ndarray, window: Window) -> np.ndarray:
         """Returns the detail of the photo beyond the square's resolution, as `FittedMap.place` takes it.
 
         Where the person covers a pixel in part, the photo's value is not their own and there is no detail.
 
         Args:
-            linear: (N,3) values of the photo.
-            rows: half-open.
-            where: (N,) their flat indices into the crop's window of those rows.
+            linear: (h,w,3) values of the photo.
+            window: their rows and columns, within the crop's.
 
         Returns:
-            (N,3) difference of square roots, in Fortran order.
+            (h,w,3) difference of square roots.
         """
-        coverage = self.coverage[slice(*rows), slice(*self.crop.columns)].ravel().take(where).astype(np.float32)
+        coverage = self.coverage[window].astype(np.float32)
         solid = np.maximum(coverage - OPAQUE, 0) / (255 - OPAQUE)
-        guide = self._color_guide
-        placed = self.crop.place(guide.fill_outside(guide.values), rows, where=where)
-        return (square_root(np.asfortranarray(linear)) - placed) * solid[:, None]
+        return (square_root(linear) - self.crop.place(self._color_guide.filled, window)) * solid[..., None]
 
     @cached_property
     def chroma(self) -> np.ndarray:
@@ -174,13 +171,16 @@ def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple
     Returns:
         The image (S,S,3), linear and zero outside of the mask, and the mask (S,S) bool.
     """
-    share = crop.extract(coverage)
+    window = crop.window  # nothing is covered elsewhere
+    inside = replace(crop, top=crop.top - window[0].start, left=crop.left - window[1].start)
+    pixels, coverage = pixels[window], coverage[window]
+    share = inside.extract(coverage)
     mask = share >= MASK_THRESHOLD
     if not mask.any():  # thinner than the network's pixels everywhere: keep the largest share
         mask = share >= share.max()
     image = np.empty((*mask.shape, 3), np.float32)
     for channel in range(3):  # one at a time: an 8k photo in float32 is 800 MB
-        image[..., channel] = crop.extract(to_linear(pixels[..., channel]) * coverage) / np.maximum(share, 1e-3)
+        image[..., channel] = inside.extract(to_linear(pixels[..., channel]) * coverage) / np.maximum(share, 1e-3)
     return np.maximum(image * mask[..., None], 0), mask
 
 

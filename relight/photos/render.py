@@ -1,6 +1,6 @@
-"""The relit photo: the people under a new light, composited over the background in strips of rows.
+"""The relit photo: the people under a new light, composited over the background in small parts.
 
-All in linear values. Strips keep the memory for an 8k photo small.
+All in linear values. Parts keep the memory for an 8k photo small, and what is nobody's costs nothing.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter, uniform_filter1d
 
 from relight.core.srgb import to_linear
-from relight.maps.square import extent
+from relight.maps.square import Window, extent, tiles
 from relight.photos.background import Background
 from relight.photos.color import CLIPPING, apply_gain, clipping_excess, roll_off, to_codes, with_alpha
 from relight.photos.ground import ground_under
@@ -18,55 +18,48 @@ from relight.photos.guide import FittedMap, luma
 from relight.photos.person import Person
 from relight.sh import order_of
 
-STRIP = 512  # rows
 RADII = 45, 6  # of the two passes of `estimate_foreground`, pixels: hair, then detail
-REACH = sum(RADII)  # rows beyond a strip that its result depends on
+REACH = sum(RADII)  # pixels around a part that its result depends on
 
 
 @dataclass(repr=False)
-class _PersonPixels:
-    """The N pixels of a person in a part of a photo. Arrays are in Fortran order, as placed maps are.
+class _Own:
+    """A person's pixels in a part of a photo.
 
     Attributes:
-        person: whose pixels they are.
-        rows: of the photo, half-open.
-        where: (N,) flat indices into the crop's window of those rows.
-        index: the same pixels as (rows, columns) of the part.
-        linear: (N,3) the photo's values.
-        alpha: (N,1) the person's share of what is opaque of them, in [0,1].
-        foreground: (N,3) the person's own color.
-        detail: (N,3), from `Person.detail`.
-        excess: (N,3), as `color.clipping_excess`.
+        person: whose they are.
+        window: of the photo, within the person's and the part.
+        inside: the same as an index of the part.
+        mask: (h,w) bool, the person's among the pixels of the window.
+        detail: (h,w,3), from `Person.detail`.
+        excess: (h,w,3), as `color.clipping_excess`, or 0 if nothing is clipped.
     """
 
     person: Person
-    rows: tuple[int, int]
-    where: np.ndarray
-    index: tuple[np.ndarray, np.ndarray]
-    linear: np.ndarray
-    alpha: np.ndarray
-    foreground: np.ndarray
+    window: Window
+    inside: Window
+    mask: np.ndarray
     detail: np.ndarray
-    excess: np.ndarray
+    excess: np.ndarray | float
 
 
 @dataclass(repr=False)
 class _Layers:
-    """A part of a photo, separated into people and background.
+    """A part of a photo, separated into people and background. Channels come first in memory.
 
     Attributes:
-        top: first row of the part.
         linear: (h,w,3) the photo's values.
         alpha: (h,w) the people's share of each pixel, in [0,1].
+        share: (h,w) their share of what is opaque of it.
         foreground: (h,w,3) the people's own color.
-        people: the pixels of each person; None for a person who is not in this part.
+        people: the pixels of those who are in this part, by their number.
     """
 
-    top: int
     linear: np.ndarray
     alpha: np.ndarray
+    share: np.ndarray
     foreground: np.ndarray
-    people: list[_PersonPixels | None]
+    people: dict[int, _Own]
 
 
 def render(
@@ -115,27 +108,30 @@ def frames(
     if background.replaced and background.shadow:
         ground = ground_under([person.coverage for person in people], order_of(people[0].transport.shape[-1]))
     still = background.linear(shape, stops=stops) if background.replaced and not background.turns else None
-    rows = [each for each in strips(0, len(pixels)) if background.kind != "keep" or coverage[slice(*each)].any()]
-    layers: Iterable[_Layers] = (_split_layers(pixels, people, each, transparent, alpha) for each in rows)
+    parts = list(tiles((0, shape[0]), (0, shape[1])))
+    layers: Iterable[_Layers | None] = (
+        _split_layers(pixels, people, coverage, window, transparent, alpha) if coverage[window].any() else None
+        for window in parts
+    )
     if len(lights) > 1:
         layers = list(layers)  # of a single picture, which may be large, there is one at a time
     for light, turn in lights:
-        maps, behind = _fit_maps(people, light, mode), None if still is None else np.array(still)
-        if background.turns:
-            behind = background.linear(shape, turn, stops)
+        maps = _fit_maps(people, light, mode)
+        behind = background.linear(shape, turn, stops) if background.turns else still
         if ground and behind is not None:
-            ground.cast_shadows(behind, light)
+            behind = ground.with_shadows(behind, light)
         out = pixels.copy() if shown is None else with_alpha(pixels, shown)
-        for (first, last), part in zip(rows, layers):
-            if transparent:
-                out[first:last, :, :3] = to_codes(part.foreground, out.dtype)
-            _compose(out[first:last, :, :3], part, maps, None if behind is None else behind[first:last], stops)
+        for window, part in zip(parts, layers):
+            under = None if behind is None else behind[window]
+            values = under if part is None else _compose(part, maps, under, stops, scene=out.dtype.kind == "f")
+            if values is not None:
+                out[window][..., :3] = to_codes(values, out.dtype)
         yield out
 
 
-def total_coverage(people: Sequence[Person], rows: slice = slice(None)) -> np.ndarray:
-    """Returns the coverage (H,W) uint8 of all people together, or some `rows` of it."""
-    return np.maximum.reduce([person.coverage[rows] for person in people])
+def total_coverage(people: Sequence[Person]) -> np.ndarray:
+    """Returns the coverage (H,W) uint8 of all people together."""
+    return np.maximum.reduce([person.coverage for person in people])
 
 
 def _fit_maps(people: Sequence[Person], light: np.ndarray, mode: str) -> list[tuple[FittedMap, ...]]:
@@ -148,87 +144,84 @@ def _fit_maps(people: Sequence[Person], light: np.ndarray, mode: str) -> list[tu
 def _split_layers(
     pixels: np.ndarray,
     people: Sequence[Person],
-    rows: tuple[int, int],
+    coverage: np.ndarray,
+    window: Window,
     opaque: bool = False,
     visible: np.ndarray | None = None,
 ) -> _Layers:
-    """Separates rows into people, who may be made `opaque`, and background. The cut of the rows does not show.
+    """Separates a window into people, who may be made `opaque`, and background. The cut does not show.
 
     Colors are those of what is `visible`, (H,W) uint8: a person who covers all of it has them alone.
     """
-    first, last = rows
-    top, bottom = max(first - REACH, 0), min(last + REACH, len(pixels))
-    linear = to_linear(pixels[top:bottom])
-    alpha = total_coverage(people, slice(top, bottom)).astype(np.float32) / 255
-    share = (
-        alpha if visible is None else alpha / np.maximum(np.maximum(visible[top:bottom] / np.float32(255), alpha), 1e-9)
-    )
-    window = slice(first - top, last - top)  # without the rows that only the foreground's estimate needs
-    part = _Layers(first, linear[window], alpha[window], estimate_foreground(linear, share)[window], [])
-    part.people = [_person_pixels(person, part, share[window]) for person in people]
-    for person in filter(None, part.people) if opaque else ():
-        person.linear, person.alpha = person.foreground, np.ones_like(person.alpha)
+    wide = tuple(slice(max(part.start - REACH, 0), part.stop + REACH) for part in window)
+    inside = tuple(slice(part.start - all.start, part.stop - all.start) for part, all in zip(window, wide))
+    share = alpha = coverage[wide] / np.float32(255)
+    if visible is not None:
+        share = alpha / np.maximum(np.maximum(visible[wide] / np.float32(255), alpha), 1e-9)
+    if _soft(share[inside]).any():
+        linear = _planes(pixels[wide])
+        foreground, linear = estimate_foreground(linear, share)[inside], linear[inside]
+    else:
+        foreground = linear = _planes(pixels[window])
+    part = _Layers(linear, alpha[inside], share[inside], foreground, {})
+    for number, person in enumerate(people):
+        if (own := _own_pixels(person, window, foreground)) is not None:
+            part.people[number] = own
+    if opaque:
+        part.linear, part.share = part.foreground, np.ones_like(part.share)
     return part
 
 
-def _person_pixels(person: Person, part: _Layers, share: np.ndarray) -> _PersonPixels | None:
-    rows = max(part.top, person.crop.rows[0]), min(part.top + len(part.foreground), person.crop.rows[1])
-    if rows[0] >= rows[1]:
-        return None
-    first, last = person.crop.columns
-    where = np.flatnonzero(person.coverage[slice(*rows), first:last])
-    down, right = np.divmod(where, last - first)
-    index = down + rows[0] - part.top, right + first
-    flat = np.ravel_multi_index(index, part.alpha.shape)  # faster to read by
-    linear, foreground = (
-        np.asfortranarray(image.reshape(-1, 3).take(flat, axis=0)) for image in (part.linear, part.foreground)
+def _planes(pixels: np.ndarray) -> np.ndarray:
+    """Returns the linear values of pixels, with the channels first in memory."""
+    return np.moveaxis(to_linear(np.ascontiguousarray(np.moveaxis(pixels, -1, 0))), 0, -1)
+
+
+def _own_pixels(person: Person, window: Window, foreground: np.ndarray) -> _Own | None:
+    own = tuple(
+        slice(max(part.start, whole.start), min(part.stop, whole.stop))
+        for part, whole in zip(window, person.crop.window)
     )
-    alpha = share.take(flat)[:, None]
-    detail = person.detail(foreground, rows, where)
-    excess = np.zeros_like(foreground)
-    clipped = (foreground > CLIPPING).any(-1)
+    mask = person.coverage[own] > 0  # of no pixels where a slice ends before it starts
+    if not mask.any():
+        return None
+    inside = tuple(slice(part.start - all.start, part.stop - all.start) for part, all in zip(own, window))
+    colors = foreground[inside]
+    excess: np.ndarray | float = 0.0
+    clipped = (colors > CLIPPING).any(-1)
     if clipped.any():
-        chroma = person.crop.place(person.chroma, rows, cubic=False, where=where[clipped])
-        excess[clipped] = clipping_excess(foreground[clipped], chroma)
-    return _PersonPixels(person, rows, where, index, linear, alpha, foreground, detail, excess)
+        excess = np.zeros_like(colors)
+        excess[clipped] = clipping_excess(colors[clipped], person.crop.place(person.chroma, own, cubic=False)[clipped])
+    return _Own(person, own, inside, mask, person.detail(colors, own), excess)
 
 
 def _compose(
-    out: np.ndarray,
-    part: _Layers,
-    maps: Sequence[tuple[FittedMap, ...]],
-    behind: np.ndarray | None,
-    stops: float = 0.0,
-) -> None:
-    """Relights a part of a photo in `out`, which holds the photo unless there is something `behind`."""
-    front = None if behind is None else part.foreground.copy()
-    for person, fits in zip(part.people, maps):
-        if person is None:
-            continue
-        values = _relight(person, fits, np.float32(2**stops), scene=out.dtype.kind == "f")
-        if front is None:
-            out[person.index] = to_codes(person.linear + person.alpha * (values - person.foreground), out.dtype)
-        else:
-            front[person.index] = values
-    if front is not None and behind is not None:
-        out[:] = to_codes(over(front, part.alpha, behind), out.dtype)
+    part: _Layers, maps: Sequence[tuple[FittedMap, ...]], behind: np.ndarray | None, stops: float, scene: bool
+) -> np.ndarray:
+    """Returns the linear values (h,w,3) of a part of a photo, relit, before something if it is `behind` it."""
+    front = np.copy(part.foreground)
+    for number, own in part.people.items():
+        values = _relight(own, part.foreground[own.inside], maps[number], np.float32(2**stops), scene)
+        np.copyto(front[own.inside], values, where=own.mask[..., None])
+    if behind is not None:
+        return over(front, part.alpha, behind)
+    return part.linear + part.share[..., None] * (front - part.foreground)
 
 
-def _relight(pixels: _PersonPixels, fits: tuple[FittedMap, ...], factor: np.float32, scene: bool) -> np.ndarray:
+def _relight(
+    own: _Own, foreground: np.ndarray, fits: tuple[FittedMap, ...], factor: np.float32, scene: bool
+) -> np.ndarray:
     """Relights the person's own color; highlights are rolled off unless the photo is linear (`scene`)."""
     *albedo, last = fits
-    crop = pixels.person.crop
-    values = last.place(crop, luma(pixels.detail), pixels.rows, pixels.where) * factor
+    values = last.place(own.person.crop, luma(own.detail), own.window) * factor
     if not albedo:
-        return pixels.foreground * values if scene else apply_gain(pixels.foreground, values, pixels.excess)
-    product = albedo[0].place(crop, pixels.detail, pixels.rows, pixels.where) ** 2 * values
+        return foreground * values if scene else apply_gain(foreground, values, own.excess)
+    product = albedo[0].place(own.person.crop, own.detail, own.window) ** 2 * values
     return product if scene else roll_off(product)
 
 
-def strips(first: int, last: int) -> Iterator[tuple[int, int]]:
-    """Yields the first row and the end of each part of the rows [first, last), of at most STRIP rows."""
-    for row in range(first, last, STRIP):
-        yield row, min(row + STRIP, last)
+def _soft(alpha: np.ndarray) -> np.ndarray:
+    return (alpha > 0) & (alpha < 1)
 
 
 def estimate_foreground(linear: np.ndarray, alpha: np.ndarray) -> np.ndarray:
@@ -245,7 +238,7 @@ def estimate_foreground(linear: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     Returns:
         F (H,W,3); where alpha is 0 or 1, the photo.
     """
-    soft = (alpha > 0) & (alpha < 1)
+    soft = _soft(alpha)
     if not soft.any():
         return linear
     part = tuple(slice(max(first - REACH, 0), last + REACH) for first, last in extent(soft))
@@ -256,7 +249,7 @@ def estimate_foreground(linear: np.ndarray, alpha: np.ndarray) -> np.ndarray:
         (radius, where, a.take(where), _box_mean(a, radius).take(where))
         for radius, where in ((wide, near), (narrow, np.flatnonzero(soft)))
     ]
-    out = linear.copy()
+    out = np.copy(linear)  # in its order
     for channel in range(3):
         plane = np.ascontiguousarray(linear[part][..., channel])
         front = behind = plane

@@ -14,11 +14,12 @@ from relight.core.version import __version__
 from relight.lights import Light, lit_ball, write_light
 from relight.maps import coefficient_names
 from relight.maps.exr import CONVENTION, FRAME
+from relight.maps.square import Window, tiles
 from relight.photos.color import display_shading, on_white, to_srgb8
 from relight.photos.deep import write_deep
 from relight.photos.guide import FittedMap, luma
 from relight.photos.person import Person
-from relight.photos.render import strips, total_coverage
+from relight.photos.render import total_coverage
 from relight.photos.scene import Scene
 from relight.photos.shading import shading
 from relight.sh import mean_direction
@@ -121,8 +122,8 @@ def _write_layers(path: Path, scene: Scene) -> None:
 
 def placed_maps(
     person: Person, pixels: np.ndarray, fits: tuple[FittedMap, FittedMap]
-) -> Iterator[tuple[tuple[slice, slice], np.ndarray, np.ndarray, np.ndarray]]:
-    """Yields two fitted maps of a person at the photo's pixels, in strips: those of an 8k photo are gigabytes.
+) -> Iterator[tuple[Window, np.ndarray, np.ndarray, np.ndarray]]:
+    """Yields two fitted maps of a person at the photo's pixels, in parts: those of an 8k photo are gigabytes.
 
     Args:
         person: whose maps they are.
@@ -130,17 +131,14 @@ def placed_maps(
         fits: a map that the colors guide, and one that the luma guides.
 
     Yields:
-        The window of a strip in the photo, its pixels of the person (h,w) bool, and the values (N,C) of both maps.
+        The window of a part in the photo, its pixels of the person (h,w) bool, and the values (N,C) of both maps.
     """
-    columns = slice(*person.crop.columns)
-    for first, last in strips(*person.crop.rows):
-        window = slice(first, last), columns
+    for window in tiles(person.crop.rows, person.crop.columns):
         own = person.coverage[window] > 0
-        where = np.flatnonzero(own)
         # The photo's detail beyond the network's resolution guides both maps.
-        detail = person.detail(to_linear(pixels[window][own]), (first, last), where)
+        detail = person.detail(to_linear(pixels[window]), window)
         by_color, by_luma = (
-            fit.place(person.crop, guide, (first, last), where) for fit, guide in zip(fits, (detail, luma(detail)))
+            fit.place(person.crop, guide, window)[own] for fit, guide in zip(fits, (detail, luma(detail)))
         )
         yield window, own, by_color, by_luma
 

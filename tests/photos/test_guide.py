@@ -9,7 +9,6 @@ from relight.photos.guide import SMOOTH, Guide, fit_map, square_root
 SIDE, SCALE = 48, 8
 LARGE = SIDE * SCALE
 WHOLE = Crop(0.0, 0.0, float(LARGE), (0, LARGE), (0, LARGE), SIDE)
-ROWS = (0, LARGE)
 
 
 def averaged(image):
@@ -17,12 +16,12 @@ def averaged(image):
 
 
 def placed(maps):
-    return WHOLE.place(maps, ROWS).reshape(LARGE, LARGE, -1)
+    return WHOLE.place(maps)
 
 
 def upsampled(maps, guide, photo, mask=None, **options):
     mask = np.ones((SIDE, SIDE), bool) if mask is None else mask
-    return fit_map(maps, Guide(guide, mask), **options).place(WHOLE, photo - placed(guide), ROWS)
+    return fit_map(maps, Guide(guide, mask), **options).place(WHOLE, photo - placed(guide), WHOLE.window)
 
 
 def test_an_edge_of_the_photo_becomes_the_maps_edge():
@@ -56,11 +55,11 @@ def test_what_the_photo_does_not_show_stays_as_the_network_said():
     same = Crop(0.0, 0.0, float(SIDE), (0, SIDE), (0, SIDE), SIDE)
     guide = rng.random((SIDE, SIDE, 1))
     fit = fit_map(maps, Guide(guide, np.ones((SIDE, SIDE), bool)))
-    again = fit.place(same, guide - same.place(guide, (0, SIDE))[..., None], (0, SIDE))
+    again = fit.place(same, guide - same.place(guide), same.window)
     assert np.abs(again - maps).max() < 1e-6  # at its own resolution a map is returned
     ones = fit_map(np.ones((SIDE, SIDE, 3)), Guide(guide, guide[..., 0] > 0.2))
     detail = rng.normal(size=(LARGE, LARGE, 1))
-    assert np.abs(ones.place(WHOLE, detail, ROWS) - 1).max() < 1e-6
+    assert np.abs(ones.place(WHOLE, detail, WHOLE.window) - 1).max() < 1e-6
 
 
 def test_the_fit_is_the_slow_one():

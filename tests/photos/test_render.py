@@ -9,9 +9,9 @@ from scipy.ndimage import gaussian_filter
 
 from relight.core.errors import UserError
 from relight.core.srgb import LINEAR, LUMINANCE, encode, to_linear
+from relight.maps import square
 from relight.maps.square import Crop, crop_around
 from relight.panoramas import luminance
-from relight.photos import render as rendering
 from relight.photos.background import Background, read_background
 from relight.photos.color import apply_gain, to_codes, to_srgb8
 from relight.photos.look import Look
@@ -256,11 +256,11 @@ def test_a_cut_out_is_relit_as_the_picture_that_it_is_put_into(relighter, draw):
     assert np.abs(whole - both)[mask < 255].mean() < 0.003
 
 
-def test_strips_do_not_show(relighter, monkeypatch, draw):
+def test_parts_do_not_show(relighter, monkeypatch, draw):
     pixels, mask = draw()
     figures = relighter.infer(pixels, mask)
     whole = render(pixels, figures, OTHER, "ratio", Background("color", color=np.array([10, 200, 30])))
-    monkeypatch.setattr(rendering, "STRIP", 37)
+    monkeypatch.setattr(square, "TILE", 37)
     cut = render(pixels, figures, OTHER, "ratio", Background("color", color=np.array([10, 200, 30])))
     assert np.abs(cut.astype(int) - whole).max() <= 1
 

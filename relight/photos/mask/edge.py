@@ -9,8 +9,6 @@ the less of them is seen.
 A soft mask that is given, such as a matte, says more than that, and is never altered.
 """
 
-from functools import reduce
-
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
@@ -51,7 +49,11 @@ def fit_edge(pixels: np.ndarray, coverage: np.ndarray, automatic: bool = False) 
     share = out[part]
     if not ((share > 0) & (share < 255)).any():
         share[:] = uniform_filter(share, 3, mode="nearest")
-    low, high = (_combine(share, side, extreme) for extreme in (np.minimum, np.maximum))
+    starts = [np.arange(0, length, side) for length in share.shape]
+    low, high = (
+        extreme.reduceat(extreme.reduceat(share, starts[0], axis=0), starts[1], axis=1)
+        for extreme in (np.minimum, np.maximum)
+    )
     sure = (
         minimum_filter(low, 3, mode="nearest") > 255 - SURE,
         maximum_filter(high, 3, mode="nearest") < SURE,
@@ -62,20 +64,23 @@ def fit_edge(pixels: np.ndarray, coverage: np.ndarray, automatic: bool = False) 
     y, x = np.nonzero(unsure.repeat(side, 0).repeat(side, 1)[: share.shape[0], : share.shape[1]])
     cell = y // side * unsure.shape[1] + x // side
     given = share[y, x] / np.float32(255)
-    along = across = variance = np.float32(0)
-    for channel in range(3):
-        plane = to_linear(pixels[part][..., channel])
-        means = [_combine(values, side, np.add) / side**2 for values in (plane, plane**2)]
-        (front, behind), squares = (
-            [
-                uniform_filter(mean * cells, WINDOW, mode="nearest") / np.maximum(count, np.float32(1e-4))
-                for cells, count in zip(sure, seen)
-            ]
-            for mean in means
-        )
-        variance = variance + sum(np.maximum(a - b**2, 0) for a, b in zip(squares, (front, behind)))
-        step, from_behind = (front - behind).take(cell), plane[y, x] - behind.take(cell)
-        along, across = along + from_behind * step, across + step**2
+    near = maximum_filter(unsure, WINDOW)
+    missing = [(0, -length % side) for length in share.shape]  # border pixels complete the last cells
+    padded = np.pad(pixels[part], [*missing, (0, 0)], mode="edge")
+    cells = to_linear(padded.reshape(len(near), side, -1, side, 3).swapaxes(1, 2)[near])  # (n,side,side,3)
+    means = np.zeros((2, *near.shape, 3), np.float32)  # of values and of their squares
+    means[:, near] = cells.mean((1, 2)), (cells**2).mean((1, 2))
+    (front, behind), squares = (
+        [
+            uniform_filter(mean * known[..., None], (WINDOW, WINDOW, 1), mode="nearest")
+            / np.maximum(count, np.float32(1e-4))[..., None]
+            for known, count in zip(sure, seen)
+        ]
+        for mean in means
+    )
+    variance = sum(np.maximum(a - b**2, 0).sum(-1) for a, b in zip(squares, (front, behind)))
+    front, behind = (colors.reshape(-1, 3)[cell] for colors in (front, behind))
+    along, across = ((a * (front - behind)).sum(-1) for a in (to_linear(pixels[part][y, x]) - behind, front - behind))
     doubt = (NOISE**2 + SPREAD * variance.take(cell)) / (PRIOR**2 * trust.take(cell))
     fitted = (along + doubt * given) / (across + doubt)
     share[y, x] = np.rint(255 * np.clip((fitted - 0.5) * STEEP + 0.5, 0, 1))
@@ -86,13 +91,8 @@ def is_soft(coverage: np.ndarray) -> bool:
     """Returns whether a mask (H,W) uint8 has fractional values along its edge, more than coders leave in two values."""
     box = tuple(slice(max(first - 1, 0), last + 1) for first, last in extent(coverage >= MASK_THRESHOLD))
     share = coverage[box]
+    fractional = (share > HALF) & (share < 255 - HALF)
+    if not fractional.any():
+        return False
     edge = (maximum_filter(share, 3) >= MASK_THRESHOLD) & (minimum_filter(share, 3) < MASK_THRESHOLD)
-    along = share[edge]
-    return bool(((along > HALF) & (along < 255 - HALF)).sum() > SOFT * along.size)
-
-
-def _combine(values: np.ndarray, side: int, how: np.ufunc) -> np.ndarray:
-    # Border pixels complete the last cells.
-    height, width = values.shape
-    values = np.pad(values, ((0, -height % side), (0, -width % side)), mode="edge")
-    return reduce(how, (values[i::side, j::side] for i, j in np.ndindex(side, side)))
+    return bool(fractional[edge].sum() > SOFT * edge.sum())

@@ -117,7 +117,7 @@ def read_mask(mask: Given, size: tuple[int, int]) -> tuple[np.ndarray, list[str]
 def _values(image: Image.Image, what: str) -> np.ndarray:
     require_still(image, what)
     orientation = orientation_of(image)
-    if image.mode.startswith(("I", "F")):
+    if image.mode.startswith(("I", "F")) or (image.mode == "L" and "transparency" not in image.info):
         return upright(np.asarray(image), orientation)
     rgba = upright(np.asarray(image.convert("RGBA")), orientation)
     return rgba[..., 3] if has_outline(rgba[..., 3]) else rgba[..., :3]

@@ -44,10 +44,12 @@ def split_people(coverage: np.ndarray, share: float = 0.05) -> list[np.ndarray]:
         raise NobodyFound(f"the mask holds no figure of at least {MIN_SIZE} pixels")
     if len(large) == 1:
         return [coverage]
-    nearest = distance_transform_edt(~np.isin(labels, large), return_distances=False, return_indices=True)
-    owner = labels[tuple(nearest)]
+    labels *= np.isin(np.arange(count + 1), large)[labels]
+    apart = (labels == 0) & (coverage > 0)
+    nearest = distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
+    labels[apart] = labels[tuple(nearest[:, apart])]
     large.sort(key=lambda i: np.flatnonzero((labels == i).any(0)).mean())
-    return [np.where(owner == i, coverage, np.uint8(0)) for i in large]
+    return [np.where(labels == i, coverage, np.uint8(0)) for i in large]
 
 
 def mask_warnings(coverages: Sequence[np.ndarray]) -> list[str]:
