@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from relight.learning.augment import RED_PER_BLUE
-from relight.lights.chain import GENERATORS
 from relight.lights.light import Light
+from relight.lights.load import GENERATORS
 from relight.panoramas import Panorama, polyhaven, project
 from relight.panoramas.lookup import lookup
 from relight.panoramas.polyhaven import NAMES
@@ -20,7 +20,7 @@ class Lamplight:
     """A light.
 
     Attributes:
-        kind: a key of `relight.lights.chain.GENERATORS`, or `real`.
+        kind: a key of `relight.lights.load.GENERATORS`, or `real`.
         seed: random seed of its generator; of a real light, its index in `relight.panoramas.polyhaven.NAMES`.
         tint: ln(B/G) of the white balance.
         yaw: rotation about the vertical, degrees.

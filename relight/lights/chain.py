@@ -14,30 +14,17 @@ from relight.core.errors import UserError
 from relight.core.files import require_safe_name
 from relight.core.processes import count_cores, end_with_parent, has_semaphores
 from relight.core.progress import progress
+from relight.lights.load import GENERATORS
 from relight.lights.select import select_lights
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import LightSet
-from relight.panoramas import (
-    Panorama,
-    generate_lamps,
-    generate_room,
-    generate_sky,
-    list_panoramas,
-    orient,
-    project,
-    read_panorama,
-)
+from relight.panoramas import Panorama, list_panoramas, orient, project, read_panorama
 from relight.settings import Lights, Panoramas
 
 log = logging.getLogger(__name__)
 
 Projected = np.ndarray | tuple[np.ndarray, list[str]] | str  # light, light and repairs, or why there is none
 
-GENERATORS: dict[str, Callable[[int], np.ndarray]] = {
-    "room": generate_room,
-    "sky": generate_sky,
-    "lamps": generate_lamps,
-}
 MIN_PARALLEL = 48  # panoramas; for fewer, starting worker processes takes longer than it saves
 MAX_NAMED = 8  # panoramas that a warning lists
 

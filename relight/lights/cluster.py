@@ -1,11 +1,14 @@
 """Clusters of lights, their medoids, and the split into training, validation and test lights."""
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from relight.settings import Lights
 from relight.sh import cosine_factors, order_of, per_coefficient
+
+if TYPE_CHECKING:
+    from relight.settings import Lights
 
 VALIDATION = 0.1  # share of the lights for training that are left out of it for the validation
 MAX_VALIDATION = 8  # lights
@@ -77,7 +80,7 @@ def farthest_first(points: np.ndarray) -> np.ndarray:
     return np.array(order)
 
 
-def choose_test_lights(lights: np.ndarray, sources: np.ndarray, settings: Lights) -> np.ndarray:
+def choose_test_lights(lights: np.ndarray, sources: np.ndarray, settings: "Lights") -> np.ndarray:
     """Chooses the test lights: a share `settings.test` / `settings.clusters` of all lights, at least one.
 
     If `settings.split` is `random`, they are drawn at random. If it is `room`, all lights of a panorama are on one side

@@ -7,7 +7,7 @@ take most clusters. With `order: paper`, the clustering comes first, as in the p
 import logging
 from collections import Counter
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,8 +15,10 @@ from relight.core.errors import UserError
 from relight.lights.cluster import choose_test_lights, choose_validation_lights, medoids
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import SPLITS, LightSet
-from relight.settings import Lights
 from relight.sh import order_of, rotation_about_y, rotation_matrix
+
+if TYPE_CHECKING:
+    from relight.settings import Lights
 
 log = logging.getLogger(__name__)
 
@@ -61,7 +63,7 @@ class Rules:
 RULES = {"rooms": Rules(), "strong": Rules(bright=6.0, channel=8.0, first=1.72, color=1.5)}
 
 
-def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights) -> tuple[LightSet, dict[str, Any]]:
+def select_lights(coefficients: np.ndarray, sources: list[str], settings: "Lights") -> tuple[LightSet, dict[str, Any]]:
     """Selects a light set from the lights of panoramas.
 
     Args:
@@ -189,7 +191,7 @@ def broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
     }
 
 
-def _split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -> tuple[LightSet, LightSet]:
+def _split_by_rules(copies: LightSet, settings: "Lights", record: dict[str, Any]) -> tuple[LightSet, LightSet]:
     """Splits lights into usual and unusual ones, and writes the broken rules to their `reason`.
 
     If every light breaks a rule, those that break the fewest rules are usual. Lights of scale 0 are neither; raises
@@ -271,7 +273,7 @@ def _split_unusual(unusual: LightSet, usual: LightSet) -> np.ndarray:
     return np.array([splits[room] for room in unusual.source.tolist()])
 
 
-def _extra_test_lights(candidates: LightSet, lights: LightSet, settings: Lights) -> LightSet:
+def _extra_test_lights(candidates: LightSet, lights: LightSet, settings: "Lights") -> LightSet:
     """Selects `settings.extra_test` further test lights, without any effect on the training lights.
 
     They are medoids of the candidates from panoramas that have no training, test or rich light.
@@ -283,7 +285,7 @@ def _extra_test_lights(candidates: LightSet, lights: LightSet, settings: Lights)
     return extra
 
 
-def _split_warnings(lights: LightSet, settings: Lights) -> list[str]:
+def _split_warnings(lights: LightSet, settings: "Lights") -> list[str]:
     """Returns warnings about test lights that are not independent of the training lights or of each other."""
     train_sources, test_sources = (set(lights.of(split).source.tolist()) for split in ("train", "test"))
     shared, warnings = train_sources & test_sources, []

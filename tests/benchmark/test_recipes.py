@@ -9,7 +9,7 @@ from relight.benchmark import recipes as recipes_module
 from relight.benchmark.lights import Lamplight, panorama, resampled
 from relight.benchmark.recipes import HASHES, digest, draw_recipe, draw_recipes, with_gloss
 from relight.core.errors import UserError
-from relight.lights.chain import GENERATORS
+from relight.lights.load import GENERATORS
 from relight.lights.statistics import reference_brightness
 from relight.meshes import Material, Mesh
 from relight.panoramas import Panorama, project
