@@ -110,7 +110,7 @@ def main(results: Path, training: str) -> None:
     network, settings = load_network(results / "train" / f"{training}.safetensors")
     light_set = read_light_set(results / "lights" / "lights.npz")
     lights = np.concatenate([light_set.of(split).coefficients for split in settings["train"]["lights"]])
-    split = json.loads((results / "split" / "subject.json").read_text())
+    split = json.loads((results / "split.json").read_text())
     infos = json.loads((results / "figures.json").read_text())["figures"]
     generator = sorted({info["generator"] for info in infos.values() if "left_out" not in info})
     stages = lineage(settings, {"figures": len(split["train"]), "generator": generator})

@@ -2,10 +2,11 @@
 
 import csv
 import math
+import runpy
 import shutil
 
 import pytest
-from repo import OUT, WORDS, check_mlflow, planned, relight
+from repo import OUT, ROOT, WORDS, check_mlflow, planned, relight
 
 pytestmark = pytest.mark.slow
 
@@ -24,6 +25,16 @@ def test_report_is_one_page_with_pictures(done):
     assert 'href="viewer.html"' in page and (done / OUT / "report" / "viewer.html").stat().st_size > 50_000
     assert 'id="self_supervised"' in page and 'class="failed"' not in page
     assert "http://" not in page.replace("http://www.w3.org", "") and "<script src" not in page
+
+
+def test_a_network_becomes_the_weights_of_photos(done, tmp_path):
+    from relight.photos.network import read_network
+
+    make = runpy.run_path(str(ROOT / "tools" / "weights.py"))["main"]
+    make.__globals__["OUT"] = tmp_path
+    make(done / OUT, "ours_full.s0")
+    assert read_network(tmp_path / "photo.onnx").size == 64
+    assert "| held out | 1 figures, 2 lights |" in (tmp_path / "README.md").read_text()
 
 
 def test_runs_are_in_mlflow(done):
