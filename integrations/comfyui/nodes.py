@@ -198,15 +198,17 @@ def relight(self, image, light, mode, strength, turn, stops, mask=None, backgrou
     """The people of a picture under another light. What is not of them stays as it is."""
     behind = ["keep"] if background is None else [pixels_of(picture, encoding) for picture in background]
     looks = [Look(light, mode, picture, turn, stops, strength == MATCHED) for picture in behind]
-    out, alpha = image[..., :3].float().cpu().clone(), torch.zeros(image.shape[:3])
+    out, alpha = torch.empty(*image.shape[:3], 3), torch.zeros(image.shape[:3])  # filled late: an 8k picture is 768 MB
     for i, scene in each(image, mask, encoding, partial(scene_of, lit_by=lit_by)):
         relit, coverage = scene.relit(looks[i % len(looks)]), scene.picture.coverage
-        alpha[i] = torch.from_numpy(coverage) / 255
+        out[i], alpha[i] = image[i, ..., :3], torch.from_numpy(coverage) / 255
         for window in tiles((0, len(relit)), (0, relit.shape[1])):
             part = relit[window]
             part = part / np.float32(65535) if part.dtype == np.uint16 else encoded(part, encoding)
             own = True if background is not None else coverage[window][..., None] > 0
             np.copyto(out[i][window].numpy(), part, where=own)
+    nobody = alpha.amax((1, 2)) == 0
+    out[nobody] = image[nobody.to(image.device), ..., :3].float().cpu()
     return out, alpha
 
 

@@ -10,6 +10,7 @@ from PIL import Image
 from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.maps.square import MASK_THRESHOLD
+from relight.photos.color import as_codes
 from relight.photos.mask import selfie, u2net
 from relight.photos.mask.coverage import WANTED, coverage_of
 from relight.photos.mask.edge import fit_edge
@@ -58,7 +59,7 @@ def masked(picture: Picture, mask: Given | None = None, model: Path | str | None
             raise NobodyFound(f"{what} covers the whole photo: {WANTED}")
         if not solid.any():
             raise NobodyFound(f"{what} is empty: no pixel of it is at least half white")
-        if _is_the_photo(coverage, picture.codes):
+        if _is_the_photo(coverage, picture.pixels):
             raise UserError(f"{what} is the photo itself: {WANTED}")
         coverage = fit_edge(picture.pixels, coverage)
     else:
@@ -156,10 +157,10 @@ def automatic_model(model: Path | str | None = None) -> Path | None:
 def _is_the_photo(mask: np.ndarray, pixels: np.ndarray) -> bool:
     """Returns whether a mask is a grey version of the photo, saved by mistake: grey in places, and like its brightness.
 
-    `mask` is (H,W) uint8, and `pixels` (H,W,3) are those of the photo.
+    `mask` is (H,W) uint8, and `pixels` (H,W,3) are those of the photo, as `Picture` has them.
     """
     part = np.s_[:: max(len(mask) // 256, 1), :: max(mask.shape[1] // 256, 1)]
-    mask, grey = mask[part].astype(np.float64), pixels[part].astype(np.float64) @ [0.299, 0.587, 0.114]
+    mask, grey = mask[part].astype(np.float64), as_codes(pixels[part]).astype(np.float64) @ [0.299, 0.587, 0.114]
     if ((mask > 15) & (mask < 240)).mean() < 0.2 or mask.std() < 1 or grey.std() < 1:
         return False
     return abs(np.corrcoef(mask.ravel(), grey.ravel())[0, 1]) > 0.98
