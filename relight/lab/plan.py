@@ -68,12 +68,10 @@ class Plan:
             experiment = Experiment(**fields)
             if rows := [row for row in experiment.rows if row in selected]:
                 experiments[name] = replace(experiment, rows=rows)
-        if apart := selected - {row for fields in self.shared["experiments"].values() for row in fields["rows"]}:
-            if self.shared["sweep"]["only"]:
-                row = min(apart)
-                raise UserError(
-                    f"sweep.only: {row} is in no experiment: +experiments.{row}.rows=[{row}] makes one of it"
-                )
+        apart = selected - {row for fields in self.shared["experiments"].values() for row in fields["rows"]}
+        if apart and self.shared["sweep"]["only"]:
+            row = min(apart)
+            raise UserError(f"sweep.only: {row} is in no experiment: +experiments.{row}.rows=[{row}] makes one of it")
         return experiments
 
     # Figures and lights
@@ -187,19 +185,15 @@ class Plan:
         """Returns what MLflow records of the workflow with each training.
 
         Returns:
-            `track`: the settings of the group `track`. `tags`: row -> name of a tag -> text. `rows`: the overrides of
-            each row.
+            `track`: the settings of the group `track`. `tags`: text by name. `rows`: the overrides of each row.
         """
         settings = shlex.join(self.record["overrides"])[:MAX_TAG]
-        tags = {"workflow": self.shared["name"], "settings": settings, "clone": f"{platform.node()}:{ROOT}"}
+        tags = {"workflow": self.shared["name"], "experiment": ", ".join(self.experiments), "settings": settings}
+        tags["clone"] = f"{platform.node()}:{ROOT}"
         if commit := git(ROOT, "rev-parse", "HEAD"):
-            has_changes = bool(git(ROOT, "status", "--porcelain"))
-            tags |= {"mlflow.source.git.commit": commit, "git.dirty": str(has_changes).lower()}
-        tags_by_row = {}
-        for row in self.rows:
-            names = [name for name, experiment in self.experiments.items() if row in experiment.rows]
-            tags_by_row[row] = {**tags, "experiment": ", ".join(names)}
-        return {"track": self.shared["track"], "tags": tags_by_row, "rows": self.rows}
+            is_dirty = bool(git(ROOT, "status", "--porcelain"))
+            tags |= {"mlflow.source.git.commit": commit, "git.dirty": str(is_dirty).lower()}
+        return {"track": self.shared["track"], "tags": tags, "rows": self.rows}
 
     # Experiments
 
@@ -243,11 +237,6 @@ class Plan:
         rows = self.experiments[experiment].rows
         files = {row: [f"{folder}{training}.csv" for training in self.trainings_of(row)] for row in rows}
         return {**files, "": [f"{folder}baselines.csv"]}
-
-    @property
-    def score_files(self) -> list[str]:
-        """All files of scores that the report needs: by each experiment's own figures and lights, and by the usual."""
-        return list(dict.fromkeys(path for name in self.tables for path in self.results_of(name)))
 
     def results_of(self, experiment: str) -> list[str]:
         """Returns the files of an experiment that the report needs: the scores of a table, or those of its own jobs."""

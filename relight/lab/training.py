@@ -49,10 +49,9 @@ def evaluate(
     from relight.evaluation.scoring.evaluate import evaluate as score
     from relight.evaluation.scoring.scores import read_scores
     from relight.lab.tracking.run import log_scores
-    from relight.learning.checkpoint import read_config
 
     score(network, packed, lights, split, Condition.parse(condition), out)
     scores = next(iter(read_scores(out).values()), None)  # None if the condition has no figures or no lights
-    means = {name: float(values.mean()) for name, values in (scores.columns if scores else {}).items()}
-    known = {name: mean for name, mean in means.items() if not math.isnan(mean)}
-    log_scores(tracking, network, read_config(network), condition, known, out)
+    columns = scores.columns if scores else {}
+    means = {name: mean for name, values in columns.items() if not math.isnan(mean := float(values.mean()))}
+    log_scores(tracking, network, condition, means, out)

@@ -32,12 +32,7 @@ def test_light_transfer_section(results):
         columns = {"reconstruction_rmse": error, "reconstruction_ssim": 1 - error, "light_rmse": error}
         return Scores([f"a{i}+b{i}" for i in range(8)], [3, 4, 5, 6], columns)
 
-    levels = {
-        "": 0.1,
-        "true_light": 0.09,
-        "true_maps": 0.02,
-        "mean_light": 0.1,
-    }
+    levels = {"": 0.1, "true_light": 0.09, "true_maps": 0.02, "mean_light": 0.1}
     assert set(levels) == set(VARIANTS)
     rows = {f"ours_full{':' * bool(v)}{v}.s{s}": scores(level) for v, level in levels.items() for s in (0, 1)}
     rows |= {"as_it_is": scores(0.15), "true_maps_mean_light": scores(0.03)}

@@ -125,11 +125,8 @@ def test_experiment_on_other_figures_or_lights_is_compared_with_the_usual_ones(t
     pair = "Ours (full) against mean training figure, mean light: more than the usual pose"
     assert found[pair, "shading RMSE"] is Verdict.WORSE
     assert found[f"{pair} (usual ones)", "shading RMSE"] is not Verdict.WORSE
-    errors = {
-        "ours_full": {"light_rmse": 0.4},
-        "nearest_light": {"light_rmse": 0.39},
-        "mean_light": {"light_rmse": 0.8},
-    }
+    light = {"ours_full": 0.4, "nearest_light": 0.39, "mean_light": 0.8}
+    errors = {row: {"light_rmse": error} for row, error in light.items()}
     made = numbers(tmp_path / "b", "unusual_lights", errors, usual={"x": {}})
     found = verdicts(made)
     assert found["Ours (full), unusual lights against usual ones", "light RMSE"] is Verdict.WORSE
@@ -137,11 +134,8 @@ def test_experiment_on_other_figures_or_lights_is_compared_with_the_usual_ones(t
     assert found[nearest, "light RMSE"] is Verdict.WORSE
     mean = "Ours (full) against true maps, mean training light: more than the mean training light"
     gains = made["comparisons"].frame.set_index("in", append=True)["first better by"]
-    assert gains[mean, "light RMSE"].startswith("+5") and gains[f"{mean} (usual ones)", "light RMSE"][:2] in (
-        "0.",
-        "+0",
-        "−0",
-    )
+    assert gains[mean, "light RMSE"].startswith("+5")
+    assert gains[f"{mean} (usual ones)", "light RMSE"][:2] in ("0.", "+0", "−0")
 
 
 def test_experiment_without_pairs_compares_the_best_row(tmp_path):
@@ -182,11 +176,9 @@ def test_summary_effects_and_bounds(tmp_path):
 
 def whole_run(folder, *presets: str, **options):
     """All that a report reads, made small."""
-    made = [results(folder, preset, {}, **options) for preset in presets]
     asked = {}
-    for one, preset in zip(made, presets):
-        results(folder, preset, {}, **options)
-        asked |= one.experiments
+    for preset in presets:
+        asked |= results(folder, preset, {}, **options).experiments
     infos = {name: {"name": name, "warnings": ["its front is a guess"]} for name in FIGURES} | {
         "g<1>": {"name": "g<1>", "left_out": "it is a plane"}
     }
@@ -218,14 +210,7 @@ def test_build_report_is_whole_and_stands_alone(tmp_path):
     build.build_report(Results(folder, asked), out)
     html = out.read_text()
     found = check(html)
-    assert found.names == [
-        "what-came-out",
-        "how-to-read",
-        "table1",
-        "table2",
-        "figures",
-        "lights",
-    ]
+    assert found.names == "what-came-out how-to-read table1 table2 figures lights".split()
     assert "failed" not in found.classes and "10.1145/3272127.3275104" in html
     assert {f"#{name}" for name in found.names} <= set(found.links)
     assert all(source.startswith("data:image/") for source in found.sources) and len(found.sources) >= 4
@@ -292,10 +277,8 @@ def test_head_draws_no_conclusion_from_a_few_figures(tmp_path):
         for file in (folder / "evaluate" / "test-test").glob("*.csv"):
             table = pd.read_csv(file)
             table[table["figure"].isin(FIGURES[:figures])].to_csv(file, index=False)
-        made.record, made.lights = (
-            {"figures": dict.fromkeys(FIGURES), "left_out": {}},
-            {"lights": {"train": 3, "test": 1}},
-        )
+        made.record = {"figures": dict.fromkeys(FIGURES), "left_out": {}}
+        made.lights = {"lights": {"train": 3, "test": 1}}
         head = build.head("run", made, outcome=None)
         assert ("Knowing occlusion makes shading better" in head) == concludes
         assert ("concluded from this run: its networks are tested on 5 figures." in head) != concludes

@@ -158,7 +158,7 @@ def test_what_failed_leaves_the_report_of_the_others(calls, tmp_path, capsys):
     assert module.run(words, False, None, False, ["all"], []) == 1
     assert len(calls) == 1, "nothing is there: nothing to report"
     plan = Plan(compose_run(words))
-    wanted = [*plan.score_files, *map(plan.network, plan.trainings)]
+    wanted = [*plan.results_of("table1"), *map(plan.network, plan.trainings)]
     wanted += [f"{plan.out}/{path}" for path in ("packed.safetensors", "figures.json", "lights/lights.npz")]
     for path in wanted:
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)

@@ -19,7 +19,7 @@ from mlflow import MlflowClient
 
 from relight.core.errors import UserError
 from relight.lab.tracking import store
-from relight.lab.tracking.run import log_scores, training_run
+from relight.lab.tracking.run import log_report, log_scores, training_run
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
 from relight.learning.training_name import COLORS
@@ -38,9 +38,9 @@ FORKS.set_forkserver_preload(["mlflow", "mlflow.store.tracking.sqlalchemy_store"
 pytestmark = pytest.mark.slow
 
 
-def tracking(uri: str | None, **tags: dict) -> dict:
+def tracking(uri: str | None, **rows: list[str]) -> dict:
     """What a workflow gives its jobs for MLflow."""
-    return {"track": {"uri": uri, "experiment": "test"}, "tags": tags, "rows": {row: ["loss=min"] for row in tags}}
+    return {"track": {"uri": uri, "experiment": "test"}, "tags": TAGS, "rows": rows}
 
 
 def in_folder(folder: Path, action, *arguments) -> None:
@@ -58,7 +58,7 @@ def chdir_and_call(folder: Path, action, *arguments) -> None:
 
 def write(uri: str, seed: int) -> None:
     """A training of three epochs that does not end."""
-    with training_run(tracking(uri, ours=TAGS), f"ours.s{seed}", str(seed) * 64, {"lr": seed}) as run:
+    with training_run(tracking(uri, ours=["loss=min"]), f"ours.s{seed}", str(seed) * 64, {"lr": seed}) as run:
         for step in range(3):
             run.log({"loss": seed + step / 4, "validation/loss": seed}, step)
     os._exit(0)  # as if it were killed
@@ -119,18 +119,11 @@ def check_writers(client) -> None:
         assert run.data.metrics["loss/validation"] == seed
         tags = {**TAGS, "row": "ours", "seed": str(seed), "mlflow.runColor": COLORS[0]}
         assert run.data.tags.items() >= tags.items()
-        assert "mlflow.parentRunId" not in run.data.tags
 
 
 def test_connect_processes_share_a_new_store(client, folder):
     assert {path.name for path in folder.iterdir()} == {"mlflow.db", ".mlflow.lock"}
     check_writers(client)
-
-
-def make_run() -> None:
-    with training_run(tracking(URI), "ours.s0", "1" * 64, {"lr": 1}) as run:
-        run.log({"loss": 1.0}, 4)
-        os._exit(0)
 
 
 def record(uri: str, losses: dict[str, float]) -> None:
@@ -147,14 +140,20 @@ def record(uri: str, losses: dict[str, float]) -> None:
             assert not run._warnings
         means = {"shading_rmse": 0.5 - loss, "shading_ssim": 0.75}
         for condition in ("test", "sitting-test", "test"):
-            log_scores(tracking(uri), network, {"fingerprint": name.encode().hex()}, condition, means, curve)
+            log_scores(tracking(uri), network, condition, means, curve)
+    for _ in range(2):
+        log_report(tracking(uri), [Path(f"{name}.safetensors") for name in losses], [curve])
 
 
 def check_record(address: str) -> None:
-    """The runs of `record` ended, and are complete."""
+    """The runs of `record` ended, are complete, and are children of the one of their report."""
     store.select_store(address)
     client = MlflowClient()
-    for run in runs(client):
+    report, *trainings = sorted(runs(client), key=lambda run: run.info.run_name != "report of demo")
+    assert report.info.status == "FINISHED" and report.data.metrics == report.data.params == {}
+    assert [item.path for item in client.list_artifacts(report.info.run_id)] == ["sfsnet.s0.csv"]
+    for run in trainings:
+        assert run.data.tags["mlflow.parentRunId"] == report.info.run_id
         assert run.info.status == "FINISHED" and run.data.params == {"train.color": "paper"}
         scores = {name for name in run.data.metrics if name.startswith("test")}
         assert scores == {"test_shading_rmse"}
@@ -185,11 +184,27 @@ def test_training_run_is_recorded_in_another_folders_sqlite(tmp_path):
         assert kept.read_bytes() == (folder / f"{network}.safetensors").read_bytes()
 
 
+def train_again() -> None:
+    for clone, rate in (("here", 1), ("there", 2), ("here", 3), ("here", 3)):
+        given = tracking(URI)
+        given["tags"] = {**TAGS, "clone": clone}
+        with training_run(given, "ours.s0", str(rate) * 64, {"lr": rate}) as run:
+            run.log({"loss": 1.0}, 4)
+
+
+def test_a_training_that_is_made_again_renames_the_earlier_one(empty_store, tmp_path):
+    """That of its own clone, and once."""
+    shutil.copy(empty_store, tmp_path / "mlflow.db")
+    in_folder(tmp_path, train_again)
+    found = {run.data.params["lr"]: run.info.run_name for run in runs(MlflowClient(f"sqlite:///{tmp_path}/mlflow.db"))}
+    assert found == {"1": "ours.s0 (earlier)", "2": "ours.s0", "3": "ours.s0"}
+
+
 def test_connect_says_that_a_clone_was_moved(empty_store, tmp_path, capfd):
     """Artifacts would be written to the old place."""
     (tmp_path / "old").mkdir()
     shutil.copy(empty_store, tmp_path / "old" / "mlflow.db")
-    in_folder(tmp_path / "old", make_run)
+    in_folder(tmp_path / "old", train_again)
     (tmp_path / "old").rename(tmp_path / "new")
     with chdir(tmp_path / "new"), pytest.raises(UserError, match=r"old/mlruns is gone.*track\.experiment"):
         store.connect(Track(f"sqlite:///{tmp_path}/new/mlflow.db", "test"))
@@ -202,7 +217,8 @@ def test_without_an_address_nothing_is_tracked(tmp_path, monkeypatch, capsys):
     network = tmp_path / "ours.s0.safetensors"
     with training_run(tracking(None), "ours.s0", "1" * 64, {"lr": 1}) as run:
         assert run is None
-    log_scores(tracking(None), network, {"fingerprint": "1" * 64}, "test", {"light_rmse": 1.0}, network)
+    log_scores(tracking(None), network, "test", {"light_rmse": 1.0}, network)
+    log_report(tracking(None), [network], [network])
     assert not list(tmp_path.iterdir()) and capsys.readouterr() == ("", "")
 
 

@@ -4,7 +4,7 @@ FIRST_TABLE = PLAN.first_trainings(PLAN.tables[0]) if PLAN.tables else {}
 rule tables:
     "Compares the rows of each table, with confidence intervals."
     input:
-        PLAN.score_files,
+        [path for name in PLAN.tables for path in PLAN.results_of(name)],
     output:
         [
             report(
@@ -76,6 +76,7 @@ rule report:
     "Writes the page that answers the questions of the experiments."
     input:
         networks=[PLAN.network(training) for training in PLAN.scored],
+        tables=expand(f"{OUT}/report/{{table}}.csv", table=PLAN.tables),
         results=[path for name in PLAN.experiments for path in PLAN.results_of(name)],
         plates=expand(
             f"{OUT}/report/{{experiment}}_{{kind}}.png",

@@ -43,7 +43,7 @@ def build_report(results: Results, out: Path) -> None:
         UserError: if a result is missing or broken.
     """
     remove_outdated(results)
-    outcome = sections.summary(results) if _has_printed_tables(results) else None
+    outcome = sections.summary(results) if {*PRINTED} & {*results.tables} else None
     parts = []
     if outcome:
         parts.append(_section("what-came-out", "What came out", "summary.md", outcome))
@@ -55,11 +55,6 @@ def build_report(results: Results, out: Path) -> None:
     html = page.page("page.html", title=f"relight: {name}", head=head(name, results, outcome), sections=parts)
     with atomic_write(out) as tmp:
         tmp.write_text(html, encoding="utf-8")
-
-
-def _has_printed_tables(results: Results) -> bool:
-    """Returns whether a table of the run is one that the paper prints, so that its orderings can be tested."""
-    return not set(PRINTED).isdisjoint(results.tables)
 
 
 def remove_outdated(results: Results) -> None:

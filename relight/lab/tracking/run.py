@@ -1,9 +1,9 @@
 """The run of a training in MLflow."""
 
-import csv
+import hashlib
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from relight.core.files import file_hash
 from relight.core.version import __version__
 from relight.lab.tracking.store import connect
+from relight.learning.checkpoint import read_config
 from relight.learning.training_name import COLORS, TrainingName
 from relight.settings import Track, flat
 
@@ -25,9 +26,7 @@ Scores (`test_`) are means over all test figures and lights; `scores` of the art
 The columns of pictures: the picture, albedo, shading, a ball under the light, the figure under another light; the \
 truth is above what is inferred.
 """
-TOTAL = "loss/train"  # a metric of every step
 RETRY_FACTOR = 100  # delay before a failed store is tried again, over the duration of the failure
-HEADLINE = "_rmse"  # end of the scores that become metrics, of which MLflow draws a chart each
 
 
 class TrainingRun:
@@ -42,41 +41,46 @@ class TrainingRun:
         """Takes what the run records; nothing is sent before `open`.
 
         Args:
-            tracking: `track`, store and experiment, and `tags` and overrides by row (`relight.lab.plan.Plan.tracking`).
+            tracking: `track`, store and experiment, `tags`, and overrides by row (`relight.lab.plan.Plan.tracking`).
             name: name of the training, such as ours_full.s0.
             fingerprint: `relight.learning.train.fingerprint`.
             settings: parameters of the run, nested.
         """
-        training = TrainingName.parse(name)
+        training, rows = TrainingName.parse(name), tracking["rows"]
         self.track = Track(**tracking["track"])
         self.name, self.fingerprint = name, fingerprint
         # With those that the row names, such as loss=min, since a comparison shows what differs.
-        named = dict(word.lstrip("+").partition("=")[::2] for word in tracking["rows"].get(training.row, []))
+        named = dict(word.lstrip("+").partition("=")[::2] for word in rows.get(training.row, []))
         self.settings = {key: str(value) for key, value in (named | flat(settings)).items()}
-        self.tags = {"row": training.row, "fingerprint": fingerprint, "relight.version": __version__}
-        tags_by_row = tracking["tags"]
-        self.tags |= {"seed": str(training.seed), **tags_by_row.get(training.row, {})}
-        if training.row in tags_by_row:
-            self.tags["mlflow.runColor"] = COLORS[list(tags_by_row).index(training.row) % len(COLORS)]
+        self.tags = {**tracking["tags"], "fingerprint": fingerprint, "relight.version": __version__}
+        if training.row in rows:
+            color = COLORS[list(rows).index(training.row) % len(COLORS)]
+            self.tags |= {"row": training.row, "seed": str(training.seed), "mlflow.runColor": color}
         self.id = ""  # until it is open
         self.is_finished = False
         self._warnings: set[str] = set()
         self._retry_at = 0.0
 
-    def open(self) -> None:
-        """Finds or creates the run, with its parameters, as MLflow's active one unless it has finished."""
+    def open(self, note: str = NOTE) -> None:
+        """Finds or creates the run, with its parameters, as MLflow's active one unless it has finished.
+
+        One of the same name with other settings or data, which the new one replaces in the results, is renamed.
+        """
         if self.id:
             return
         client, experiment = connect(self.track)
         import mlflow
 
-        runs = client.search_runs([experiment], f"tags.fingerprint = '{self.fingerprint}'")
-        run: Any = next((found for found in runs if found.info.run_name == self.name), None)
+        runs = client.search_runs([experiment], f"attributes.run_name = '{self.name}'")
+        run: Any = next((found for found in runs if found.data.tags.get("fingerprint") == self.fingerprint), None)
+        for other in () if run else runs:
+            if all(other.data.tags.get(key) == self.tags.get(key) for key in ("workflow", "clone")):
+                client.update_run(other.info.run_id, name=f"{self.name} (earlier)")
         self.is_finished = run is not None and run.info.status == "FINISHED"
         if not self.is_finished:
             known = {"run_id": run.info.run_id} if run else {"experiment_id": experiment, "run_name": self.name}
             mlflow.end_run("FAILED")  # that of an earlier attempt
-            run = mlflow.start_run(**known, tags=self.tags, description=NOTE, log_system_metrics=True)
+            run = mlflow.start_run(**known, tags=self.tags, description=note, log_system_metrics=bool(self.settings))
             mlflow.log_params(self.settings)
         self.id = run.info.run_id
 
@@ -98,10 +102,12 @@ class TrainingRun:
             if self.is_finished:
                 return
             import mlflow
+            import pandas as pd
 
             with self.warned():
                 if curve:
-                    self._send(read_curve(curve))
+                    steps = pd.read_csv(curve, index_col="step").iterrows()
+                    self._send({int(step): values.dropna() for step, values in steps})
                     mlflow.log_artifact(str(curve), "curve")
                 mlflow.log_artifact(str(network), "network")
             mlflow.end_run()
@@ -130,18 +136,13 @@ class TrainingRun:
         if self.is_finished:
             return
         import mlflow
-        from mlflow.entities import Metric
 
-        client = mlflow.MlflowClient()
-        sent = {point.step for point in client.get_metric_history(self.id, TOTAL)}
-        for step, values in steps.items():
-            if step in sent:
-                continue
-            milliseconds = int(1000 * time.time())
-            metrics = [Metric(metric_name(name), value, milliseconds, step) for name, value in values.items()]
-            client.log_batch(self.id, metrics)
+        sent = {point.step for point in mlflow.MlflowClient().get_metric_history(self.id, "loss/train")}
+        for step in sorted(steps.keys() - sent):
+            metrics = {metric_name(name): value for name, value in steps[step].items()}
+            mlflow.log_metrics(metrics, step, run_id=self.id)
             if image is not None:
-                client.log_image(self.id, image, key="validation", step=step, synchronous=True)
+                mlflow.log_image(image, key="validation", step=step, synchronous=True)
 
 
 def metric_name(name: str) -> str:
@@ -157,22 +158,12 @@ def metric_name(name: str) -> str:
     return f"loss/{group}" if value == "loss" else f"{group}/{value}"
 
 
-def read_curve(path: Path) -> dict[int, dict[str, float]]:
-    """Reads the values of all steps of a training from its curve (.csv), without blanks."""
-    with open(path, newline="") as file:
-        rows = list(csv.DictReader(file))
-    return {int(row.pop("step")): {name: float(value) for name, value in row.items() if value} for row in rows}
-
-
 @contextmanager
 def training_run(tracking: dict[str, Any], name: str, fingerprint: str, settings: dict) -> Iterator[TrainingRun | None]:
     """Yields the open run of a training, and marks it as failed if the block raises.
 
     Args:
-        tracking: as for `TrainingRun`. Without an address nothing is tracked, and None is yielded.
-        name: name of the training, such as ours_full.s0.
-        fingerprint: hash of everything on which the results depend (`relight.learning.train.fingerprint`).
-        settings: parameters of the run, nested.
+        tracking, name, fingerprint, settings: as for `TrainingRun`; without an address None is yielded.
     """
     run = TrainingRun(tracking, name, fingerprint, settings)
     if not run.track.uri:
@@ -190,38 +181,61 @@ def training_run(tracking: dict[str, Any], name: str, fingerprint: str, settings
         raise
 
 
+def run_of(tracking: dict[str, Any], network: Path) -> TrainingRun:
+    """Returns the run of the training of a network (.safetensors); `finish` makes it if the store lacks it."""
+    config = read_config(network)
+    settings = {part: config[part] for part in ("model", "loss", "train", "augment") if part in config}
+    # A network without a fingerprint was trained elsewhere, and has its own run.
+    return TrainingRun(tracking, network.stem, config.get("fingerprint") or file_hash(network), settings)
+
+
+def log_report(tracking: dict[str, Any], networks: Iterable[Path], files: Iterable[Path]) -> None:
+    """Records a report in a run of its own, of which the runs of its trainings become children.
+
+    Args:
+        tracking: as for `TrainingRun`.
+        networks: that it compares (.safetensors).
+        files: page and tables.
+    """
+    if not tracking["track"]["uri"]:
+        return
+    trainings = {network: run_of(tracking, network) for network in networks}
+    fingerprint = hashlib.sha256(repr(sorted(one.fingerprint for one in trainings.values())).encode()).hexdigest()
+    report = TrainingRun(tracking, f"report of {tracking['tags']['workflow']}", fingerprint, {})
+    with report.warned():
+        report.open("Compares the trainings below this run: `report.html` among the artifacts, and its tables.")
+        import mlflow
+
+        for file in files:
+            mlflow.log_artifact(str(file), run_id=report.id)
+        mlflow.end_run()
+        for network, training in trainings.items():
+            training.finish(network)
+            mlflow.MlflowClient().set_tag(training.id, "mlflow.parentRunId", report.id)
+
+
 def log_scores(
-    tracking: dict[str, Any], network: Path, config: dict, condition: str, means: Mapping[str, float], scores: Path
+    tracking: dict[str, Any], network: Path, condition: str, means: Mapping[str, float], scores: Path
 ) -> None:
     """Adds the scores of a network to the run of its training, which is made if the store lacks it.
 
     Args:
         tracking: as for `TrainingRun`.
         network: file (.safetensors).
-        config: its header, as from `relight.learning.checkpoint.read_config`.
         condition: what was scored: `test`, whose RMSE become metrics, or others such as `sitting-test`.
         means: by name.
         scores: file of all scores.
     """
-    settings = {part: config[part] for part in ("model", "loss", "train", "augment") if part in config}
-    # A network without a fingerprint was trained elsewhere, and has its own run.
-    fingerprint = config.get("fingerprint") or file_hash(network)
-    training = TrainingRun(tracking, network.stem, fingerprint, settings)
-    if not training.track.uri:
+    if not tracking["track"]["uri"]:
         return
-    training.finish(network)  # makes the run of a network that was trained without the store; else does nothing
+    training = run_of(tracking, network)
+    training.finish(network)
     with training.warned():
-        from mlflow import MlflowClient
-        from mlflow.entities import Metric
+        import mlflow
 
         training.open()
-        client, milliseconds = MlflowClient(), int(1000 * time.time())
-        run = client.get_run(training.id)
-        names = [name for name in means if name.endswith(HEADLINE) and condition == "test"]
-        headline = {f"test_{name}": means[name] for name in names}
-        new = {name: value for name, value in headline.items() if run.data.metrics.get(name) != value}
-        metrics = [Metric(name, value, milliseconds, step=0) for name, value in new.items()]
-        client.log_batch(training.id, metrics)
-        table = "\n".join(["score,mean", *(f"{name},{value:.6g}" for name, value in means.items()), ""])
-        client.log_text(training.id, table, f"scores/{condition}/means.csv")
-        client.log_artifact(training.id, str(scores), f"scores/{condition}")
+        if condition == "test":  # MLflow draws a chart of each metric, and keeps one of two points that are the same
+            rmse = {f"test_{name}": mean for name, mean in means.items() if name.endswith("_rmse")}
+            began = mlflow.get_run(training.id).info.start_time
+            mlflow.log_metrics(rmse, step=0, run_id=training.id, timestamp=began)
+        mlflow.log_artifact(str(scores), f"scores/{condition}", run_id=training.id)

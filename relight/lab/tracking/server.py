@@ -9,8 +9,9 @@ from relight.core.errors import UserError
 from relight.lab.tracking.store import SQLITE, connect, select_store
 from relight.settings import ROOT, Track
 
-# The list of runs beside their curves; without a type MLflow's pages are for language models.
-VIEW = "?workflowType=machine_learning&compareRunsMode=CHART&orderByKey=attributes.start_time&orderByAsc=false"
+# The list of runs beside their curves; without a type MLflow's pages are for language models. Sorted by the time alone,
+# MLflow folds trainings into the run of their report, and draws no curves.
+VIEW = "?workflowType=machine_learning&compareRunsMode=CHART&orderByKey=tags.%60mlflow.user%60"
 
 
 def serve(track: Track, port: int) -> None:
