@@ -154,7 +154,10 @@ def test_experiment_without_pairs_compares_the_best_row(tmp_path):
     assert [head for _, head in found["tables"]["table2"].frame] == ["Shading", "Shading"]
 
 
-def test_pairs_of_rows_that_are_not_trained_are_left_out(tmp_path):
+def test_pairs_of_rows_that_are_not_trained_are_left_out(tmp_path, monkeypatch):
+    """The others keep their colors, which are those in MLflow."""
+    colored = []
+    monkeypatch.setattr(charts, "plot_errors", lambda table, rows, out: colored.extend(rows))
     falling = {"figures_8": 0.5, "figures_16": 0.4, "figures_32": 0.35}
     made = results(tmp_path, "data_size", {row: {"shading_rmse": value} for row, value in falling.items()})
     for kind in ("trainings", "scores", "usual"):
@@ -162,6 +165,7 @@ def test_pairs_of_rows_that_are_not_trained_are_left_out(tmp_path):
     found = verdicts(sections.experiment(made, "data_size"))
     assert found["Ours (full) against figures_8: more figures", "shading RMSE"] is Verdict.BETTER
     assert len(found) == 4 * 4 and not any("128" in what for what, _ in found)
+    assert colored == sorted(["ours_full", *(f"figures_{count}" for count in (8, 16, 32, 64, 128))])
 
 
 def test_summary_effects_and_bounds(tmp_path):

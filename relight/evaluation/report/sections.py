@@ -50,7 +50,7 @@ def experiment(results: Results, name: str) -> Numbers:
     usual = None if results.usual(name) else results.table(name, usual=True)
     compared = _compare_pairs(table, settings, usual)
     files = {kind: results.report / f"{name}_{kind}.png" for kind in ("errors", *PLATES)}
-    charts.plot_errors(table, results.rows, files["errors"])
+    charts.plot_errors(table, list(results.run["rows"]), files["errors"])
     return numbers | {
         "scored": table,
         "usual": usual,
