@@ -140,8 +140,7 @@ def add_plane(path, context):
     height, width = coverage.shape
     name, right = Path(path).stem, width / height
     mesh = bpy.data.meshes.new(name)
-    corners = [(-right, 0, -1), (right, 0, -1), (right, 0, 1), (-right, 0, 1)]
-    mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
+    mesh.from_pydata([(-right, 0, -1), (right, 0, -1), (right, 0, 1), (-right, 0, 1)], [], [(0, 1, 2, 3)])
     mesh.uv_layers.new().data.foreach_set("uv", [0, 0, 1, 0, 1, 1, 0, 1])
     layers = {"Albedo": np.dstack([albedo, coverage])}
     for target, third in zip(shader.TRANSPORT, np.split(transport, 3, axis=2)):

@@ -83,8 +83,7 @@ def pixels_of(picture, encoding):
         return linear_of(picture, encoding)
     pixels = np.empty((*picture.shape[:2], 3), np.uint16)
     for window in tiles((0, len(pixels)), (0, pixels.shape[1])):
-        codes = picture[window][..., :3].float().cpu().numpy()
-        pixels[window] = np.round(codes.clip(0) * 65535)
+        pixels[window] = (65535 * picture[window][..., :3].float().clamp_min(0)).round().cpu().numpy()
     return pixels
 
 
@@ -96,9 +95,7 @@ def linear_of(picture, encoding):
 
 def encoded(linear, encoding):
     """Returns linear values as `linear_of` takes them."""
-    if encoding == "linear":
-        return linear
-    return srgb.encode(linear) + 1.055 * (np.maximum(linear, 1) ** (1 / 2.4) - 1)
+    return linear if encoding == "linear" else srgb.encode(linear) + 1.055 * (np.maximum(linear, 1) ** (1 / 2.4) - 1)
 
 
 def coverages(mask, shape):
