@@ -134,7 +134,7 @@ def test_other_settings_are_another_run_and_each_tells_its_own(training):
         told.append((header(), curve()))
     for run, (made, points) in zip(training.runs(), told, strict=True):
         check_run(training, run, made, points)
-        assert run.info.run_name == "one.s0"
+    assert [run.info.run_name for run in training.runs()] == ["one.s0 (earlier)", "one.s0"]
     assert logged_network(run) == OUT.read_bytes()
 
 

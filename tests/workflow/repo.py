@@ -129,15 +129,17 @@ def at_work(repo: Path) -> list[psutil.Process]:
 
 
 def check_mlflow(repo: Path) -> None:
-    """Each training of WORDS has one run that ended well, with each of its metrics once a step."""
+    """Each training of WORDS has one run that ended well, with each metric once a step, below that of the report."""
     from mlflow import MlflowClient
 
     client = MlflowClient(f"sqlite:///{repo / 'mlflow.db'}")
-    runs = client.search_runs([client.get_experiment_by_name("smoke").experiment_id])
+    found = client.search_runs([client.get_experiment_by_name("smoke").experiment_id])
+    report, *runs = sorted(found, key=lambda run: run.info.run_name != "report of smoke")
     assert sorted(run.info.run_name for run in runs) == ["ours_full.s0", "self_all.s0"]
+    assert {path.path for path in client.list_artifacts(report.info.run_id)} == {"report.html", "self_supervised.csv"}
     for run in runs:
         name = run.info.run_name
-        assert run.info.status == "FINISHED"
+        assert run.info.status == "FINISHED" and run.data.tags["mlflow.parentRunId"] == report.info.run_id
         assert "figures.count=3" in run.data.tags["settings"] and run.data.params["train.steps"] == "24"
         assert "test_shading_rmse" in run.data.metrics and "loss/validation" in run.data.metrics
         steps = {key: [m.step for m in client.get_metric_history(run.info.run_id, key)] for key in run.data.metrics}
