@@ -56,8 +56,7 @@ class TrainingRun:
         if training.row in rows:
             color = COLORS[list(rows).index(training.row) % len(COLORS)]
             self.tags |= {"row": training.row, "seed": str(training.seed), "mlflow.runColor": color}
-        self.id = ""  # until it is open
-        self.is_finished = False
+        self.id, self.is_finished = "", False  # until it is open
         self._warnings: set[str] = set()
         self._retry_at = 0.0
 
@@ -214,9 +213,7 @@ def log_report(tracking: dict[str, Any], networks: Iterable[Path], files: Iterab
             mlflow.MlflowClient().set_tag(training.id, "mlflow.parentRunId", report.id)
 
 
-def log_scores(
-    tracking: dict[str, Any], network: Path, condition: str, means: Mapping[str, float], scores: Path
-) -> None:
+def log_scores(tracking: dict, network: Path, condition: str, means: Mapping[str, float], scores: Path) -> None:
     """Adds the scores of a network to the run of its training, which is made if the store lacks it.
 
     Args:
