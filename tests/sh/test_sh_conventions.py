@@ -63,6 +63,24 @@ def threejs(light):
     )  # fmt: skip
 
 
+def unity(light):
+    """ShadeSH9 of Unity's shaders, whose constants are made of SphericalHarmonicsL2 so; it gives irradiance / pi."""
+    x, y, z = (a[:, None] for a in (NORMALS * [1, 1, -1]).T)  # z away from the camera
+    linear = light[3] * x + light[1] * y + light[2] * z + (light[0] - light[6])
+    quadratic = light[4] * x * y + light[5] * y * z + 3 * light[6] * z * z + light[7] * x * z
+    return np.pi * (linear + quadratic + light[8] * (x * x - y * y))
+
+
+def unreal(light):
+    """The sky light of Unreal Engine: constants of an FSHVectorRGB3, and the sum in its shaders: irradiance / pi."""
+    x, y, z = (a[:, None] for a in (-NORMALS[:, 2], NORMALS[:, 0], NORMALS[:, 1]))  # ahead, right, up
+    root = np.sqrt(np.pi)
+    c0, c1, c2, c3 = 1 / (2 * root), np.sqrt(3) / (3 * root), np.sqrt(15) / (8 * root), np.sqrt(5) / (16 * root)
+    linear = c0 * light[0] - c3 * light[6] - c1 * light[3] * x - c1 * light[1] * y + c1 * light[2] * z
+    quadratic = c2 * (light[4] * x * y - light[5] * y * z - light[7] * x * z) + 3 * c3 * light[6] * z * z
+    return np.pi * (linear + quadratic + c2 / 2 * light[8] * (x * x - y * y))
+
+
 def plain(scale):
     """Coefficients that hold A_l already: the polynomials without it."""
     bands = np.repeat(A, [1, 3, 5])[:, None]
@@ -77,6 +95,8 @@ THEIRS = {
     "shtools": dpr,
     "pifu": lambda light: shade(light, OURS, lambda x, y, z: (x, y, z)),
     "threejs": threejs,
+    "unity": unity,
+    "unreal": unreal,
     "irradiance": plain(1),
     "irradiance_pi": plain(np.pi),
 }
