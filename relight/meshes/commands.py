@@ -24,7 +24,7 @@ def list_(folder: Annotated[Path, typer.Argument(help="Folder of scans.")]) -> N
 
 @app.command()
 def check(
-    mesh: Annotated[Path, typer.Argument(help="A .ply, .obj, .glb or .gltf file, or a folder of them.")],
+    mesh: Annotated[Path, typer.Argument(help="A .ply, .obj, .glb, .gltf or .stl file, or a folder of them.")],
     up: Annotated[str, typer.Option(help="Axis that points up: +y, +z, ... or auto.")] = "auto",
     front: Annotated[str, typer.Option(help="Axis that the figure faces, or auto.")] = "auto",
 ) -> None:

@@ -11,17 +11,35 @@ from relight.meshes.obj import read_obj
 from relight.meshes.ply import read_ply
 from relight.meshes.raw import RawMesh, checked_mesh
 
+
+def read_stl(path: Path) -> RawMesh:
+    """Reads triangles, ascii or binary, and joins corners at one point: STL has neither shared vertices nor colors.
+
+    Raises:
+        UserError: if the file is damaged.
+    """
+    import trimesh
+
+    try:
+        mesh = trimesh.load_mesh(path, process=False)
+        mesh.merge_vertices()
+    except Exception as error:  # trimesh raises several types
+        raise UserError(f"{path} is damaged, or no STL ({error})") from None
+    return RawMesh(mesh.vertices, mesh.faces, [None])
+
+
 READERS: dict[str, Callable[[Path], RawMesh]] = {
     ".ply": read_ply,
     ".obj": read_obj,
     ".glb": read_gltf,
     ".gltf": read_gltf,
+    ".stl": read_stl,
 }
 MAX_BYTES = 4 << 30  # an .obj of 20 million faces has about 2 GB
 
 
 def read_mesh(path: Path | str) -> Mesh:
-    """Reads a .ply, .obj (with .mtl and textures), .glb or .gltf file.
+    """Reads a .ply, .obj (with .mtl and textures), .glb, .gltf or .stl file.
 
     Textures stay 8-bit sRGB, vertex colors become linear; polygons become triangles; the transforms of nodes are
     applied.
@@ -51,7 +69,7 @@ def suffix_list() -> str:
     """Returns the supported suffixes as text.
 
     >>> suffix_list()
-    '.ply, .obj, .glb and .gltf'
+    '.ply, .obj, .glb, .gltf and .stl'
     """
     *most, last = READERS
     return f"{', '.join(most)} and {last}"

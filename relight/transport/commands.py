@@ -15,7 +15,7 @@ app = typer.Typer()
 @app.command()
 def bake(
     ctx: typer.Context,
-    mesh: Annotated[Path, typer.Argument(help="A .obj, .ply, .glb or .gltf file.")],
+    mesh: Annotated[Path, typer.Argument(help="A .obj, .ply, .glb, .gltf or .stl file.")],
     out: Annotated[
         list[Path] | None,
         typer.Option(

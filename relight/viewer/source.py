@@ -91,7 +91,7 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
     """
     if path.suffix.lower() == ".exr":
         return baked_figure(path)
-    if path.suffix.lower() in (".obj", ".ply", ".glb", ".gltf", ".npz"):
+    if path.suffix.lower() in (".obj", ".ply", ".glb", ".gltf", ".stl", ".npz"):
         raise UserError(f"{path} is no photo and no maps: `relight bake` makes maps of a mesh (.exr)")
     assert relighter is not None, "photos need a relighter"
     return photo_figure(relighter.scene(path, mask, size))

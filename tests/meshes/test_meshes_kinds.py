@@ -765,3 +765,25 @@ def test_align_table_with_a_decimal_comma(tmp_path, person):
         settings = Align(up="+y", front="+z", table=str(tmp_path / "axes.csv"))
         meshes.append(align(person(), settings).vertices)
     np.testing.assert_array_equal(*meshes)
+
+
+def test_a_cube_of_stl_is_one_surface_in_both_forms(tmp_path):
+    """Eight corners, which STL names 36 times; binary files may begin as ascii ones do."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]  # counter-clockwise
+    cube = corners[[(a, *pair) for a, b, c, d in sides for pair in ((b, c), (c, d))]]
+    facets = ["\n".join(f"vertex {x} {y} {z}" for x, y, z in triangle) for triangle in cube]
+    text = "".join(f"facet normal 0 0 0\nouter loop\n{facet}\nendloop\nendfacet\n" for facet in facets)
+    records = np.zeros(12, [("normal", "<f4", 3), ("triangle", "<f4", (3, 3)), ("attributes", "<u2")])
+    records["triangle"] = cube
+    data = b"solid".ljust(80) + struct.pack("<I", 12) + records.tobytes()
+    for content in (f"solid cube\n{text}endsolid cube\n", data):
+        path = write(tmp_path, {"cube.stl": content.encode() if isinstance(content, str) else content})
+        mesh = read_mesh(path)
+        assert len(mesh.vertices) == 8 and mesh.faces.shape == (12, 3)
+        a, b, c = np.moveaxis(mesh.vertices[mesh.faces].astype(float), 1, 0)
+        assert (a * np.cross(b, c)).sum() / 6 == pytest.approx(1)  # its volume, positive where faces look outward
+        assert "the albedo is white" in mesh.info["warnings"][0]
+    write(tmp_path, {"cube.stl": data[:-7]})
+    with pytest.raises(UserError, match=r"cube\.stl has no faces"):
+        read_mesh(path)

@@ -77,7 +77,7 @@ def test_a_table_replaces_the_listing(tmp_path):
 
 
 def test_folders_without_meshes_are_refused(tmp_path):
-    with pytest.raises(UserError, match=r"no folder.*\.ply, \.obj, \.glb and \.gltf"):
+    with pytest.raises(UserError, match=r"no folder.*\.ply, \.obj, \.glb, \.gltf and \.stl"):
         list_scans(tmp_path / "none")
     touch(tmp_path, "a.fbx", "skin.png")
     with pytest.raises(UserError, match=r"holds no scans; \.ply"):
