@@ -37,8 +37,7 @@ def split_people(coverage: np.ndarray, share: float = 0.05) -> list[np.ndarray]:
     """
     solid = coverage >= MASK_THRESHOLD
     labels, count = label(solid, np.ones((3, 3)))
-    areas = np.bincount(labels.ravel(), minlength=count + 1)
-    areas[0] = 0
+    areas = np.bincount(labels[solid], minlength=count + 1)
     large = [i for i in np.flatnonzero(areas >= share * areas.max()) if i and _has_min_size(labels == i)]
     if not large:
         raise NobodyFound(f"the mask holds no figure of at least {MIN_SIZE} pixels")
