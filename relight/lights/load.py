@@ -20,24 +20,15 @@ from relight.core.text import read_text
 from relight.lights.light import Light, direction, parts_of, total
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import read_light_set
-from relight.panoramas import (
-    Panorama,
-    generate_lamps,
-    generate_room,
-    generate_sky,
-    orient,
-    polyhaven,
-    project,
-    read_panorama,
-)
+from relight.panoramas import Panorama, orient, polyhaven, project, read_panorama
+from relight.panoramas.lamps import generate_lamps
+from relight.panoramas.rooms import generate_room
+from relight.panoramas.skies import generate_sky
 from relight.sh import CONVENTIONS, basis, to_relight
 from relight.sh.conventions import as_table
 
-GENERATORS: dict[str, Callable[[int], np.ndarray]] = {
-    "room": generate_room,
-    "sky": generate_sky,
-    "lamps": generate_lamps,
-}
+GENERATORS: dict[str, Callable[[int], np.ndarray]]
+GENERATORS = {"room": generate_room, "sky": generate_sky, "lamps": generate_lamps}
 GENERATED = re.compile(r"(room|sky|lamps):(\d{1,9})(?::([-+.0-9]+))?")
 KIND = re.compile(r"([a-z]{2,}):")  # Windows has drives of one letter
 HEXADECIMAL = re.compile(r"[0-9a-fA-F]{6}")  # the only color that needs no #

@@ -158,15 +158,13 @@ def _split_layers(
     share = alpha = coverage[wide] / np.float32(255)
     if visible is not None:
         share = alpha / np.maximum(np.maximum(visible[wide] / np.float32(255), alpha), 1e-9)
-    if _soft(share[inside]).any():
+    if ((share[inside] > 0) & (share[inside] < 1)).any():
         linear = _planes(pixels[wide])
         foreground, linear = estimate_foreground(linear, share)[inside], linear[inside]
     else:
         foreground = linear = _planes(pixels[window])
-    part = _Layers(linear, alpha[inside], share[inside], foreground, {})
-    for number, person in enumerate(people):
-        if (own := _own_pixels(person, window, foreground)) is not None:
-            part.people[number] = own
+    found = {number: own for number, person in enumerate(people) if (own := _own_pixels(person, window, foreground))}
+    part = _Layers(linear, alpha[inside], share[inside], foreground, found)
     if opaque:
         part.linear, part.share = part.foreground, np.ones_like(part.share)
     return part
@@ -220,10 +218,6 @@ def _relight(
     return product if scene else roll_off(product)
 
 
-def _soft(alpha: np.ndarray) -> np.ndarray:
-    return (alpha > 0) & (alpha < 1)
-
-
 def estimate_foreground(linear: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """Estimates the color of the people at pixels that they cover in part.
 
@@ -238,7 +232,7 @@ def estimate_foreground(linear: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     Returns:
         F (H,W,3); where alpha is 0 or 1, the photo.
     """
-    soft = _soft(alpha)
+    soft = (alpha > 0) & (alpha < 1)
     if not soft.any():
         return linear
     part = tuple(slice(max(first - REACH, 0), last + REACH) for first, last in extent(soft))

@@ -7,8 +7,7 @@ dpr              DPR's light files, z up and y away from the camera; often a sin
 shtools          pyshtools' orthonormalised real coefficients without phase as a vector l*l + l + m; the frame of dpr
 pifu             PIFu's env_sh.npy: the frame and the basis of relight
 threejs          LightProbe.toJSON and SphericalHarmonics3.toArray: the frame and the basis of relight
-unity            SphericalHarmonicsL2 as [channel, k]: irradiance / pi in the polynomials 1, y, z, x, xy, yz, 3z^2-1,
-                 xz, x^2-y^2; left-handed, z into the picture; order 2 alone
+unity            SphericalHarmonicsL2: irradiance / pi in 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2; z into the picture
 unreal           FSHVectorRGB3: with Condon-Shortley phase; left-handed, x into the picture, y right, z up
 irradiance       multiplied by A_l = pi, 2pi/3, pi/4: the coefficients of irradiance; order 2 at most
 irradiance_pi    multiplied by A_l / pi = 1, 2/3, 1/4: the radiance of a white diffuser; order 2 at most
@@ -23,8 +22,9 @@ from relight.sh.harmonics import bands, coefficient_count, cosine_factors, order
 
 KANAMORI_ORDER = [0, 2, 3, 1, 4, 5, 7, 6, 8]  # indices in kanamori2018 of 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2
 TO_Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # directions of relight to those of dpr: x, -z, y
-TO_UNREAL = np.array([[0, 0, -1.0], [1, 0, 0], [0, 1, 0]])  # directions of relight to those of unreal: -z, x, y
+TO_UNREAL = np.array([[0, 0, 1.0], [-1, 0, 0], [0, 1, 0]])  # -z, x, y, and half a turn, which is the phase (-1)^m
 POLYNOMIALS = np.sqrt(np.array([1, 3, 3, 3, 15, 15, 5 / 4, 15, 15 / 4]) / (4 * np.pi))  # Y_lm over unity's
+Converter = Callable[[np.ndarray], np.ndarray]
 MAX_ORDER = 6  # files with more numbers are hardly lights
 MAX_COEFFICIENT = 1e30  # pictures are float32, which overflows at 3e38
 
@@ -82,30 +82,13 @@ def mirror_z(light: np.ndarray) -> np.ndarray:
     return light * np.where((k - l * l) % 2, -1.0, 1.0)[:, None]
 
 
-def from_z_up(light: np.ndarray) -> np.ndarray:
-    """Rotates a light (K,3) from dpr's frame to relight's."""
-    return rotation_matrix(TO_Z_UP.T, order_of(len(light))) @ light
+def framed(axes: np.ndarray) -> tuple[Converter, Converter]:
+    """Returns the functions to relight and back for a frame whose directions are `axes` (3,3) times relight's."""
 
+    def turned(rotation: np.ndarray) -> Converter:
+        return lambda light: rotation_matrix(rotation, order_of(len(light))) @ light
 
-def to_z_up(light: np.ndarray) -> np.ndarray:
-    """Rotates a light (K,3) from relight's frame to dpr's."""
-    return rotation_matrix(TO_Z_UP, order_of(len(light))) @ light
-
-
-def from_unreal(light: np.ndarray) -> np.ndarray:
-    """Converts a light (K,3) from unreal to relight."""
-    return rotation_matrix(TO_UNREAL.T, order_of(len(light))) @ (light * _phase(light))
-
-
-def to_unreal(light: np.ndarray) -> np.ndarray:
-    """Converts a light (K,3) from relight to unreal."""
-    return _phase(light) * (rotation_matrix(TO_UNREAL, order_of(len(light))) @ light)
-
-
-def _phase(light: np.ndarray) -> np.ndarray:
-    """Returns Condon and Shortley's phase (-1)^m (K,1) of the coefficients of a light (K,3)."""
-    l = bands(order_of(len(light)))
-    return np.where((np.arange(len(light)) - l * l - l) % 2, -1.0, 1.0)[:, None]
+    return turned(axes.T), turned(axes)
 
 
 def unity_factors(light: np.ndarray) -> np.ndarray:
@@ -134,19 +117,19 @@ def unchanged(light: np.ndarray) -> np.ndarray:
 
 
 # Functions to relight's convention and back, by the name of the convention.
-CONVENTIONS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]] = {
+CONVENTIONS: dict[str, tuple[Converter, Converter]] = {
     "relight": (unchanged, unchanged),
     "kanamori2018": (from_kanamori, to_kanamori),
     "ramamoorthi2001": (mirror_z, mirror_z),
-    "dpr": (from_z_up, to_z_up),
-    "shtools": (from_z_up, to_z_up),
+    "dpr": framed(TO_Z_UP),
+    "shtools": framed(TO_Z_UP),
     "pifu": (unchanged, unchanged),
     "threejs": (unchanged, unchanged),
     "unity": (
         lambda light: mirror_z(light / unity_factors(light)),
         lambda light: mirror_z(light) * unity_factors(light),
     ),
-    "unreal": (from_unreal, to_unreal),
+    "unreal": framed(TO_UNREAL),
     "irradiance": (lambda light: light / irradiance_factors(light), lambda light: light * irradiance_factors(light)),
     "irradiance_pi": (
         lambda light: light / irradiance_factors(light) * np.pi,
@@ -178,7 +161,7 @@ def from_relight(array: np.ndarray, name: str) -> np.ndarray:
     return from_ours(as_table(array))
 
 
-def converters(name: str) -> tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]:
+def converters(name: str) -> tuple[Converter, Converter]:
     """Returns the functions from the convention `name` to relight and back; raises UserError if it is unknown."""
     if name not in CONVENTIONS:
         raise UserError(f"convention {name!r}: must be one of {', '.join(CONVENTIONS)}")
