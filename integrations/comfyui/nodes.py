@@ -30,7 +30,6 @@ from relight.sh import mean_direction
 
 MEMORY = 32_000_000  # pixels whose scenes are kept, so that turning a light is quick: an inference takes CPU-seconds
 LIGHT = "RELIGHT_LIGHT"  # type of a `relight.lights.Light` in ComfyUI
-MATCHED = "matched to the picture"
 DISPLAY_STRENGTH = 0.5  # shading may exceed 1: half of it is shown
 SCENES = {}  # by `scene_of`, the oldest first
 NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS = {}, {}
@@ -187,17 +186,18 @@ def panorama_light(self, panorama, encoding):
     image=IMAGE,
     light=(LIGHT, {"tooltip": "The new light."}),
     mode=(["ratio", "full"], {"tooltip": "Ratio keeps all detail of the picture; full is albedo times shading."}),
-    strength=([MATCHED, "its own"], {"tooltip": "Whether the light is scaled to the picture's exposure."}),
+    strength=(["matched to the picture", "its own"], {"tooltip": "Whether the light takes the picture's exposure."}),
     turn=("FLOAT", {"default": 0.0, "min": -180.0, "max": 180.0, "step": 1.0, "tooltip": "Of the light, degrees."}),
     stops=("FLOAT", {"default": 0.0, "min": -8.0, "max": 8.0, "step": 0.1, "tooltip": "Exposure, powers of two."}),
 )
 def relight(self, image, light, mode, strength, turn, stops, mask=None, background=None, encoding="sRGB", lit_by=None):
     """The people of a picture under another light. What is not of them stays as it is."""
     behind = ["keep"] if background is None else [pixels_of(picture, encoding) for picture in background]
-    looks = [Look(light, mode, picture, turn, stops, strength == MATCHED) for picture in behind]
+    looks = [Look(light, mode, picture, turn, stops, strength != "its own") for picture in behind]
     out, alpha = torch.empty(*image.shape[:3], 3), torch.zeros(image.shape[:3])  # filled late: an 8k picture is 768 MB
     for i, scene in each(image, mask, encoding, partial(scene_of, lit_by=lit_by)):
         relit, coverage = scene.relit(looks[i % len(looks)]), scene.picture.coverage
+        log(scene.notes_on(looks[0]) if i == 0 else ())
         out[i], alpha[i] = image[i, ..., :3], torch.from_numpy(coverage) / 255
         for window in tiles((0, len(relit)), (0, relit.shape[1])):
             part = relit[window]

@@ -188,7 +188,7 @@ def test_degrees_apart():
 def test_a_light_from_behind_is_told_with_the_turn_that_mends_it(relighter, photo_files):
     scene = relighter.scene(photo_files[0])
     (note,) = scene.notes_on(Look("key:#ffffff@-150,10"))
-    assert note == "most of this light comes from behind: --turn 150 brings it to the front"
+    assert note == "most of this light comes from behind: a turn of 150 brings it to the front"
     (note,) = scene.notes_on(Look("key:#ffffff@0,-70,0.1"))
     assert note.startswith("most of this light comes from below")
     for light, turn in (("key:#ffffff@-150,10", 150.0), ("key:#ffffff@80,10", 0.0), ("even", 180.0)):
