@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 import typer
 
 app = typer.Typer()
+GRACE = 3  # seconds in which a worker that is told to end may remove its files
 
 
 def seeds_of(text: str) -> list[int]:
@@ -47,7 +48,12 @@ def start_worker() -> None:
 
     Ctrl-C goes to all processes; a worker ignores it, and waits for the parent to end it.
     """
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+
+    def end(number: int, _: object) -> None:
+        signal.alarm(GRACE)  # ends the process where a destructor swallows the exception; the pool waits for it
+        sys.exit(128 + number)
+
+    signal.signal(signal.SIGTERM, end)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

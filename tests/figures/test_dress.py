@@ -3,12 +3,16 @@
 import csv
 import hashlib
 import json
+import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +25,7 @@ from relight.figures import dress, gates
 from relight.figures.body.person import sample_person
 from relight.figures.cloth import colliders
 from relight.figures.cloth.drape import DrapeResult
-from relight.figures.commands import app, seeds_of, write_table
+from relight.figures.commands import app, seeds_of, start_worker, write_table
 from relight.figures.constraints import Constraints
 from relight.figures.dress import make_figure
 from relight.figures.export import write_glb
@@ -432,6 +436,21 @@ def test_constraints_that_nobody_satisfies_are_one_sentence(monkeypatch, fixed, 
     constraints = Constraints(**fixed)
     with pytest.raises(UserError, match=message):
         dress.sample(3, 0, 1, constraints.sitting, constraints)
+
+
+def stubborn_worker():
+    """Swallows the end, as a destructor does, and goes on."""
+    start_worker()
+    with suppress(SystemExit):
+        os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(600)
+
+
+def test_a_worker_that_swallows_its_end_ends():
+    worker = get_context("spawn").Process(target=stubborn_worker)
+    worker.start()
+    worker.join()
+    assert worker.exitcode == -signal.SIGALRM
 
 
 @pytest.mark.slow
