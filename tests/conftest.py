@@ -11,6 +11,12 @@ import numpy as np
 import pytest
 
 
+def pytest_configure():
+    """Programs that tests start find the package of this repository, whatever is installed."""
+    paths = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
+    os.environ["PYTHONPATH"] = os.pathsep.join(paths)
+
+
 def pytest_collection_modifyitems(items):
     """Files with slow tests come first, the workflow's before all: processes deal files out among them, and none is to
     be left alone with a long one at the end."""

@@ -2,7 +2,9 @@
 
 import json
 import struct
+import zlib
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -26,6 +28,26 @@ def glb_of(scene: dict, data: bytes = b"", pad: bytes = b" ", version: int = 2) 
     text, data = text + pad * (4 + -len(text) % 4), data + b"\0" * (-len(data) % 4)
     chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
     return b"glTF" + struct.pack("<II", version, 12 + len(chunks)) + chunks
+
+
+def png_chunks(*chunks: tuple[bytes, bytes]) -> bytes:
+    """Chunks of a PNG, by kind and content."""
+    return b"".join(
+        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in chunks
+    )
+
+
+def png_of_size(width: int, height: int) -> bytes:
+    """A PNG whose header promises a size, with nearly no pixels."""
+    header = struct.pack(">II5B", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + png_chunks((b"IHDR", header), (b"IDAT", zlib.compress(b"\0")), (b"IEND", b""))
+
+
+def write_pfm(path: Path, pixels: np.ndarray) -> Path:
+    """Writes a panorama (H,W,3) without loss."""
+    height, width = pixels.shape[:2]
+    path.write_bytes(b"PF\n%d %d\n-1.0\n" % (width, height) + pixels[::-1].astype("<f4").tobytes())
+    return path
 
 
 def lights_of(split: Sequence[str], **fields) -> LightSet:

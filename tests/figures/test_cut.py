@@ -9,8 +9,6 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from relight.figures import wear
-from relight.figures.body.person import build_body, sample_person
-from relight.figures.cloth import colliders
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.drape import Level
 from relight.figures.cloth.layers import signed_distance
@@ -22,12 +20,6 @@ from relight.figures.tailor.garments import wardrobe
 
 UP, LEFT, AHEAD = np.eye(3)[[1, 0, 2]]
 NECK = collars.Neck(np.zeros(3), LEFT, UP, AHEAD)
-
-
-@pytest.fixture(scope="module")
-def body():
-    colliders.init_warp()
-    return build_body(sample_person(np.random.default_rng(3)))
 
 
 def cut(body, name, **changes):
@@ -132,7 +124,6 @@ def tube(radius: float = 0.06, columns: int = 24) -> tuple[np.ndarray, np.ndarra
 @pytest.mark.parametrize("kind", ["none", "roll", "stand"])
 def test_collar_of_a_closed_neckline_is_smooth(kind):
     """A neckline as uneven as a drape's, in and out by 3 %: no notch is left, nor where the band is joined."""
-    colliders.init_warp()
     points, faces = tube()
     ring = max(border_loops(faces), key=lambda ring: points[ring, 1].mean())
     points[ring] *= 1 + 0.03 * (-1.0) ** np.arange(len(ring))[:, None]
@@ -163,7 +154,6 @@ def test_banded_smooths_the_neckline_and_the_cloth_beside_it():
 
 @pytest.mark.parametrize("kind", ["hood", "lapel"])
 def test_collar_hood_and_lapel_are_outside_the_cloth(kind):
-    colliders.init_warp()
     points, faces = tube()
     vertices, solid, _ = collars.collar(points, faces, np.zeros((len(points), 2)), kind, NECK, 1.0)
     _, distance, _ = signed_distance(vertices, Collider(points, points, faces), 0.2)
@@ -207,7 +197,6 @@ def test_band_of_a_closed_front_has_its_width_and_offset(front):
 
 
 def test_belt_goes_around_with_its_buckle_in_front():
-    colliders.init_warp()
     body = trimesh.creation.cylinder(0.15, 0.6, sections=64)
     points = body.vertices[:, [1, 2, 0]]
     turn = np.linspace(0, 2 * np.pi, 20)
@@ -224,7 +213,6 @@ def test_belt_goes_around_with_its_buckle_in_front():
 
 
 def test_tie_lies_on_the_shirt():
-    colliders.init_warp()
     points, faces = sheet(0.5, 0.1)
     vertices, solid = trims.tie(points, faces, NECK._replace(base=np.array([0, 0.4, 0.0])))
     shell = trimesh.Trimesh(vertices, solid, process=False)

@@ -118,7 +118,6 @@ def test_pose_solver_crossed_arms_do_not_go_through_each_other(person):
 
 @pytest.mark.parametrize("name", ["hands on hips", "hands in pockets", "hands in back pockets", "sitting"])
 def test_clear_hands_lays_resting_palms_on_the_body(person, name):
-    colliders.init_warp()
     pose = clearance.clear_hands(person, pose_of(name), (0.02, 0.02))
     skin = build_motion(person, pose, 1).skin(makehuman.rig().weights[makehuman.BODY], person.skin)
     faces = makehuman.base().faces["body"]
@@ -178,7 +177,6 @@ def test_box_revolved_and_strap_are_closed_and_face_outward():
 @pytest.mark.parametrize("name", ["with a phone", "with a cup", "with a bag"])
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_props_are_in_the_palm(person, name, mirrored):
-    colliders.init_warp()
     pose = pose_of(name)
     if mirrored:
         pose = stances.replace(pose, left=pose.right, right=pose.left)
@@ -205,7 +203,6 @@ def test_props_are_in_the_palm(person, name, mirrored):
 
 
 def test_props_of_sitting_figures_are_a_stool_on_the_floor(person):
-    colliders.init_warp()
     pose = pose_of("sitting")
     motion = build_motion(person, pose, 1)
     skin, faces = surface_of(person, motion)

@@ -4,16 +4,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.figures.cloth import colliders, crossings, drape
+from relight.figures.cloth import crossings, drape
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.solver import Cloth, ClothSolver, SolverSettings
 from relight.figures.rings import winding
 from relight.figures.surfaces import grid_faces
-
-
-@pytest.fixture(scope="module", autouse=True)
-def warp():
-    colliders.init_warp()
 
 
 def square(n=21, side=0.4, height=1.0):

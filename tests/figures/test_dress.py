@@ -22,8 +22,6 @@ from typer.testing import CliRunner
 
 from relight.core.errors import UserError
 from relight.figures import dress, gates
-from relight.figures.body.person import sample_person
-from relight.figures.cloth import colliders
 from relight.figures.cloth.drape import DrapeResult
 from relight.figures.commands import app, seeds_of, start_worker, write_table
 from relight.figures.constraints import Constraints
@@ -155,10 +153,8 @@ def test_make_figure_redraws_sit_only_at_first_if_by_chance(figure, monkeypatch,
 
 
 @pytest.fixture(scope="module")
-def snug():
+def snug(body):
     """A dress as its pattern lies around a standing body, not draped: a drape that passes."""
-    colliders.init_warp()
-    body = dress.build_body(sample_person(np.random.default_rng(3)))
     motion = dress.build_motion(body, stances.poses()["straight"], 4)
     pattern = patterns.build_pattern(body, wardrobe()["dress"], 0)
     level = pattern.levels[0]
@@ -274,7 +270,6 @@ def two_walls(hole: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_poke_through_counts_specks_and_no_openings():
-    colliders.init_warp()
     assert gates.poke_through(*two_walls(0.0)) == 0
     found = gates.poke_through(*two_walls(0.0051))
     assert 4 <= found <= gates.MAX_PATCH

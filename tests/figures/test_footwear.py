@@ -5,7 +5,6 @@ import pytest
 
 from relight.figures.body import makehuman
 from relight.figures.body.person import build_body, sample_person
-from relight.figures.cloth import colliders
 from relight.figures.pose import stances
 from relight.figures.pose.motion import build_motion
 from relight.figures.tailor import footwear
@@ -13,7 +12,6 @@ from relight.figures.tailor import footwear
 
 @pytest.fixture(scope="module")
 def feet():
-    colliders.init_warp()
     built = build_body(sample_person(np.random.default_rng(2)))
     return built, build_motion(built, stances.poses()["relaxed"], 1)
 

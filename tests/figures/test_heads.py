@@ -27,7 +27,6 @@ def person():
 @pytest.fixture(scope="module")
 def head(person):
     """A body, its pose, and its posed skin: all that hair needs."""
-    colliders.init_warp()
     built = build_body(person)
     motion = build_motion(built, stances.poses()["relaxed"], 1)
     return built, motion, (motion.posed_skin, makehuman.base().faces["body"])

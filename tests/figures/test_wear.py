@@ -9,7 +9,7 @@ import trimesh
 from relight.figures import gates, outfits
 from relight.figures.body import makehuman
 from relight.figures.body.person import build_body, sample_person
-from relight.figures.cloth import colliders, layers
+from relight.figures.cloth import layers
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.drape import DrapeResult, Level
 from relight.figures.cloth.layers import signed_distance
@@ -26,19 +26,13 @@ CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
 
 
 @pytest.fixture(scope="module")
-def person():
-    colliders.init_warp()
-    return build_body(sample_person(np.random.default_rng(3)))
-
-
-@pytest.fixture(scope="module")
-def standing(person):
-    motion = build_motion(person, stances.poses()["straight"], 1)
-    return motion, motion.skin(makehuman.rig().weights[makehuman.BODY], person.skin)
+def standing(body):
+    motion = build_motion(body, stances.poses()["straight"], 1)
+    return motion, motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
 
 
 @pytest.mark.parametrize("garment", group("scarves").values(), ids=lambda garment: garment.name)
-def test_drape_scarf_lies_around_the_neck_and_hangs_in_front(person, standing, garment):
+def test_drape_scarf_lies_around_the_neck_and_hangs_in_front(body, standing, garment):
     motion, skin = standing
     faces = makehuman.base().faces["body"]
     worn = drape_scarf(motion, Worn(garment, CLOTH), (skin, faces), [], DETAILS["draft"])
@@ -54,10 +48,10 @@ def test_drape_scarf_lies_around_the_neck_and_hangs_in_front(person, standing, g
     assert np.percentile(distance, 1) > -0.002
 
 
-def test_tucked_top_is_pinned_below_the_waistband_only(person):
+def test_tucked_top_is_pinned_below_the_waistband_only(body):
     top, bottom = fitting.tucked(wardrobe()["t-shirt"], wardrobe()["jeans"])
-    pattern = patterns.build_pattern(person, top, 0)
-    edge = person.heights["waist"] + bottom.waist
+    pattern = patterns.build_pattern(body, top, 0)
+    edge = body.heights["waist"] + bottom.waist
     y, pinned = pattern.fields["y"], pattern.levels[0].pin_weight
     assert (pinned[y < edge - 0.01] > 0.89).all()
     assert (pinned[(y > edge + 0.035) & (pattern.fields["arm_shareL"] + pattern.fields["arm_shareR"] < 0.1)] == 0).all()
@@ -95,7 +89,6 @@ def box(open_side: bool) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("open_side", [False, True])
 def test_sees_outside_through_the_open_side_of_a_box(open_side):
-    colliders.init_warp()
     vertices, faces = box(open_side)
     points = np.array([[0, 0, 0], [0.5, 0.3, -0.9], [0, 0, 0]])
     normal = np.array([[0.0, 0, 1], [0, 0, 1], [0, 0, -1]])  # the last turns its back to the open side
@@ -104,7 +97,6 @@ def test_sees_outside_through_the_open_side_of_a_box(open_side):
 
 
 def test_push_under_moves_skin_under_cloth_and_none_out_of_a_fold():
-    colliders.init_warp()
     a = np.linspace(-0.1, 0.1, 21)
     skin = np.stack([*np.meshgrid(a, a), np.zeros((21, 21))], -1).reshape(-1, 3)
     faces = grid_faces(21, 21)[:, ::-1]
@@ -142,7 +134,6 @@ def test_cover_does_not_hide_skin_under_a_lifted_garment():
 @pytest.mark.parametrize("name", ["tank top", "dress"])
 def test_cut_from_suit_short_sleeves_leave_the_trunk_whole(name, seed):
     """Hem, neck and two armholes that end under the arm, not a hand's breadth down the side."""
-    colliders.init_warp()
     body = build_body(sample_person(np.random.default_rng(seed)))
     garment = wardrobe()[name]
     level = patterns.build_pattern(body, garment, 0).levels[0]
@@ -154,14 +145,14 @@ def test_cut_from_suit_short_sleeves_leave_the_trunk_whole(name, seed):
 
 @pytest.mark.parametrize("name", ["high sneakers", "boots"])
 @pytest.mark.slow
-def test_drape_outfit_hangs_trousers_over_the_shoes(person, name):
+def test_drape_outfit_hangs_trousers_over_the_shoes(body, name):
     shoe = next(s for s in shoes() if s.name == name)
-    outfit = outfits.sample_outfit(np.random.default_rng(0), person.person)
+    outfit = outfits.sample_outfit(np.random.default_rng(0), body.person)
     outfit = replace(outfit, garments=[Worn(wardrobe()["jeans"], CLOTH)], shoe=shoe)
-    motion = build_motion(person, stances.poses()["straight"], DETAILS["draft"].frames)
+    motion = build_motion(body, stances.poses()["straight"], DETAILS["draft"].frames)
     x = drape_outfit(motion, outfit, DETAILS["draft"])[0].draped.positions
     for side in "LR":
-        leather = upper(person, shoe, side)
+        leather = upper(body, shoe, side)
         posed = motion.skin(leather.weights, leather.shape)
         _, distance, _ = signed_distance(x, Collider(posed, posed, leather.faces), 0.03)
         near = np.isfinite(distance) & (x[:, 1] < posed[:, 1].max() - 0.005)
@@ -177,29 +168,29 @@ def hands(body, pose):
     return np.percentile(distance, 5)
 
 
-def test_clear_hands_makes_room_for_clothes(person):
+def test_clear_hands_makes_room_for_clothes(body):
     loose = replace(stances.poses()["straight"].left, wrist=(0.05, -0.95, 0.06))
     pose = stances.Pose("", loose, loose)
-    assert hands(person, pose) < 0.0
-    assert hands(person, clearance.clear_hands(person, pose, (0.04, 0.02))) > 0.025
+    assert hands(body, pose) < 0.0
+    assert hands(body, clearance.clear_hands(body, pose, (0.04, 0.02))) > 0.025
 
 
 @pytest.mark.parametrize(("gap", "share", "turned"), [(0.02, 1.0, False), (0.2, 0.0, False), (0.02, 0.0, True)])
-def test_covered_hands_measures_a_hand_behind_cloth(person, standing, gap, share, turned):
+def test_covered_hands_measures_a_hand_behind_cloth(body, standing, gap, share, turned):
     motion, skin = standing
-    left = skin[(makehuman.bone_weights("finger", "metacarpal") > 0.7) & (person.skin[:, 0] > 0)]
+    left = skin[(makehuman.bone_weights("finger", "metacarpal") > 0.7) & (body.skin[:, 0] > 0)]
     (x0, y0, _), (x1, y1, front) = left.min(0) - 0.05, left.max(0) + 0.05
     front += gap - 0.05
     sheet = np.array([[x0, y0, front], [x1, y0, front], [x1, y1, front], [x0, y1, front]])
     faces = np.array([[0, 1, 2], [0, 2, 3]])[:, :: -1 if turned else 1]  # the back of a shirt, a hand behind it
     level = Level(sheet, sheet, sheet, np.zeros(4), np.zeros((4, 1)), faces)
-    pattern = patterns.Pattern(person, wardrobe()["t-shirt"], [level], [], {}, np.zeros(2, bool))
+    pattern = patterns.Pattern(body, wardrobe()["t-shirt"], [level], [], {}, np.zeros(2, bool))
     covered = gates.covered_hands([DrapedGarment(pattern, CLOTH, DrapeResult(sheet, [], np.ones(1)))], motion)
     assert covered == (share, 0.0) if share == 0 else covered[0] > 0.5 and covered[1] == 0.0
 
 
-def test_fitted_to_pose_takes_off_coats_to_sit_and_scarves_to_cross_arms(person):
-    outfit = outfits.sample_outfit(np.random.default_rng(0), person.person)
+def test_fitted_to_pose_takes_off_coats_to_sit_and_scarves_to_cross_arms(body):
+    outfit = outfits.sample_outfit(np.random.default_rng(0), body.person)
     outfit = replace(
         outfit, garments=[Worn(g, CLOTH) for g in (wardrobe()["jeans"], wardrobe()["coat"], group("scarves")["scarf"])]
     )

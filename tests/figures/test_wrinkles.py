@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from relight.figures import wear
-from relight.figures.cloth import colliders, layers, wrinkles
+from relight.figures.cloth import layers, wrinkles
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.drape import DrapeResult, Level
 from relight.figures.cloth.solver import Cloth, Crimp
@@ -83,7 +83,6 @@ def test_folds_of_taut_or_pinned_cloth_are_none():
 
 
 def test_finished_keeps_folds_outside_the_layer_below():
-    colliders.init_warp()
     flat, faces = sheet()
     cloth = Cloth(thickness=0.004, crimp=replace(CRIMP, slack=0.1))
     garment = replace(wardrobe()["jeans"], cloth=cloth)  # without a neckline, so no motion is needed

@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from samples import write_pfm
 
 from relight.core.errors import UserError
 from relight.lights import (
@@ -247,10 +248,10 @@ def test_broken_files_of_a_folder_are_skipped_and_recorded(tmp_path):
     rng = np.random.default_rng(0)
     (tmp_path / "deep").mkdir()
     for name in ("a.pfm", "deep/b.pfm"):
-        pixels = (rng.random((16, 32, 3)) ** 4).astype("<f4")
-        (tmp_path / name).write_bytes(b"PF\n32 16\n-1.0\n" + pixels.tobytes())
+        pixels = rng.random((16, 32, 3)) ** 4
+        write_pfm(tmp_path / name, pixels)
     pixels[3, 4] = np.nan
-    (tmp_path / "nan.pfm").write_bytes(b"PF\n32 16\n-1.0\n" + pixels.tobytes())
+    write_pfm(tmp_path / "nan.pfm", pixels)
     (tmp_path / "c.hdr").write_bytes(b"<html>")
     (tmp_path / "notes.txt").write_text("not a panorama")
     folder = replace(GENERATED, source="folder", folder=str(tmp_path))
@@ -270,7 +271,7 @@ def test_what_a_folder_does_not_give_is_said(tmp_path):
     sky = np.linspace(1, 0.3, 16)[:, None, None] * np.ones((16, 32, 3)) * (1 + rng.random((16, 32, 3)))
     blue = sky * np.array([0.05, 0.2, 3])
     for name, pixels in {"a": sky, "b": sky[:, ::-1] ** 1.3, "blue": blue, "down": sky[::-1]}.items():
-        (tmp_path / f"{name}.pfm").write_bytes(b"PF\n32 16\n-1.0\n" + pixels[::-1].astype("<f4").tobytes())
+        write_pfm(tmp_path / f"{name}.pfm", pixels)
     folder = replace(GENERATED, source="folder", folder=str(tmp_path))
     lights, record = build_light_set(folder, replace(SETTINGS, clusters=8, test=3), 2)
     assert record["unlit"] == {"blue.pfm": "dim at 36 of 36 headings, color at 36 of 36 headings"}

@@ -4,6 +4,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from samples import write_pfm
 from typer.testing import CliRunner
 
 from relight.core.errors import UserError
@@ -13,15 +14,9 @@ from relight.panoramas import Panorama, generate_room, orient, project
 from relight.sh import irradiance, rotate_y
 
 
-def store_pfm(path, pixels):
-    h, w = pixels.shape[:2]
-    path.write_bytes(b"PF\n%d %d\n-1.0\n" % (w, h) + pixels[::-1].astype("<f4").tobytes())
-    return path
-
-
 def test_panoramas_and_generated_lights_with_rotations(tmp_path):
     pixels = np.random.default_rng(0).random((16, 32, 3)).astype(np.float32)
-    light = load_light(store_pfm(tmp_path / "a.pfm", pixels))
+    light = load_light(write_pfm(tmp_path / "a.pfm", pixels))
     np.testing.assert_allclose(light.coefficients, project(Panorama(pixels)), rtol=1e-6)
     assert light.panorama is not None and light.notes == []
     room = load_light("room:7", order=3)
@@ -36,7 +31,7 @@ def test_panoramas_and_generated_lights_with_rotations(tmp_path):
 @pytest.mark.parametrize("yaw, flip, exposure", [(0, False, 1), (70, False, 0.3), (0, True, 1), (-25, True, 3)])
 def test_panorama_and_coefficients_are_oriented_alike(tmp_path, monkeypatch, text, yaw, flip, exposure):
     monkeypatch.chdir(tmp_path)
-    store_pfm(tmp_path / "a.pfm", np.random.default_rng(0).random((16, 32, 3)).astype(np.float32))
+    write_pfm(tmp_path / "a.pfm", np.random.default_rng(0).random((16, 32, 3)).astype(np.float32))
     light, plain = load_light(text, yaw=yaw, flip=flip, exposure=exposure), load_light(text.removesuffix(":40"))
     np.testing.assert_allclose(project(light.panorama), light.coefficients, rtol=1e-5)  # its pixels are float32
     turned = orient(plain.coefficients, yaw + 40 * text.endswith(":40"), flip) * exposure
@@ -44,11 +39,11 @@ def test_panorama_and_coefficients_are_oriented_alike(tmp_path, monkeypatch, tex
 
 
 def test_a_panorama_that_is_brighter_from_below_gets_a_note(tmp_path):
-    wrong = store_pfm(tmp_path / "b.pfm", generate_room(7)[::-1])
+    wrong = write_pfm(tmp_path / "b.pfm", generate_room(7)[::-1])
     (note,) = load_light(wrong).notes
     assert note.startswith(f"{wrong}: brighter from below") and note in CliRunner().invoke(app, [str(wrong)]).output
     for pixels in (generate_room(7), np.ones((8, 16, 3), np.float32)):
-        assert not load_light(store_pfm(tmp_path / "a.pfm", pixels)).notes
+        assert not load_light(write_pfm(tmp_path / "a.pfm", pixels)).notes
 
 
 def test_a_key_light_comes_from_the_given_direction():
@@ -105,7 +100,7 @@ def test_files_of_coefficients(tmp_path):
 
 
 def test_options_without_an_effect_are_refused(tmp_path):
-    panorama = store_pfm(tmp_path / "a.pfm", np.ones((8, 16, 3), np.float32))
+    panorama = write_pfm(tmp_path / "a.pfm", np.ones((8, 16, 3), np.float32))
     np.savetxt(tmp_path / "a.txt", np.eye(9, 3))
     for text, options, says in (
         ("room:7", {"layout": "strip"}, "layout has an effect on a file of a panorama only"),

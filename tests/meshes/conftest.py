@@ -2,32 +2,16 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 from relight.meshes import Material, Mesh
 
 
 def ball(centre, radii, rings=12) -> tuple[np.ndarray, np.ndarray]:
     """A closed ellipsoid: vertices (V,3), faces (F,3) counter-clockwise outward."""
-    theta = np.linspace(0, np.pi, rings + 1)[1:-1]
-    phi = np.arange(2 * rings) * np.pi / rings
-    ring = np.stack(
-        [
-            np.outer(np.sin(theta), np.sin(phi)),
-            np.outer(np.cos(theta), np.ones_like(phi)),
-            np.outer(np.sin(theta), np.cos(phi)),
-        ],
-        axis=-1,
-    ).reshape(-1, 3)
-    n = len(phi)
-    vertices = np.concatenate([[[0, 1, 0]], ring, [[0, -1, 0]]]) * radii + centre
-    at = lambda i, j: 1 + i * n + j % n  # noqa: E731
-    faces = [[0, at(0, j), at(0, j + 1)] for j in range(n)]
-    for i in range(len(theta) - 1):
-        for j in range(n):
-            faces += [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]]
-    last = len(vertices) - 1
-    faces += [[at(len(theta) - 1, j + 1), at(len(theta) - 1, j), last] for j in range(n)]
-    return vertices, np.array(faces)
+    angle = np.linspace(0, np.pi, rings + 1)
+    sphere = trimesh.creation.revolve(np.stack([np.sin(angle), -np.cos(angle)], 1), sections=2 * rings)
+    return sphere.vertices[:, [1, 2, 0]] * radii + centre, sphere.faces
 
 
 # centre, radii, in metres: y up, facing +z, feet at y = 0, left hand at +x

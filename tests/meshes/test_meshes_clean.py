@@ -1,5 +1,7 @@
 """Repairs: each flaw is put into a sound figure, and must be found, counted and gone, everything else as it was."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -20,17 +22,10 @@ def corners(mesh: Mesh) -> np.ndarray:
     return rows[np.lexsort(rows.T[::-1])]
 
 
-def merged(mesh: Mesh, **changes) -> Mesh:
-    fields = {
-        name: getattr(mesh, name) for name in ("vertices", "faces", "uv", "material", "materials", "color", "info")
-    }
-    return Mesh(**{**fields, **changes})
-
-
-def with_faces(mesh: Mesh, faces, at=None) -> Mesh:
+def with_faces(mesh: Mesh, faces) -> Mesh:
     """`mesh` with more faces, whose uv is the planar chart of the figure."""
     faces = np.asarray(faces, np.int32)
-    return merged(
+    return replace(
         mesh,
         faces=np.concatenate([mesh.faces, faces]),
         uv=np.concatenate([mesh.uv, mesh.vertices[faces][..., :2] / 2 + 0.5]).astype(np.float32),
@@ -41,7 +36,7 @@ def with_faces(mesh: Mesh, faces, at=None) -> Mesh:
 
 def with_vertices(mesh: Mesh, vertices) -> Mesh:
     vertices = np.asarray(vertices, np.float32).reshape(-1, 3)
-    return merged(mesh, vertices=np.concatenate([mesh.vertices, vertices]))
+    return replace(mesh, vertices=np.concatenate([mesh.vertices, vertices]))
 
 
 def add_ball(mesh: Mesh, ball) -> Mesh:
@@ -61,7 +56,7 @@ def test_separate_triangles_are_connected(person):
     """What .glb and STL-like exports bring: three vertices of its own for each face."""
     mesh = person()
     count = mesh.faces.size
-    soup = merged(
+    soup = replace(
         mesh,
         vertices=mesh.vertices[mesh.faces].reshape(-1, 3),
         faces=np.arange(count, dtype=np.int32).reshape(-1, 3),
@@ -128,7 +123,7 @@ def test_linings_face_inward_and_an_open_scan_is_flipped(person, ellipsoid):
     vertices, faces = ellipsoid((0, 1, 0), (0.5, 0.9, 0.4), rings=30)
     cut = faces[vertices[faces][..., 1].min(axis=1) > 0.2]  # open at the feet
     nothing = {"uv": np.zeros((0, 3, 2)), "material": np.zeros(0, np.int16), "color": np.zeros((0, 3, 3))}
-    points = with_vertices(merged(person(), faces=np.zeros((0, 3), np.int32), **nothing), vertices)
+    points = with_vertices(replace(person(), faces=np.zeros((0, 3), np.int32), **nothing), vertices)
     scan = with_faces(points, cut[:, ::-1] + 2660)
     result = clean(scan)
     assert result.info["repairs"]["faces turned"] == len(cut)
@@ -157,7 +152,7 @@ def test_holes_are_reported(person):
     mesh = person()
     torso = np.flatnonzero((np.abs(mesh.vertices - [0, 1.15, 0.1]) < 0.2).all(axis=-1))
     ring = np.isin(mesh.faces, torso[:1]).any(axis=-1)  # the faces around a vertex: a hole of six edges
-    opened = merged(mesh, faces=mesh.faces[~ring], uv=mesh.uv[~ring], material=mesh.material[~ring])
+    opened = replace(mesh, faces=mesh.faces[~ring], uv=mesh.uv[~ring], material=mesh.material[~ring])
     found = clean(opened).info["repairs"]
     assert found["holes"] == 1 and found["boundary edges"] == ring.sum()
 
@@ -167,7 +162,7 @@ def test_what_is_no_figure_is_refused(person, ellipsoid):
     mesh.vertices[: int(0.7 * len(mesh.vertices))] = np.nan
     with pytest.raises(UserError, match=r"person: .*finite"):
         clean(mesh)
-    flat = merged(person(), faces=np.zeros((4, 3), np.int32), uv=np.zeros((4, 3, 2)), material=np.zeros(4, np.int16),
+    flat = replace(person(), faces=np.zeros((4, 3), np.int32), uv=np.zeros((4, 3, 2)), material=np.zeros(4, np.int16),
                   color=None)  # fmt: skip
     with pytest.raises(UserError, match="no face has an area"):
         clean(flat)
@@ -221,7 +216,7 @@ def test_faces_turned_both_ways_are_counted(person):
 def test_a_mesh_of_which_repairs_leave_little_is_warned_of(person):
     """Coordinates rounded to a coarse grid, as single precision far from the origin does."""
     mesh = person()
-    coarse = merged(mesh, vertices=np.round(mesh.vertices * 16).astype(np.float32) / 16)
+    coarse = replace(mesh, vertices=np.round(mesh.vertices * 16).astype(np.float32) / 16)
     result = clean(coarse)
     assert len(result.faces) < 0.9 * len(mesh.faces)
     (warning,) = result.info["warnings"]

@@ -622,7 +622,9 @@ STATEMENTS = {
     "map_Ka -s 3 1 1 -blendu off -o 0 0 0 t.png": (BLUE_, "is of map_ka"),
     "map_Ka C:\\scans\\my body\\t.png": (RED_, "is of map_ka"),
     "map_Ka \"my skin.png\"": (BLUE_, "texture my skin.png is of map_ka"),
-    "Kd 0 0 0\nmap_Kd -S 3 -CLAMP OFF t.png": (BLUE_, ""),
+    "Kd 0 0 0\nmap_Kd -S 5 -CLAMP OFF t.png": (RED_, ""),
+    "map_Kd -s 5 t.png": (RED_, ""),
+    "map_Kd -s 5 -clamp on t.png": (BLUE_, ""),
     "Kd 0 0 0\nmap_d t.png\nbump t.png": ((0, 0, 0), "1 of 1 faces are black"),
     "Kd 1 1 1\nmap_Ks t.png\nrefl -type sphere t.png": ((1, 1, 1), "are all white"),
     "Kd 0 0 0\nKe 1 .5 .2": ((0, 0, 0), "faces are black"),
@@ -649,13 +651,6 @@ def test_colors_of_which_more_than_half_are_black_or_all_are_white(tmp_path):
     for color, says in ((b"0 0 0", "1 of 1 faces are black"), (b"1 1 1", "all white"), (b".5 .5 .5", "")):
         mesh = read_mesh(write(tmp_path, {"a.obj": POINTS.replace(b"\n", b" " + color + b"\n") + FACE}))
         assert says in " ".join(mesh.info["warnings"]) and bool(says) == bool(mesh.info["warnings"]), color
-
-
-@pytest.mark.parametrize(("option", "color"), [("", RED_), ("-clamp on ", BLUE_), ("-clamp off ", RED_)])
-def test_mtl_clamps_a_texture(tmp_path, option, color):
-    text = used(b"A").replace(b"f 1 2 3", b"vt 1.25 .5\nf 1/1 2/1 3/1")
-    files = {"a.obj": text, "a.mtl": f"newmtl A\nmap_Kd {option}t.png\n".encode(), "t.png": STRIPES}
-    np.testing.assert_allclose(albedo(read_mesh(write(tmp_path, files))), color, atol=1e-6)
 
 
 TINT = (1, 0.2, 0)  # linear, by the standard
@@ -741,18 +736,13 @@ def test_scans_table_of_every_spelling(tmp_path, name):
         (b"path|use\na.obj|1\n", "no column `path`"),
         (b"", "no column `path`"),
         (b"path\na%20b.obj\n", "names a%20b.obj, which is not there"),
+        (b"use,path\nmaybe,a.obj\n", "use is 'maybe' for a.obj; give 1 or 0, yes or no"),
+        (b"use,path\n2,a.obj\n", "use is '2' for a.obj"),
     ],
 )
-def test_scans_table_without_paths_is_refused(tmp_path, text, says):
+def test_scans_table_without_paths_or_a_use_is_refused(tmp_path, text, says):
     write(tmp_path, {"scans.csv": text, "a.obj": b"", "a b.obj": b""})
     with pytest.raises(UserError, match=says):
-        list_scans(tmp_path)
-
-
-@pytest.mark.parametrize("use", ["maybe", "2", "nein"])
-def test_scans_table_with_a_use_that_says_nothing(tmp_path, use):
-    write(tmp_path, {"scans.csv": f"use,path\n{use},a.obj\n".encode(), "a.obj": b""})
-    with pytest.raises(UserError, match=f"use is '{use}' for a.obj; give 1 or 0, yes or no"):
         list_scans(tmp_path)
 
 

@@ -1,6 +1,7 @@
 import numpy as np
 import OpenEXR
 import pytest
+from samples import write_pfm
 
 from relight.core.errors import UserError
 from relight.panoramas import list_panoramas, project, read_panorama
@@ -12,13 +13,6 @@ SIX = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, 
 def exr(path, channels, **header):
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **header}
     OpenEXR.File(header, channels).write(str(path))
-    return path
-
-
-def pfm(path, pixels, kind=b"PF", order="<"):
-    h, w = pixels.shape[:2]
-    scale = b"-1.0" if order == "<" else b"1.0"
-    path.write_bytes(b"%s\n%d %d\n%s\n" % (kind, w, h, scale) + pixels[::-1].astype(order + "f4").tobytes())
     return path
 
 
@@ -62,7 +56,7 @@ def test_multi_part_reads_the_part_with_color(tmp_path):
 def test_negatives_are_clipped_and_counted(tmp_path):
     pixels = noise()
     pixels[2, 3] = -1
-    panorama = read_panorama(pfm(tmp_path / "a.pfm", pixels))
+    panorama = read_panorama(write_pfm(tmp_path / "a.pfm", pixels))
     assert panorama.pixels[2, 3].max() == 0 and panorama.repairs == ["1 of 512 pixels had negative values, set to zero"]
     np.testing.assert_array_equal(panorama.pixels, np.maximum(pixels, 0))
 
@@ -74,7 +68,7 @@ def test_repaired_pixels_get_the_mean_of_their_neighbours(tmp_path):
     broken = pixels.copy()
     for n, hole in enumerate(holes):
         broken[hole][n % 3] = (np.nan, np.inf, -np.inf)[n % 3]  # one channel is enough
-    path = pfm(tmp_path / "a.pfm", broken)
+    path = write_pfm(tmp_path / "a.pfm", broken)
     with pytest.raises(UserError, match=r"23 of 3200 pixels are not finite numbers, the first in row 0, column 0"):
         read_panorama(path)
     mended = read_panorama(path, repair=True)
@@ -96,10 +90,10 @@ def test_repaired_pixels_get_the_mean_of_their_neighbours(tmp_path):
     np.testing.assert_allclose(mended.pixels, expected, rtol=1e-5)
     count = "23 of 3200 pixels are not finite numbers"
     assert mended.repairs == [f"{count}; they were replaced by the mean of their neighbours"]
-    assert read_panorama(pfm(tmp_path / "b.pfm", pixels), repair=True).repairs == []
+    assert read_panorama(write_pfm(tmp_path / "b.pfm", pixels), repair=True).repairs == []
     broken[:, :2] = np.nan
     with pytest.raises(UserError, match="more than 1% cannot be repaired"):
-        read_panorama(pfm(tmp_path / "c.pfm", broken), repair=True)
+        read_panorama(write_pfm(tmp_path / "c.pfm", broken), repair=True)
 
 
 SHAPES = {(32, 64): "latlong", (30, 40): "cross", (40, 30): "cross", (60, 10): "strip", (10, 60): "strip"}
@@ -107,11 +101,11 @@ SHAPES = {(32, 64): "latlong", (30, 40): "cross", (40, 30): "cross", (60, 10): "
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_layout_is_found_by_the_aspect_ratio(tmp_path, shape):
-    assert read_panorama(pfm(tmp_path / "a.pfm", noise(*shape))).layout == SHAPES[shape]
+    assert read_panorama(write_pfm(tmp_path / "a.pfm", noise(*shape))).layout == SHAPES[shape]
 
 
 def test_a_square_picture_needs_a_layout(tmp_path):
-    path = pfm(tmp_path / "a.pfm", noise(20, 20))
+    path = write_pfm(tmp_path / "a.pfm", noise(20, 20))
     with pytest.raises(UserError, match="layout=angular, ball or latlong"):
         read_panorama(path)
     for layout in ("angular", "ball", "latlong"):

@@ -11,6 +11,7 @@ import OpenEXR
 import pytest
 import tifffile
 from PIL import ExifTags, Image, ImageCms, PngImagePlugin
+from samples import png_chunks
 
 from relight.core.errors import UserError
 from relight.core.srgb import decode, encode, to_linear
@@ -144,10 +145,7 @@ def png_of(path, chunks, pixels=RGB):
     write_picture(path, pixels)
     data = path.read_bytes()
     place = data.index(b"IDAT") - 4
-    extra = b"".join(
-        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in chunks
-    )
-    path.write_bytes(data[:place] + extra + data[place:])
+    path.write_bytes(data[:place] + png_chunks(*chunks) + data[place:])
     return path
 
 

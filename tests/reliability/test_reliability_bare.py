@@ -7,8 +7,6 @@ import sys
 import pytest
 from namespaces import mounted, namespaced
 
-from relight.settings import ROOT
-
 BARE = """
 import os
 from relight.core.processes import has_semaphores
@@ -27,8 +25,7 @@ def test_without_sys_and_shared_memory(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
     command = [*mounted("none /sys", "-o ro none /dev/shm"), sys.executable, "-c", BARE]
     words = ["bake", "a.obj", "--as-is", "--size", "64", "--out", "a.exr"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([*command, *words], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    done = subprocess.run([*command, *words], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "a.exr").stat().st_size > 1000
 

@@ -24,7 +24,7 @@ from relight.maps import Maps, pack_maps, write_maps
 from relight.meshes import Material, Mesh, list_scans, read_mesh
 from relight.panoramas import list_panoramas, read_panorama
 from relight.photos.opening import list_photos
-from relight.settings import ROOT, Model
+from relight.settings import Model
 
 SIZE = 32
 MODEL = Model(name="unet", width=0.1, norm="batch", dropout=0.0, order=1, albedo="clip", light_head="pooled",
@@ -171,7 +171,7 @@ def test_full_and_read_only_disks(tmp_path):
     inputs.mkdir()
     place.mkdir()
     command = [*mounted(f"-o size=4m none {place}"), sys.executable, "-c", FULL, str(Path(__file__).parent)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     done = subprocess.run([*command, str(inputs), str(place)], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]
 
@@ -199,7 +199,7 @@ cli.main()
 def test_too_little_memory_is_one_line(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
     words = ["bake", "a.obj", "--as-is", "--size", "8192", "--threads", "1"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-c", MEMORY, *words]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     last = done.stderr.strip().splitlines()[-1]

@@ -1,6 +1,5 @@
 """However `relight run` ends, Snakemake and its jobs end with it; and what a job does with errors and output."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -90,8 +89,7 @@ def test_a_job_whose_snakemake_is_gone_does_not_start():
     gone = subprocess.Popen(["true"])
     gone.wait()
     command = [sys.executable, "-c", JOB, str(gone.pid)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    job = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
+    job = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     assert job.returncode == 1 and "has ended" in job.stderr and not job.stdout
 
 
@@ -122,9 +120,8 @@ print("after")
     ],
 )
 def test_what_a_job_prints_is_in_its_log_and_behind_its_name_on_the_console(tmp_path, last, code, told):
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", SCRIPT.replace("{}", last)]
-    job = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    job = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert job.returncode == code
     if code == 130:
         return

@@ -6,6 +6,7 @@ import shutil
 import pytest
 from people import write_people
 from repo import copy, planned, relight
+from samples import write_pfm
 
 from relight.maps import read_info
 from relight.panoramas import generate_room
@@ -20,8 +21,7 @@ def test_three_meshes_and_two_panoramas_give_a_data_set(tmp_path):
     (scans / "broken.ply").write_bytes((scans / "colored.ply").read_bytes()[:500])
     panoramas.mkdir()
     for seed in (1, 2):
-        pixels = generate_room(seed)[::-1].astype("<f4").tobytes()
-        (panoramas / f"room{seed}.pfm").write_bytes(b"PF\n128 64\n-1.0\n" + pixels)
+        write_pfm(panoramas / f"room{seed}.pfm", generate_room(seed))
     table = repo / "axes.csv"
     table.write_text("name,turn\nplain,0\n")
     words = [*WORDS, "figures=scans", f"figures.folder={scans}", "panoramas=folder", f"panoramas.folder={panoramas}"]

@@ -23,7 +23,7 @@ from relight.lab.tracking.run import log_report, log_scores, training_run
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
 from relight.learning.training_name import COLORS
-from relight.settings import ROOT, Model, Track
+from relight.settings import Model, Track
 
 URI = "sqlite:///mlflow.db"
 NETWORK = Model(
@@ -230,7 +230,6 @@ def test_serve_is_one_server_that_ends_with_it_and_takes_runs(tmp_path):
     words = ["ui", f"track.uri=sqlite:///{tmp_path}/a.db", "track.experiment=test", "--port", str(port)]
     server = subprocess.Popen(
         [sys.executable, "-m", "relight.cli", *words],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
