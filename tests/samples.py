@@ -43,6 +43,14 @@ def png_of_size(width: int, height: int) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + png_chunks((b"IHDR", header), (b"IDAT", zlib.compress(b"\0")), (b"IEND", b""))
 
 
+def rgbe(pixels: np.ndarray) -> np.ndarray:
+    """The RGBE codes (H,W,4) uint8 of pixels (H,W,3)."""
+    most = pixels.max(-1, keepdims=True)
+    exponent = np.frexp(most)[1]
+    codes = np.concatenate([np.floor(np.ldexp(pixels, 8 - exponent)), exponent + 128], -1)
+    return (codes * (most > 0)).astype(np.uint8)
+
+
 def write_pfm(path: Path, pixels: np.ndarray) -> Path:
     """Writes a panorama (H,W,3) without loss."""
     height, width = pixels.shape[:2]

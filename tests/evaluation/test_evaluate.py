@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from relight.core.errors import UserError
-from relight.core.srgb import decode
+from relight.core.srgb import decode, encode
 from relight.evaluation.pictures.panels import Shown, plates
 from relight.evaluation.scoring.baselines import evaluate_baselines, make_predictors
 from relight.evaluation.scoring.evaluate import evaluate, infer, inferred_maps, load, unlearned
@@ -40,15 +40,11 @@ def test_evaluate_agrees_with_predictions_one_at_a_time(name, checkpoints, world
         maps = read_maps(path)
         albedo = maps.albedo
         if name != "ours":  # color=paper: 8-bit sRGB codes as if linear
-            coded = np.where(albedo <= 0.0031308, 12.92 * albedo, 1.055 * np.maximum(albedo, 1e-9) ** (1 / 2.4) - 0.055)
-            albedo = np.round(coded * 255) / 255 * maps.mask[..., None]
+            albedo = np.round(encode(albedo) * 255) / 255 * maps.mask[..., None]
         for l, light in enumerate(lights[4:]):
             image = albedo * np.maximum(maps.transport @ light, 0)
             if name == "ours":  # color=photo: clipped, 8-bit sRGB
-                clipped = image.clip(0, 1)
-                coded = np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1 / 2.4) - 0.055)
-                coded = np.round(coded * 255) / 255
-                image = np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
+                image = decode(np.round(encode(image) * 255) / 255)
             found = predict(network, image, maps.mask)
             occlusion = found["ao"] if "ao" in found else 1
             transport = found["transport"] if name == "ours" else unoccluded(found["normal"])

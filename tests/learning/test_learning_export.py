@@ -110,11 +110,8 @@ def test_export_refuses_other_suffixes(model, tmp_path):
 def test_read_network_refuses_other_files(content, tmp_path):
     path = tmp_path / "a.onnx"
     if content is None:
-        value = onnx.helper.make_tensor_value_info("x", 1, [1])
-        graph = onnx.helper.make_graph([onnx.helper.make_node("Relu", ["x"], ["y"])], "a", [value],
-                                       [onnx.helper.make_tensor_value_info("y", 1, [1])])  # fmt: skip
-        opset = [onnx.helper.make_opsetid("", 18)]
-        onnx.save(onnx.helper.make_model(graph, opset_imports=opset, ir_version=8), path)
+        text = '<ir_version: 8, opset_import: ["": 18]> a (float[1] x) => (float[1] y) { y = Relu(x) }'
+        onnx.save(onnx.parser.parse_model(text), path)
     else:
         path.write_bytes(content)
     with pytest.raises(UserError, match="network"):

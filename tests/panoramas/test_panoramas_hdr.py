@@ -1,53 +1,19 @@
-"""The Radiance reader against an encoder written here, pixel by pixel and as slow as it is plain."""
+"""The Radiance reader against other encoders."""
 
 import itertools
 
 import numpy as np
+import OpenImageIO
 import pytest
+from samples import rgbe
 
 from relight.core.errors import UserError
 from relight.panoramas.hdr import read_hdr
 
 
-def rgbe(pixels):
-    """Bytes (H, W, 4) of non-negative pixels (H, W, 3)."""
-    most = pixels.max(-1)
-    mantissa, exponent = np.frexp(most)
-    scale = np.where(most > 1e-32, mantissa * 256 / np.maximum(most, 1e-38), 0)
-    out = np.zeros((*most.shape, 4), np.uint8)
-    out[..., :3] = pixels * scale[..., None]
-    out[..., 3] = np.where(most > 1e-32, exponent + 128, 0)
-    return out
-
-
 def decoded(stored):
     """What RGBE bytes stand for: m * 2^(e - 136)."""
     return np.where(stored[..., 3:] > 0, stored[..., :3] * 2.0 ** (stored[..., 3:].astype(float) - 136), 0)
-
-
-def new_runs(line):
-    """A scanline in new run-length coding: runs of four or more, literals otherwise."""
-    out = bytearray([2, 2, len(line) >> 8, len(line) & 255])
-    for channel in line.T:
-        i = 0
-        literal = bytearray()
-        while i < len(channel):
-            n = 1
-            while i + n < len(channel) and n < 127 and channel[i + n] == channel[i]:
-                n += 1
-            if n >= 4 or len(literal) == 128:
-                if literal:
-                    out += bytes([len(literal)]) + literal
-                    literal = bytearray()
-            if n >= 4:
-                out += bytes([128 + n, channel[i]])
-                i += n
-            else:
-                literal.append(channel[i])
-                i += 1
-        if literal:
-            out += bytes([len(literal)]) + literal
-    return bytes(out)
 
 
 def old_runs(line):
@@ -67,13 +33,23 @@ def old_runs(line):
     return bytes(out)
 
 
-CODINGS = {"flat": lambda line: line.tobytes(), "old": old_runs, "new": new_runs}
+def new_runs(path, stored):
+    """Scanlines in new run-length coding, as OpenImageIO writes them."""
+    height, width = stored.shape[:2]
+    file = OpenImageIO.ImageOutput.create(str(path))
+    assert file.open(str(path), OpenImageIO.ImageSpec(width, height, 3, "float"))
+    assert file.write_image(decoded(stored).astype(np.float32)) and file.close()
+    return path.read_bytes().partition(b"+X %d\n" % width)[2]
+
+
+CODINGS = ("flat", "old", "new")
 
 
 def picture(path, stored, coding="new", resolution=None, header=b"FORMAT=32-bit_rle_rgbe\n", newline=b"\n"):
     h, w = stored.shape[:2]
     resolution = resolution or f"-Y {h} +X {w}"
-    body = b"".join(CODINGS[coding](line) for line in stored)
+    body = stored.tobytes() if coding == "flat" else b"".join(map(old_runs, stored))
+    body = new_runs(path, stored) if coding == "new" else body
     text = (b"#?RADIANCE\n" + header).replace(b"\n", newline) + newline
     path.write_bytes(text + resolution.encode() + b"\n" + body)
     return path

@@ -267,8 +267,6 @@ def test_parts_do_not_show(relighter, monkeypatch, draw):
 
 @pytest.mark.slow
 def test_backgrounds(relighter, tmp_path, draw):
-    from PIL import Image
-
     pixels, mask = draw()
     figures = relighter.infer(pixels, mask)
     mask = figures[0].coverage

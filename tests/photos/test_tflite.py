@@ -1,8 +1,10 @@
-"""A graph of every operation, written by the format's schema, says as .onnx what plain loops over its pixels say."""
+"""A graph of every operation, written by the format's schema, says as .onnx what torch says."""
 
 import numpy as np
 import onnxruntime
 import pytest
+import torch
+import torch.nn.functional as F
 
 from relight.photos.mask.tflite import convert
 
@@ -16,38 +18,19 @@ def window(padding=0, stride=1):
     return [(0, "Int8", padding), (1, "Int32", stride), (2, "Int32", stride)]
 
 
+def tensor(x):
+    """(1,C,H,W) of (H,W,C)."""
+    return torch.tensor(x.copy()).permute(2, 0, 1)[None]
+
+
 def slid(x, weight, bias, stride, same, depthwise=False):
-    """Convolution of (H,W,C) by loops; weight (O,h,w,C), or (1,h,w,C) for depthwise, as the format stores them."""
-    height, width = weight.shape[1:3]
-    out_rows, out_columns = (
-        -(-n // stride) if same else (n - size) // stride + 1 for n, size in zip(x.shape, (height, width))
-    )
-    top = max((out_rows - 1) * stride + height - x.shape[0], 0) // 2 if same else 0
-    left = max((out_columns - 1) * stride + width - x.shape[1], 0) // 2 if same else 0
-    out = np.zeros((out_rows, out_columns, len(bias)))
-    for i, j, k in np.ndindex(out.shape):
-        out[i, j, k] = bias[k]
-        for u, v in np.ndindex(height, width):
-            row, column = i * stride - top + u, j * stride - left + v
-            if 0 <= row < x.shape[0] and 0 <= column < x.shape[1]:
-                own = x[row, column, k] * weight[0, u, v, k] if depthwise else x[row, column] @ weight[k, u, v]
-                out[i, j, k] += own
-    return out
-
-
-def resized(x, rows, columns):
-    """Bilinear with half-pixel centres, by loops."""
-    out = np.zeros((rows, columns, x.shape[2]))
-    for i, j in np.ndindex(rows, columns):
-        y, z = (
-            np.clip((k + 0.5) * n / m - 0.5, 0, n - 1) for k, n, m in ((i, x.shape[0], rows), (j, x.shape[1], columns))
-        )
-        t, l = int(y), int(z)
-        b, r = min(t + 1, x.shape[0] - 1), min(l + 1, x.shape[1] - 1)
-        upper = x[t, l] * (1 - z + l) + x[t, r] * (z - l)
-        lower = x[b, l] * (1 - z + l) + x[b, r] * (z - l)
-        out[i, j] = upper * (1 - y + t) + lower * (y - t)
-    return out
+    """Convolution of (H,W,C); weight (O,h,w,C), or (1,h,w,C) for depthwise, as the format stores them."""
+    weight = torch.tensor(weight).permute(*((3, 0, 1, 2) if depthwise else (0, 3, 1, 2)))
+    sizes = zip(x.shape[:2], weight.shape[2:])
+    rows, columns = (same * max((-(-n // stride) - 1) * stride + size - n, 0) for n, size in sizes)
+    padded = F.pad(tensor(x), (columns // 2, columns - columns // 2, rows // 2, rows - rows // 2))
+    out = F.conv2d(padded, weight, torch.tensor(bias), stride, groups=len(weight) if depthwise else 1)
+    return out[0].permute(1, 2, 0).numpy()
 
 
 def test_convert_of_every_operation(tflite):
@@ -87,7 +70,8 @@ def test_convert_of_every_operation(tflite):
         b = np.maximum(slid(a, w["depth"], bias["depth"], 2, True, depthwise=True), 0)
         assert b.shape == (3, 2, 4)
         g = np.maximum(slid(b.mean((0, 1), keepdims=True), w["squeeze"], bias["squeeze"], 1, False), 0)
-        c = resized(b / (1 + np.exp(-g)), 5, 4) + a
+        gated = F.interpolate(tensor(b / (1 + np.exp(-g))), (5, 4), mode="bilinear")  # half-pixel centres
+        c = gated[0].permute(1, 2, 0).numpy() + a
         out = np.zeros((10, 8, 2))
         for i, j in np.ndindex(10, 8):
             out[i, j] = bias["up"] + w["up"][:, i % 2, j % 2] @ c[i // 2, j // 2]

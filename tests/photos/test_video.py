@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from relight.core.errors import UserError
+from relight.core.srgb import decode, encode
 from relight.photos.video import read_frames, write_video
 
 PATCHES = np.array([[200, 60, 40], [40, 160, 60], [50, 80, 200], [128, 128, 128]])
@@ -15,14 +16,6 @@ LUMA = {"601": (0.299, 0.114), "709": (0.2126, 0.0722), "2020": (0.2627, 0.0593)
 # Columns of linear sRGB to linear colors of BT.2020 and of P3, by their chromaticities.
 TO_2020 = np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]])
 TO_P3 = np.array([[0.8225, 0.1775, 0.0], [0.0332, 0.9668, 0.0], [0.0171, 0.0724, 0.9105]])
-
-
-def linear(code: np.ndarray) -> np.ndarray:
-    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
-
-
-def srgb(values: np.ndarray) -> np.ndarray:
-    return np.where(values <= 0.0031308, values * 12.92, 1.055 * np.maximum(values, 0) ** (1 / 2.4) - 0.055)
 
 
 def hlg(values: np.ndarray) -> np.ndarray:
@@ -95,9 +88,9 @@ CODINGS = {
     "full range": (WIDE, {"tags": (1, 1, 1), "full": True}),
     "VP9": (WIDE, {"tags": (1, 1, 1), "codec": "libvpx-vp9"}),
     "HEVC": (WIDE, {"tags": (1, 1, 1), "codec": "libx265"}),
-    "P3": (srgb(linear(WIDE) @ TO_P3.T), {"tags": (1, 12, 13), "bits": 10}),
-    "HLG": (hlg(linear(WIDE) @ TO_2020.T), {"matrix": "2020", "tags": (9, 9, 18), "bits": 10}),
-    "PQ": (pq(linear(WIDE) @ TO_2020.T), {"matrix": "2020", "tags": (9, 9, 16), "bits": 10}),
+    "P3": (encode(decode(WIDE) @ TO_P3.T), {"tags": (1, 12, 13), "bits": 10}),
+    "HLG": (hlg(decode(WIDE) @ TO_2020.T), {"matrix": "2020", "tags": (9, 9, 18), "bits": 10}),
+    "PQ": (pq(decode(WIDE) @ TO_2020.T), {"matrix": "2020", "tags": (9, 9, 16), "bits": 10}),
 }
 
 

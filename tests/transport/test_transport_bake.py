@@ -8,6 +8,7 @@ import samples
 import trimesh
 
 from relight.core.errors import UserError
+from relight.core.srgb import LINEAR
 from relight.meshes import Material
 from relight.settings import read_preset
 from relight.sh import basis, unoccluded
@@ -35,11 +36,6 @@ def screen(texture=None, z=0.0, uv=((0, 0), (1, 0), (1, 1), (0, 1)), color=None)
     color = None if color is None else color[quad]
     uv = np.array(uv, np.float32)[quad]
     return mesh_of(corners, quad, [Material(np.ones(3, np.float32), texture)], uv=uv, color=color)
-
-
-def decoded(code):
-    value = code / 255
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
 def random_mesh(faces=40, seed=0):
@@ -101,9 +97,9 @@ def test_a_slow_twin_agrees():
 def test_texture_is_upright_decoded_and_bilinear():
     texture = np.random.default_rng(0).integers(0, 256, (8, 8, 3)).astype(np.uint8)
     maps = bake(screen(texture), 8, 1)
-    np.testing.assert_allclose(maps.albedo, decoded(texture), atol=1e-5)  # texel centres are pixel centres
+    np.testing.assert_allclose(maps.albedo, LINEAR[texture], atol=1e-5)  # texel centres are pixel centres
     doubled = bake(screen(texture), 16, 1).albedo
-    a = decoded(texture)
+    a = LINEAR[texture]
     expected = (0.75 * a[3, 4] + 0.25 * a[2, 4]) * 0.75 + (0.75 * a[3, 5] + 0.25 * a[2, 5]) * 0.25
     np.testing.assert_allclose(doubled[6, 9], expected, atol=1e-5)
 
@@ -114,7 +110,7 @@ def test_texture_repeats_and_multiplies():
     mesh = screen(texture, uv=((-1, 2), (1, 2), (1, 4), (-1, 4)), color=color)
     mesh.materials[0].color = np.float32([1, 0.5, 1])
     maps = bake(mesh, 8, 1)
-    tiled = np.tile(decoded(texture), (2, 2, 1)) * [0.5, 0.5, 0.25]
+    tiled = np.tile(LINEAR[texture], (2, 2, 1)) * [0.5, 0.5, 0.25]
     np.testing.assert_allclose(maps.albedo, tiled, atol=1e-5)
 
 

@@ -4,6 +4,7 @@ import base64
 import json
 import shutil
 import subprocess
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from relight.photos.picture import Picture
 from relight.photos.render import estimate_foreground
 from relight.photos.scene import Scene
 from relight.viewer.bundle import bundle
+from relight.viewer.codec import encode as encode_planes
 from relight.viewer.figure import EXCESS_STEPS, QUALITIES, pack
 from relight.viewer.site import STUDIO
 from relight.viewer.source import photo_figure
@@ -192,6 +194,32 @@ def test_fit_edge_is_that_of_python(size, kind, automatic):
 def test_an_empty_mask_holds_nobody():
     program = "const main = ({ mask, width }) => $infer.splitPeople(Uint8Array.from(mask), width);"
     assert node("infer", program, {"mask": [0] * 90, "width": 90}) == []
+
+
+def test_planes_come_back_from_the_codec_in_any_region():
+    cases, expected = [], []
+    for seed in range(6):
+        generator = np.random.default_rng(seed)
+        shape = generator.integers(1, 24, 2)
+        region = generator.random(shape) < generator.choice([0.0, 0.3, 0.9, 1.0])
+        smooth = np.add.outer(np.arange(shape[0]), np.arange(shape[1]))
+        planes = np.stack([7 * smooth, smooth**2, generator.integers(-9000, 9000, shape), 0 * smooth], -1)
+        stream, predictors = encode_planes(planes, region)
+        case = [list(zlib.decompress(stream)), region.ravel().astype(int).tolist(), int(shape[1]), predictors]
+        cases.append(case)
+        expected.append(planes * region[..., None])
+    program = """const main = (cases) => cases.map(([data, region, width, predictors]) =>
+    $codec.decodePlanes(Uint8Array.from(data), Uint8Array.from(region), width, predictors));"""
+    for found, planes in zip(node("codec", program, cases), expected, strict=True):
+        np.testing.assert_array_equal(np.stack(found, -1).reshape(planes.shape), planes)
+
+
+def test_smooth_planes_shrink_and_too_large_steps_are_refused():
+    region = np.ones((64, 64), bool)
+    ramp = np.add.outer(3 * np.arange(64), np.arange(64))[..., None]
+    assert len(encode_planes(ramp, region)[0]) < 100  # of 4096 values
+    with pytest.raises(ValueError, match="16 bits"):
+        encode_planes(np.where(np.arange(64) % 2, 40000, -40000)[None, :, None] + 0 * ramp, region)
 
 
 @pytest.mark.parametrize("share", [0.02, 0.5, 0.97])

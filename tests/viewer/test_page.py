@@ -8,6 +8,7 @@ import av
 import numpy as np
 import pytest
 from PIL import Image
+from samples import rgbe
 from scipy.ndimage import binary_fill_holes, gaussian_filter
 from scipy.spatial.transform import Rotation
 
@@ -202,11 +203,6 @@ def test_the_window_shows_the_same_pixels(balls, maps, lights):
     shown = np.asarray(Image.open(io.BytesIO(balls.screenshot())).convert("RGB"))[150 : 150 + size, 100 : 100 + size]
     expected = codes(maps.albedo * relit_shading(maps, lights["Window"]))
     assert farthest(shown, expected, maps.mask) <= 2
-
-
-def rgbe(pixels):
-    exponent = np.frexp(pixels.max(-1, keepdims=True))[1]
-    return np.concatenate([np.floor(np.ldexp(pixels, 8 - exponent)), exponent + 128], -1).astype(np.uint8)
 
 
 def hdr(pixels):
