@@ -1,12 +1,17 @@
 """Meshes, files and sets of lights of which a test cares for one property."""
 
+import base64
+import hashlib
+import io
 import json
 import struct
+import tarfile
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from skimage.metrics import structural_similarity
 
 from relight.lights import LightSet
 from relight.maps import Maps
@@ -43,6 +48,16 @@ def png_of_size(width: int, height: int) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + png_chunks((b"IHDR", header), (b"IDAT", zlib.compress(b"\0")), (b"IEND", b""))
 
 
+def tarball(path: Path, files: dict[str, bytes]) -> str:
+    """Writes a package of npm's registry, and returns its integrity."""
+    with tarfile.open(path, "w:gz") as archive:
+        for name, data in files.items():
+            entry = tarfile.TarInfo(name)
+            entry.size = len(data)
+            archive.addfile(entry, io.BytesIO(data))
+    return base64.b64encode(hashlib.sha512(path.read_bytes()).digest()).decode()
+
+
 def rgbe(pixels: np.ndarray) -> np.ndarray:
     """The RGBE codes (H,W,4) uint8 of pixels (H,W,3)."""
     most = pixels.max(-1, keepdims=True)
@@ -56,6 +71,14 @@ def write_pfm(path: Path, pixels: np.ndarray) -> Path:
     height, width = pixels.shape[:2]
     path.write_bytes(b"PF\n%d %d\n-1.0\n" % (width, height) + pixels[::-1].astype("<f4").tobytes())
     return path
+
+
+def ssim_in_the_box(first, second, inside):
+    """scikit-image's SSIM in the box of the mask, outside of which pictures are black."""
+    rows, columns = np.nonzero(inside)
+    box = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
+    pair = (np.where(inside[..., None], x, 0)[box] for x in (first, second))
+    return structural_similarity(*pair, channel_axis=-1, data_range=1.0)
 
 
 def lights_of(split: Sequence[str], **fields) -> LightSet:

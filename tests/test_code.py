@@ -57,12 +57,6 @@ def test_closure_follows_functions_stubs_and_plain_imports(package):
     ("name", "text", "bake_differs", "lights_differs"),
     [
         ("transport/sampling.py", "N = 3\n", True, False),
-        (
-            "transport/baker.py",
-            "import relight.core.npz\nimport relight.transport.sampling\ndef bake():\n    return 2\n",
-            True,
-            False,
-        ),
         ("transport/table.csv", "2\n", True, False),
         ("lights/chain.py", "X = 1\n", False, True),
         ("transport/sampling.py", '"""Samples."""\n\nN = 2  # two\n', False, False),

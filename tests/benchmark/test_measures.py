@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from skimage.metrics import mean_squared_error, structural_similarity
+from samples import ssim_in_the_box
+from skimage.metrics import mean_squared_error
 
 from relight.benchmark.measures import INVARIANCES, LEAKS, MIRROR, Intrinsics, errors, invariances, leaks
 from relight.benchmark.score import relit_errors
@@ -33,14 +34,6 @@ def two():
 def rmse(first, second, inside):
     """The root of the mean squared length of the differences."""
     return (mean_squared_error(first[inside], second[inside]) * first.shape[2]) ** 0.5
-
-
-def ssim_in_the_box(first, second, inside):
-    """scikit-image's SSIM in the box of the mask, outside of which pictures are black."""
-    rows, columns = np.nonzero(inside)
-    box = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
-    pair = (np.where(inside[..., None], x, 0)[box] for x in (first, second))
-    return structural_similarity(*pair, channel_axis=-1, data_range=1.0)
 
 
 def test_errors_agree_with_scikit_image(two):

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+from samples import ssim_in_the_box
+from skimage.metrics import peak_signal_noise_ratio
 from typer.testing import CliRunner
 
 from relight.benchmark.files import KEYS, MAPS, PICTURES, BenchmarkSet, read_arrays
@@ -58,14 +59,11 @@ def test_score_of_the_untouched_picture(drawn, tmp_path):
     for i, entry in enumerate(e for e in BenchmarkSet(drawn).entries if not e.of):
         photo = np.asarray(Image.open(entry.folder / "photo.png")) / 255
         solid = np.asarray(Image.open(entry.folder / "mask.png")) >= OPAQUE
-        rows, columns = (np.flatnonzero(solid.any(axis)) for axis in (1, 0))
-        box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
         errors, decibel, alike = [], [], []
         for true in read_arrays(drawn / "truth" / f"{entry.name}.npz")["full"] / 255:
             errors.append(np.sqrt(((photo - true)[solid] ** 2).sum(-1).mean()))
             decibel.append(peak_signal_noise_ratio(true[solid], photo[solid], data_range=1.0))
-            pair = (np.where(solid[..., None], x, 0)[box] for x in (photo, true))
-            alike.append(structural_similarity(*pair, channel_axis=-1, data_range=1.0))
+            alike.append(ssim_in_the_box(photo, true, solid))
         assert np.isclose(row["ratio"].iloc[i], np.mean(errors), rtol=1e-5)
         assert np.isclose(row["ratio_psnr"].iloc[i], np.mean(decibel), rtol=1e-5)
         assert np.isclose(row["ratio_ssim"].iloc[i], np.mean(alike), rtol=1e-5)

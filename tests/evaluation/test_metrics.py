@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from relight.evaluation.scoring.metrics import psnr, ssim
+from relight.evaluation.scoring.metrics import psnr
 from relight.evaluation.scoring.tables import TABLE1_COLUMNS, columns_of
 from relight.evaluation.scoring.truth import COLUMNS, RANGE, Inferred, Truth, light_errors
 from relight.settings.schema import QUANTITIES
@@ -101,15 +101,6 @@ def test_light_errors_agree_with_scikit_image():
         assert columns["light_ssim"][n] == pytest.approx(expected)
 
 
-def test_truth_score_of_the_truth_is_zero(truth):
-    one, _, lights = truth
-    maps = {name: one.maps[name] for name in ("albedo", "transport", "normal")}
-    columns = one.score(Inferred(**maps, ao=one.maps["ao"][..., 0], light=lights))
-    np.testing.assert_allclose(columns["shading_contrast"], 1, atol=1e-6)
-    for name in set(columns) - {"shading_contrast", "albedo_share"}:
-        np.testing.assert_allclose(columns[name], 1 if "ssim" in name else 0, atol=1e-6, err_msg=name)
-
-
 def test_mask_box_of_a_thin_mask_has_a_window():
     pixel = np.array([5 * 16 + 7])  # one pixel: the box is widened to a window
     maps = np.ones((1, 9)), np.full((1, 3), 0.5), np.array([[0.0, 0, 1]]), np.ones(1)
@@ -117,15 +108,6 @@ def test_mask_box_of_a_thin_mask_has_a_window():
     assert one.box.shape == (7, 7)
     columns = one.score(Inferred(albedo=np.full((1, 1, 3), 0.5, np.float32)))
     assert columns["albedo_ssim"][0] == pytest.approx(1) and columns["albedo_rmse"][0] == 0
-
-
-def test_ssim_of_one_truth_for_all_pictures():
-    first, second = RNG.random((2, 5, 12, 9, 4))
-    for window, span in ((3, 1.0), (7, 0.3)):
-        expected = [
-            structural_similarity(one, second[0], win_size=window, channel_axis=-1, data_range=span) for one in first
-        ]
-        assert ssim(first, second[:1], span, window) == pytest.approx(expected, abs=1e-12)
 
 
 def test_compare_relit_takes_the_next_light(truth):

@@ -2,18 +2,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from relight.evaluation.scoring.statistics import Estimate, compare, estimate, holm, pooled_spread, resample_weights
+from relight.evaluation.scoring.statistics import Estimate, compare, estimate, holm, pooled_spread
 
 RNG = np.random.default_rng(5)
-
-
-def test_resample_weights_are_resamples():
-    weights = resample_weights(7, 500, 1)
-    np.testing.assert_allclose(weights.sum(1), 1)
-    np.testing.assert_allclose(weights * 7, np.round(weights * 7))
-    assert weights.var(0).mean() == pytest.approx((1 / 7) * (6 / 7) / 7, rel=0.1)  # multinomial: p (1-p) / F
-    assert np.array_equal(weights, resample_weights(7, 500, 1))
-    assert not np.array_equal(weights, resample_weights(7, 500, 2))
 
 
 def test_estimate_interval_agrees_with_students():
@@ -119,17 +110,6 @@ def test_compare_rows_that_share_one_factor(seed):
     assert compare(*turned).error == pytest.approx(compare(*rows).error)
     apart = [Estimate(r.mean, 0, 0, r.values, figures=[i], lights=[i]) for i, r in enumerate(rows)]
     assert compare(*apart).error > 0.2
-
-
-def test_compare_pairs_rows():
-    """A shift far under the spread of the figures: the rows' intervals overlap, their paired difference is sure."""
-    shared = RNG.normal(1, 0.3, 16)
-    first = estimate(shared[None, :, None], resamples=2000)
-    second = estimate((shared + 0.02 + RNG.normal(0, 0.002, 16))[None, :, None], resamples=2000)
-    found = compare(first, second)
-    assert first.high > second.low
-    assert found.mean + found.half_width(0.05) < 0 and found.p < 0.005
-    assert found.mean == pytest.approx(-0.02, abs=0.003)
 
 
 def test_estimate_interval_with_the_spread_of_trainings():

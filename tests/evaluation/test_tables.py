@@ -7,14 +7,7 @@ import pytest
 from scipy import stats
 
 from relight.core.errors import UserError
-from relight.evaluation.report.formats import (
-    TextTable,
-    number,
-    other_columns,
-    score_grid,
-    to_markdown,
-    write_tables,
-)
+from relight.evaluation.report.formats import TextTable, number, other_columns, score_grid, to_markdown, write_tables
 from relight.evaluation.report.page import section
 from relight.evaluation.report.sections import write_score_table
 from relight.evaluation.scoring.comparisons import MARGIN, Verdict, compare_estimates, correct, orderings
@@ -167,15 +160,6 @@ def test_compare_estimates_equivalent():
     assert claims(0.0, 0.01) == 1
     assert 0.02 <= claims(MARGIN / (1 - MARGIN / 2), 0.05) <= 0.08
     assert claims(0.0, 0.5) < 0.06
-
-
-def test_compare_rows_corrects_over_its_columns():
-    rng = np.random.default_rng(1)
-    ones = [Estimate(v.mean(), 0, 0, v[:, None]) for v in rng.normal(1, 0.1, (5, 8))]
-    alone = [compare_estimates("shading_rmse", ones[0], one) for one in ones[1:]]
-    p = sorted(one.p for one in alone)
-    together = sorted(one.p for one in correct(alone))
-    assert together[0] == pytest.approx(min(1, 4 * p[0])) and all(a >= b for a, b in zip(together, p))
 
 
 def test_correct_widens_intervals_until_they_agree_with_p():

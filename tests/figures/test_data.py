@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+import trimesh
 
 from relight.figures import surfaces
 from relight.figures.body import makehuman
@@ -153,20 +154,16 @@ def surface_of(person, motion) -> surfaces.Surface:
     return motion.skin(makehuman.rig().weights[makehuman.BODY], person.skin), makehuman.base().faces["body"]
 
 
-def volume(vertices, faces) -> float:
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return float(np.einsum("nd,nd->", a, np.cross(b, c)) / 6)
-
-
 def test_box_revolved_and_strap_are_closed_and_face_outward():
     half = (0.1, 0.2, 0.05)
-    assert volume(*props.box(half)) == pytest.approx(8 * np.prod(half), rel=2e-3)
-    assert volume(*props.box(half, 0.02)) < 8 * np.prod(half)
+    assert trimesh.Trimesh(*props.box(half)).volume == pytest.approx(8 * np.prod(half), rel=2e-3)
+    assert trimesh.Trimesh(*props.box(half, 0.02)).volume < 8 * np.prod(half)
     cup = np.array([(0, 0), (0.04, 0), (0.04, 0.1), (0, 0.1)])
     polygon = 0.5 * props.SIDES * np.sin(2 * np.pi / props.SIDES) * 0.04**2  # area of the cup's cross-section
-    assert volume(*props.revolved(cup)) == pytest.approx(polygon * 0.1, rel=1e-6)
+    assert trimesh.Trimesh(*props.revolved(cup)).volume == pytest.approx(polygon * 0.1, rel=1e-6)
     line = np.linspace([0, 0, 0], [0, 1, 0], 9)
-    assert volume(*props.strap(line, np.array([1.0, 0, 0]), 0.02, 0.004)) == pytest.approx(0.02 * 0.004)
+    strap = trimesh.Trimesh(*props.strap(line, np.eye(3)[0], 0.02, 0.004))
+    assert strap.volume == pytest.approx(0.02 * 0.004)
     for vertices, faces in (props.box(half, 0.01), props.revolved(cup), props.strap(line, np.eye(3)[0], 0.02, 0.004)):
         edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
         edges = edges[np.linalg.norm(np.diff(vertices[edges], axis=1)[:, 0], axis=1) > 1e-9]

@@ -14,13 +14,12 @@ FIGURES, LIGHTS = np.array([3, 0, 4]), np.array([1, 5, 0])
 
 
 def dense(packed: PackedMaps, figure: int, key: str) -> np.ndarray:
-    """A map (S,S,C) of the packed set, scattered one pixel at a time."""
+    """A map (S,S,C) of the packed set."""
     arrays = packed.figure(figure)
     values = np.asarray(arrays[key], np.float32).reshape(len(arrays["pixel"]), -1)
-    out = np.zeros((packed.size, packed.size, values.shape[1]), np.float32)
-    for pixel, value in zip(arrays["pixel"], values):
-        out[pixel // packed.size, pixel % packed.size] = value
-    return out
+    out = np.zeros((packed.size**2, values.shape[1]), np.float32)
+    out[arrays["pixel"]] = values
+    return out.reshape(packed.size, packed.size, -1)
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])

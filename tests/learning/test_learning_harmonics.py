@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from relight.learning.harmonics import basis, mirror_signs, unoccluded
+from relight.learning.harmonics import basis, unoccluded
 from relight.sh import basis as numpy_basis
 from relight.sh import unoccluded as numpy_unoccluded
 
@@ -26,9 +26,3 @@ def test_twins(order):
 def test_gradient_also_at_the_poles():
     d = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, 0.0, 0.8]], dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(lambda n: basis(n, 4), d)
-
-
-def test_mirror_signs():
-    d = directions()
-    mirrored = numpy_basis(d * [-1, 1, 1], 4)
-    np.testing.assert_allclose(mirror_signs(4).numpy() * numpy_basis(d, 4), mirrored, atol=1e-12)

@@ -38,18 +38,6 @@ def test_maps_of_one_and_of_several_images(model, name):
         np.testing.assert_allclose(one["transport"][inside], expected, atol=1e-5)
 
 
-def test_channels_and_rows_are_not_mixed_up(model):
-    """The network's own input, seen through a hook, is the image that was given."""
-    network = build(model(), 64).eval()
-    seen = {}
-    network.encoder[0].register_forward_pre_hook(lambda module, inputs: seen.update(x=inputs[0]))
-    image, mask = np.zeros((64, 64, 3)), np.ones((64, 64))
-    image[10, 20, 2], mask[5, 6] = 0.75, 0
-    predict(network, image, mask)
-    x = seen["x"][0]
-    assert x[2, 10, 20] == 0.5 and x[0, 10, 20] == -1 and (x[:, 5, 6] == 0).all() and x[1, 20, 10] == -1
-
-
 @pytest.mark.parametrize("image, mask", [((64, 64, 4), (64, 64)), ((128, 128, 3), (128, 128)), ((64, 64, 3), (64, 32))])
 def test_sizes_that_do_not_fit(model, image, mask):
     with pytest.raises(UserError, match="takes 64x64"):

@@ -76,9 +76,7 @@ PHOTO = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "changes",
-    [{}, PLUS, {"precision": "bf16", "schedule": "constant"}, PHOTO],
-    ids=["plain", "plus", "bf16", "photo"],
+    "changes", [{}, PLUS, {"precision": "bf16", "schedule": "constant"}, PHOTO], ids=["plain", "plus", "bf16", "photo"]
 )
 def test_the_same_again_and_the_same_after_any_interruption(run, changes):
     undisturbed = run("whole", **changes)
@@ -158,7 +156,7 @@ def test_one_figure_under_one_light_is_learned_by_heart(run, world, tmp_path):
 
 
 def test_what_is_logged(run, capsys):
-    short = run(steps=10, loss_changes={"shading": 2.0})
+    short = run(steps=10, loss_changes={"shading": 2.0, "light": 3.0})
     short()
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(",")[0] for line in lines] == ["step 4/10", "step 8/10", "step 10/10"]
@@ -169,7 +167,9 @@ def test_what_is_logged(run, capsys):
             found = {key.removeprefix(prefix): value for key, value in values.items() if key.startswith(prefix)}
             named = {key: found[key] for key in found if key not in ("loss", "lr") and "/" not in key}
             assert len(named) == 15
-            weight = {"tv_transport": 64 / 1024} | {key: 2.0 for key in named if key.startswith("shading")}
+            weight = {"tv_transport": 64 / 1024, "light": 3.0} | {
+                key: 2.0 for key in named if key.startswith("shading")
+            }
             expected = sum(weight.get(key, 1.0) * value for key, value in named.items())
             assert found["loss"] == pytest.approx(expected, rel=1e-5)
     rows = list(csv.DictReader(short.curve.open()))

@@ -57,9 +57,7 @@ def test_separate_triangles_are_connected(person):
     mesh = person()
     count = mesh.faces.size
     soup = replace(
-        mesh,
-        vertices=mesh.vertices[mesh.faces].reshape(-1, 3),
-        faces=np.arange(count, dtype=np.int32).reshape(-1, 3),
+        mesh, vertices=mesh.vertices[mesh.faces].reshape(-1, 3), faces=np.arange(count, dtype=np.int32).reshape(-1, 3)
     )
     result = clean(soup)
     assert len(result.vertices) == len(mesh.vertices) and result.info["repairs"]["parts"] == 10

@@ -67,10 +67,7 @@ def test_a_table_replaces_the_listing(tmp_path):
     outside = f"../{tmp_path.name}/c.ply", f"{tmp_path}/x/a.ply"  # folders outside say nothing about the person
     (tmp_path / "scans.csv").write_text("path\n" + "\n".join(outside))
     assert [scan.subject for scan in list_scans(tmp_path).values()] == ["c", "a"]
-    for text, says in (
-        ("path\nc.ply\nc.ply\n", "twice"),
-        ("use,path\n0,c.ply\n", "chooses no scan"),
-    ):
+    for text, says in (("path\nc.ply\nc.ply\n", "twice"), ("use,path\n0,c.ply\n", "chooses no scan")):
         (tmp_path / "scans.csv").write_text(text)
         with pytest.raises(UserError, match=says):
             list_scans(tmp_path)

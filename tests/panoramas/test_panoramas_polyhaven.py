@@ -3,12 +3,12 @@
 import base64
 import hashlib
 import io
-import tarfile
 from dataclasses import replace
 
 import numpy as np
 import OpenEXR
 import pytest
+from samples import tarball
 from typer.testing import CliRunner
 
 from relight.core.errors import UserError
@@ -27,15 +27,6 @@ def exr(factor):
     return file.getvalue()
 
 
-def pack(path, files):
-    with tarfile.open(path, "w:gz") as archive:
-        for name, data in files.items():
-            entry = tarfile.TarInfo(name)
-            entry.size = len(data)
-            archive.addfile(entry, io.BytesIO(data))
-    return base64.b64encode(hashlib.sha512(path.read_bytes()).digest()).decode()
-
-
 @pytest.fixture
 def package(tmp_path, monkeypatch):
     """A package of the known layout, which stands for the known version; each panorama has another brightness."""
@@ -45,7 +36,7 @@ def package(tmp_path, monkeypatch):
         module = b"export default 'data:application/exr;base64," + base64.b64encode(exr(i)) + b"'\n"
         files[f"package/hdri/{name}.exr.js"] = module
     path = tmp_path / "assets.tgz"
-    monkeypatch.setattr(polyhaven, "PACKAGE", replace(polyhaven.PACKAGE, integrity=pack(path, files)))
+    monkeypatch.setattr(polyhaven, "PACKAGE", replace(polyhaven.PACKAGE, integrity=tarball(path, files)))
     return path, files
 
 
@@ -82,7 +73,7 @@ def test_setup_of_a_damaged_package_leaves_what_was(package, monkeypatch, damage
     last = "package/hdri/workshop.exr.js"
     module = files.pop(last)
     files |= {"cut": {last: module[:-4]}, "no data": {last: b""}}.get(damage, {})
-    integrity = pack(path, files)
+    integrity = tarball(path, files)
     if damage == "no archive":
         path.write_bytes(b"no archive")
         integrity = base64.b64encode(hashlib.sha512(b"no archive").digest()).decode()

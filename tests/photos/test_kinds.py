@@ -1,10 +1,10 @@
 """What photos and masks may say, and the right value: profiles, gammas, previews, 16 bits, linear values, labels."""
 
-import base64
 import io
 import struct
 import sys
 import zlib
+from pathlib import Path
 
 import numpy as np
 import OpenEXR
@@ -225,13 +225,6 @@ def test_read_photo_refuses_a_png_coded_for_other_displays(tmp_path, coding, say
 
 SMPTE_C = np.array([[0.4163, 0.3931, 0.1547], [0.2217, 0.7033, 0.0750], [0.0137, 0.0914, 0.7202]])  # Lindbloom's
 PAL = np.array([[0.4553, 0.3676, 0.1414], [0.2323, 0.7078, 0.0599], [0.0145, 0.1049, 0.7057]])
-HEIC = """
-AAAAHGZ0eXBoZWl4AAAAAG1pZjFoZWl4bWlhZgAAAX5tZXRhAAAAAAAAACFoZGxyAAAAAAAAAABwaWN0AAAAAAAAAAAAAAAAAAAAACJpbG9jAAAA
-AERAAAEAAQAAAAABogABAAAAAAAAADIAAAAjaWluZgAAAAAAAQAAABVpbmZlAgAAAAABAABodmMxAAAAAA5waXRtAAAAAAABAAAA/mlwcnAAAADe
-aXBjbwAAAHdodmNDAQQIAAAAnjgAAAAAHvAA/P/4+AAADwNgAAEAF0ABDAH//wQIAAADAJ44AAADAAAeugJAYQABACpCAQEECAAAAwCeOAAAAwAA
-HpAEECCy3VXTXNwENBgQAAADAZAAAAMAEIBiAAEACEQBwXMYMBiQAAAAE2NvbHJuY2x4AAEADQAGgAAAABRpc3BlAAAAAAAAAEAAAABAAAAAKGNs
-YXAAAAAQAAAAAQAAABAAAAAB////0AAAAAL////QAAAAAgAAABBwaXhpAAAAAAMICAgAAAAYaXBtYQAAAAAAAAABAAEFgQIDBYQAAAA6bWRhdAAA
-AC4oAa8TIWJjQPUnIv/35J/8h7n/F3ZYWdyugMFb8vrA9mSbwPOqkZ6Ah2mnMBV4"""  # FLAT, as libheif writes it
 FLAT = np.full((16, 16, 3), (200, 100, 50), np.uint8)
 
 
@@ -239,7 +232,7 @@ def flat_file(suffix):
     """The bytes of FLAT in a format."""
     if suffix == "heic":
         pytest.importorskip("pi_heif")
-        return base64.b64decode(HEIC)
+        return (Path(__file__).parent / "flat.heic").read_bytes()  # as libheif writes it
     Image.fromarray(FLAT).save(file := io.BytesIO(), suffix, quality=100, subsampling="4:4:4")
     return file.getvalue()
 

@@ -16,7 +16,7 @@ import readers
 from namespaces import mounted, namespaced
 
 from relight.core.errors import UserError
-from relight.core.files import atomic_write, system_errno
+from relight.core.files import system_errno
 from relight.learning.checkpoint import restore_state, save_network, save_state
 from relight.learning.networks import build
 from relight.lights import Light, write_light
@@ -120,12 +120,6 @@ def test_a_refusal_is_known_through_any_library():
     assert system_errno(hidden) == system_errno(ValueError("I/O error: (os error 28)")) == errno.ENOSPC
     assert system_errno(RuntimeError("Read-only file system: a.exr")) == errno.EROFS
     assert system_errno(ValueError("shape")) is None and system_errno(OSError(errno.EINTR, "x")) is None
-
-
-def test_what_is_no_refusal_is_not_called_one(tmp_path):
-    with pytest.raises(ValueError, match="a bug"), atomic_write(tmp_path / "a"):
-        raise ValueError("a bug")
-    assert not list(tmp_path.iterdir())
 
 
 # In a mount namespace of its own: `place` is a file system of four megabytes.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.sh import unoccluded
+from relight.sh import basis, sphere_spiral, unoccluded
 from relight.transport.integrate import integrate
 from relight.transport.raycaster import RayCaster
 
@@ -83,12 +83,7 @@ def shadow(n, center, radius):
 SCENES = {
     "plane": ([FLOOR], UP, unoccluded(UP), (1e-7, 1e-7, 1e-7, 1e-7)),
     "infinite wall": ([FLOOR, wall(-0.01, FAR)], UP, wedge(0, np.pi / 2), (1.1e-2, 2.9e-3, 7.5e-4, 2.1e-4)),
-    "finite wall": (
-        [FLOOR, wall(-1, 0.7)],
-        UP,
-        wedge(0, np.pi - np.arctan(0.7)),
-        (1.3e-2, 3.8e-3, 1.1e-3, 5.4e-4),
-    ),
+    "finite wall": ([FLOOR, wall(-1, 0.7)], UP, wedge(0, np.pi - np.arctan(0.7)), (1.3e-2, 3.8e-3, 1.1e-3, 5.4e-4)),
     "two walls": (
         [FLOOR, wall(-1, 0.7), wall(1, 2.0)],
         UP,
@@ -136,15 +131,9 @@ def test_infinite_wall_in_numbers():
 @pytest.mark.parametrize("order", [0, 1, 3, 4, 6])
 def test_any_order(order):
     """A wall's half space by quadrature over the sphere, at orders without a formula here."""
-    from relight.sh import basis
-
-    count = 400_000
-    index = np.arange(count) + 0.5
-    z = 1 - 2 * index / count
-    angle = index * np.pi * (3 - np.sqrt(5))
-    w = np.stack([np.sqrt(1 - z * z) * np.cos(angle), np.sqrt(1 - z * z) * np.sin(angle), z], -1)
+    w = sphere_spiral(400_000)
     upper = w[(w[:, 2] > 0) & (w[:, 0] > 0)]
-    answer = (basis(upper, order) * upper[:, 2:]).sum(0) * 4 * np.pi / count
+    answer = (basis(upper, order) * upper[:, 2:]).sum(0) * 4 * np.pi / len(w)
     normals = np.repeat(UP[None], 64, 0)
     transport, _ = integrate(caster_of([FLOOR, wall(-0.01, FAR)]), 0 * normals, normals, normals, 4096, order)
     assert np.abs(transport.mean(0) - answer).max() < 2e-4

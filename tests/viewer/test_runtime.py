@@ -1,13 +1,10 @@
 """onnxruntime-web is taken once, and only in the version that is known."""
 
-import base64
 import gzip
-import hashlib
-import io
-import tarfile
 from dataclasses import replace
 
 import pytest
+from samples import tarball
 
 from relight.core.errors import UserError
 from relight.viewer import runtime
@@ -22,12 +19,7 @@ def own_data(tmp_path, monkeypatch):
 def package(tmp_path, monkeypatch):
     """A package of the right files with short contents, which stands for the known version."""
     path = tmp_path / "package.tgz"
-    with tarfile.open(path, "w:gz") as archive:
-        for name in runtime.FILES:
-            entry = tarfile.TarInfo(f"package/dist/{name}")
-            entry.size = len(name)
-            archive.addfile(entry, io.BytesIO(name.encode()))
-    integrity = base64.b64encode(hashlib.sha512(path.read_bytes()).digest()).decode()
+    integrity = tarball(path, {f"package/dist/{name}": name.encode() for name in runtime.FILES})
     monkeypatch.setattr(runtime, "PACKAGE", replace(runtime.PACKAGE, integrity=integrity))
     return path
 

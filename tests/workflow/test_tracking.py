@@ -229,10 +229,7 @@ def test_serve_is_one_server_that_ends_with_it_and_takes_runs(tmp_path):
         port = free.getsockname()[1]
     words = ["ui", f"track.uri=sqlite:///{tmp_path}/a.db", "track.experiment=test", "--port", str(port)]
     server = subprocess.Popen(
-        [sys.executable, "-m", "relight.cli", *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
+        [sys.executable, "-m", "relight.cli", *words], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
     try:
         line = server.stdout.readline()
