@@ -14,7 +14,7 @@ from relight.evaluation.scoring.comparisons import MARGIN, Verdict, compare_esti
 from relight.evaluation.scoring.labels import LABELS
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores, gather, read_scores, write_scores
-from relight.evaluation.scoring.statistics import Estimate
+from relight.evaluation.scoring.statistics import Estimate, holm
 from relight.evaluation.scoring.tables import TABLE1_COLUMNS, TABLE2_COLUMNS, experiment_table
 from relight.evaluation.scoring.truth import COLUMNS
 from relight.settings.schema import READINGS
@@ -167,11 +167,12 @@ def test_correct_widens_intervals_until_they_agree_with_p():
     means = [1.0, 1.005, 1.05, 1.09, 1.1, 1.2, 1.6]
     ones = [Estimate(v.mean(), 0, 0, v[:, None]) for v in (mean + rng.normal(0, 0.1, 12) for mean in means)]
     alone = [compare_estimates("shading_rmse", ones[0], one) for one in ones[1:]]
-    before = [one.interval for one in alone]
+    before, equivalent = [one.interval for one in alone], holm([one.p_equivalent for one in alone])
     kept = [low > 0 or high < 0 for low, high in before]
     together = correct(alone)
     after = [one.interval for one in together]
     assert all(a[0] <= b[0] and b[1] <= a[1] for a, b in zip(after, before))
+    assert [one.p_equivalent for one in together] == pytest.approx(equivalent)
     excluded = [low > 0 or high < 0 for low, high in after]
     assert excluded == [one.p < 0.05 for one in together] and sum(excluded) < sum(kept)
     # The least p of six is tested at the level 0.05 / 6, of Student's t.

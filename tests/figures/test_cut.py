@@ -102,19 +102,11 @@ def test_drop_rows_start_in_folds_of_the_same_length(body, name):
     assert wide[0] < 0.9 * wide[1], "it hangs narrower than it is cut"
 
 
-def tube(radius: float = 0.06, columns: int = 24) -> tuple[np.ndarray, np.ndarray]:
+def tube() -> tuple[np.ndarray, np.ndarray]:
     """A dome with a round hole, as shoulders are to a neck: vertices and faces turned outward."""
-    turn = 2 * np.pi * np.arange(columns) / columns
-    rings = [(radius, 0.0), (0.09, -0.012), (0.13, -0.04), (0.18, -0.10), (0.20, -0.2), (0.20, -0.3)]
-    points = np.concatenate([np.stack([r * np.sin(turn), 0 * turn + y, r * np.cos(turn)], 1) for r, y in rings])
-    i = np.arange(columns)
-    j = (i + 1) % columns
-    faces = [
-        part + k * columns
-        for k in range(len(rings) - 1)
-        for part in (np.stack([i, i + columns, j], 1), np.stack([j, i + columns, j + columns], 1))
-    ]
-    points, faces = points, np.concatenate(faces)
+    rings = [(0.06, 0.0), (0.09, -0.012), (0.13, -0.04), (0.18, -0.10), (0.20, -0.2), (0.20, -0.3)]
+    dome = trimesh.creation.revolve(rings[::-1], sections=24)
+    points, faces = dome.vertices[:, [1, 2, 0]], dome.faces
     for _ in range(2):
         matrix, finer = loop(faces, len(points))
         points, faces = matrix @ points, finer

@@ -3,9 +3,10 @@
 import copy
 import csv
 import os
+import pickle
 import subprocess
 import sys
-from dataclasses import astuple, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,18 +37,10 @@ class Run:
         self.recipe, self.inputs = recipe, Inputs(world["packed"], world["lights"], world["split"])
         self.logged: list[tuple[int, dict]] = []
 
-    def program(self, curve: Path | None, log: str = "None") -> str:
+    def program(self) -> str:
         """Python that runs this training in a process of its own."""
-        parts = ", ".join(f"config.{name.title()}(**{settings})" for name, settings in self.recipe.as_dict().items())
-        paths = ", ".join(f"Path({str(path)!r})" for path in astuple(self.inputs)[:3])
-        return (
-            "import os, signal\n"
-            "from pathlib import Path\n"
-            "from relight import settings as config\n"
-            "from relight.learning.train import Inputs, Recipe, train\n"
-            f"out, state, curve = Path({str(self.out)!r}), Path({str(self.state)!r}), {curve and str(curve)!r}\n"
-            f"train(Recipe({parts}), Inputs({paths}), out, state, curve and Path(curve), {log})\n"
-        )
+        given = pickle.dumps((self.recipe, self.inputs, self.out, self.state, self.curve, None))
+        return f"import pickle\nfrom relight.learning.train import train\ntrain(*pickle.loads({given!r}))\n"
 
     def __call__(self, log=None) -> bytes:
         log = log or (lambda values, step, picture: self.logged.append((step, values)))
@@ -304,7 +297,7 @@ def test_two_processes_train_the_network_that_one_does(run, tmp_path):
     alone, pair = (run(name, *changes, steps=4, color="photo", optimizer="muon") for name in ("alone", "pair"))
     alone()
     script = tmp_path / "pair.py"
-    script.write_text(pair.program(pair.curve))
+    script.write_text(pair.program())
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2", str(script)]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)

@@ -92,52 +92,42 @@ class Writer:
         return out
 
     def bytes(self, first, last):
-        b = flatbuffers.Builder(1024)
-
-        def offsets(values):
-            b.StartVector(4, len(values), 4)
-            for value in reversed(values):
-                b.PrependUOffsetTRelative(value)
-            return b.EndVector()
-
-        def table(count, fields):
-            b.StartObject(count)
-            for field, kind, value in fields:
-                getattr(b, f"Prepend{kind}Slot")(field, value, 0)
-            return b.EndObject()
-
-        def numbers(values):
-            return b.CreateNumpyVector(np.asarray(values, np.int32))
-
-        def reference(field, value):
-            return field, "UOffsetTRelative", value
-
-        buffers, tensors = [table(1, [])], []
+        tensors, buffers = [], [{}]
         for values, shape in self.tensors:
-            stored = 0
-            if values is not None:
-                data = b.CreateByteVector(values.tobytes())
-                buffers.append(table(1, [reference(0, data)]))
-                stored = len(buffers) - 1
-            sizes = numbers(values.shape if values is not None else shape)
-            kind = TENSORS[values.dtype] if values is not None else 0
-            tensors.append(table(4, [reference(0, sizes), (1, "Int8", kind), (2, "Uint32", stored)]))
-        codes = []
-        for code in self.codes:
-            if isinstance(code, str):
-                name = b.CreateString(code)
-                codes.append(table(4, [(0, "Int8", CUSTOM), reference(1, name), (3, "Int32", CUSTOM)]))
+            if values is None:
+                tensors.append({0: np.array(shape, np.int32)})
             else:
-                codes.append(table(4, [(0, "Int8", code), (3, "Int32", code)]))
-        operations = []
+                kind, place = ("Int8", TENSORS[values.dtype]), ("Uint32", len(buffers))
+                tensors.append({0: np.array(values.shape, np.int32), 1: kind, 2: place})
+                buffers.append({0: values.tobytes()})
+        codes, operations = [], []
+        for code in self.codes:
+            number = CUSTOM if isinstance(code, str) else code
+            codes.append({0: ("Int8", number), 3: ("Int32", number)} | ({1: code} if number is CUSTOM else {}))
         for code, inputs, outputs, options in self.operations:
-            fields = [(0, "Uint32", code), reference(1, numbers(inputs)), reference(2, numbers(outputs))]
-            if options:
-                fields += [(3, "Uint8", 1), reference(4, table(8, options))]
-            operations.append(table(7, fields))
-        lists = offsets(tensors), numbers([first]), numbers([last]), offsets(operations)
-        graph = table(5, [reference(field, value) for field, value in enumerate(lists)])
-        lists = offsets(codes), offsets([graph]), offsets(buffers)
-        model = table(5, [reference(1, lists[0]), reference(2, lists[1]), reference(4, lists[2])])
-        b.Finish(model, file_identifier=b"TFL3")
+            fields = {0: ("Uint32", code), 1: np.array(inputs, np.int32), 2: np.array(outputs, np.int32)}
+            chosen = {field: (kind, value) for field, kind, value in options}
+            operations.append(fields | ({3: ("Uint8", 1), 4: chosen} if options else {}))
+        ends = {1: np.array([first], np.int32), 2: np.array([last], np.int32)}
+        b = flatbuffers.Builder(1024)
+        b.Finish(put(b, {1: codes, 2: [{0: tensors, **ends, 3: operations}], 4: buffers}), file_identifier=b"TFL3")
         return bytes(b.Output())
+
+
+def put(b, value):
+    """The place of a table (its fields by number, plain ones with their kinds), a list of tables, numbers or a text."""
+    if isinstance(value, dict):
+        refers = "UOffsetTRelative"
+        fields = {n: each if isinstance(each, tuple) else (refers, put(b, each)) for n, each in value.items()}
+        b.StartObject(max(fields, default=0) + 1)
+        for field, (kind, number) in fields.items():
+            getattr(b, f"Prepend{kind}Slot")(field, number, 0)
+        return b.EndObject()
+    if isinstance(value, list):
+        places = [put(b, each) for each in value]
+        b.StartVector(4, len(places), 4)
+        for place in reversed(places):
+            b.PrependUOffsetTRelative(place)
+        return b.EndVector()
+    create = {str: b.CreateString, bytes: b.CreateByteVector, np.ndarray: b.CreateNumpyVector}
+    return create[type(value)](value)

@@ -12,7 +12,6 @@ from relight.core.srgb import encode
 from relight.maps.square import crop_around
 from relight.photos.look import Look
 from relight.photos.movie import smooth_over_time, with_masks, write_movie
-from relight.photos.opening import mask_in
 from relight.photos.person import Person
 from relight.photos.picture import Picture
 from relight.photos.video import read_frames, write_video
@@ -232,12 +231,6 @@ def test_a_clip_that_is_transparent_is_its_own_mask(tmp_path, codec):
     (photo,) = with_masks(path, frames, None)
     assert np.abs(photo.coverage.astype(int) - 255 * INSIDE).max() <= 6
     assert np.abs(photo.pixels[32:64, 32:64].astype(int) - [200, 100, 50]).max() <= 3
-
-
-def test_a_mask_is_found_whatever_the_photo_is_called(tmp_path):
-    (tmp_path / "IMG[1]_mask.png").touch()
-    (tmp_path / "IMG1.png").touch()
-    assert mask_in(tmp_path, "IMG[1]") == tmp_path / "IMG[1]_mask.png" and mask_in(tmp_path, "other") is None
 
 
 def test_smoothing_removes_flicker_and_keeps_what_is_still():

@@ -42,6 +42,7 @@ def write(path, codes, matrix="709", bits=8, tags=None, codec="libx264", full=Fa
     chroma = [(codes[..., 2] - luma) / (2 - 2 * blue), (codes[..., 0] - luma) / (2 - 2 * red)]
     scale, low, high, wide = 2 ** (bits - 8), *((0, 255, 255) if full else (16, 219, 224))
     planes = [(low + high * luma) * scale, *((128 + wide * plane[::2, ::2]) * scale for plane in chroma)]
+    rows = np.concatenate([plane.reshape(-1, codes.shape[1]) for plane in planes]).round().clip(0, 255 * scale)
     form = "yuv420p" if bits == 8 else f"yuv420p{bits}le"
     with av.open(str(path), "w") as file:
         options = {"crf": "1", "x265-params": "log-level=none"} if codec != "libvpx-vp9" else {"lossless": "1"}
@@ -55,12 +56,7 @@ def write(path, codes, matrix="709", bits=8, tags=None, codec="libx264", full=Fa
         if aspect:
             context.sample_aspect_ratio = aspect
         for time in times:
-            frame = av.VideoFrame(stream.width, stream.height, form)
-            for plane, values in zip(frame.planes, planes):
-                rows = np.round(values).clip(0, 255 * scale).astype(np.uint8 if bits == 8 else np.uint16)
-                padded = np.zeros((len(rows), plane.line_size), np.uint8)
-                padded[:, : rows.shape[1] * rows.itemsize] = rows.view(np.uint8).reshape(len(rows), -1)
-                plane.update(padded.tobytes())
+            frame = av.VideoFrame.from_ndarray(rows.astype(np.uint8 if bits == 8 else np.uint16), form)
             frame.pts, frame.time_base, frame.color_range = time, Fraction(1, 30), 2 if full else 1
             if tags:
                 frame.colorspace = tags[0]

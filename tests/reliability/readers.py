@@ -2,12 +2,28 @@
 
 import io
 import json
+import pkgutil
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import OpenEXR
 from PIL import Image, ImageCms
+
+PLAIN = {  # readers whose result needs no check
+    "record": "relight.meshes.mesh:Mesh.load",
+    "network": "relight.learning.checkpoint:load_network",
+    "photo": "relight.photos.picture:Picture.of",
+    "scores": "relight.evaluation.scoring.scores:read_scores",
+    "axes": "relight.meshes.alignment:read_align_table",
+}
+
+
+def __getattr__(name: str) -> Callable[[str], object]:
+    if name not in PLAIN:
+        raise AttributeError(name)
+    return pkgutil.resolve_name(PLAIN[name])
 
 
 def panorama(path: str) -> None:
@@ -42,12 +58,6 @@ def split(path: str) -> None:
     assert all(isinstance(name, str) for names in read_split(path).values() for name in names)
 
 
-def record(path: str) -> None:
-    from relight.meshes import Mesh
-
-    Mesh.load(Path(path))
-
-
 def maps(path: str) -> None:
     from relight.maps import LeftOut, read_info, read_maps
 
@@ -65,34 +75,10 @@ def packed(path: str) -> None:
     found.arrays()
 
 
-def network(path: str) -> None:
-    from relight.learning.checkpoint import load_network
-
-    load_network(path)
-
-
-def photo(path: str) -> None:
-    from relight.photos.picture import Picture
-
-    Picture.of(path)
-
-
 def mask(path: str) -> None:
     from relight.photos.mask.find import read_mask
 
     assert read_mask(path, (12, 16))[0].shape == (12, 16)
-
-
-def scores(path: str) -> None:
-    from relight.evaluation.scoring.scores import read_scores
-
-    read_scores(path)
-
-
-def axes(path: str) -> None:
-    from relight.meshes.alignment import read_align_table
-
-    read_align_table(path)
 
 
 def textured(path: str) -> None:
@@ -153,11 +139,13 @@ def panoramas(rng: np.random.Generator) -> dict[str, bytes]:
 
 def write_whole(folder: Path) -> dict[str, list[Path]]:
     """Files of each kind, by the name of the reader."""
+    from samples import lights_of, mesh_of, random_maps
+
     from relight.learning.checkpoint import save_network
     from relight.learning.networks import build
-    from relight.lights import Light, LightSet, write_light, write_light_set
-    from relight.maps import Maps, pack_maps, write_left_out, write_maps
-    from relight.meshes import Material, Mesh
+    from relight.lights import Light, write_light, write_light_set
+    from relight.maps import pack_maps, write_left_out, write_maps
+    from relight.meshes import Material
     from relight.photos.write import write_picture
     from relight.settings import Model
 
@@ -177,34 +165,16 @@ def write_whole(folder: Path) -> dict[str, list[Path]]:
         found.setdefault("light", []).append(path)
     add("light", "light.txt", "\n".join(" ".join(map(str, row)) for row in coefficients))
     add("light", "probe.json", json.dumps({"object": {"sh": coefficients.tolist(), "intensity": 1}}))
-    text, number = np.array(["room:1", "room:2"]), np.arange(2.0)
-    table = np.stack([coefficients, coefficients]).astype(np.float32)
-    write_light_set(LightSet(table, np.array(["train", "test"]), text, number, number, text), folder)
+    write_light_set(lights_of(["train", "test"]), folder)
     for reader in ("light_set", "training_lights"):
         add(reader, f"{reader}.npz", (folder / "lights.npz").read_bytes())
     add("split", "split.json", json.dumps({"train": ["a", "b"], "test": ["c"]}))
 
-    size, image = 12, rng.random((12, 12))
-    inside = image < 0.5
-    layers = {
-        name: (rng.random((size, size, 3)) * inside[..., None]).astype(np.float32) for name in ("albedo", "normal")
-    }
-    layers["transport"] = rng.random((size, size, 9)).astype(np.float32)
-    planes = {name: inside.astype(np.float32) for name in ("coverage", "ao", "depth")}
-    write_maps(
-        add("maps", "maps.exr"), Maps(mask=inside, info={"name": "a", "size": size, "order": 2}, **layers, **planes)
-    )
+    write_maps(add("maps", "maps.exr"), random_maps("a", 12))
     write_left_out(add("maps", "left_out.exr"), {"name": "b"}, "torn")
     pack_maps([folder / "whole.maps.exr"], add("packed", "packed.safetensors"))
-    triangle = Mesh(
-        vertices=np.eye(3, dtype=np.float32),
-        faces=np.array([[0, 1, 2]], np.int32),
-        uv=np.zeros((1, 3, 2), np.float32),
-        material=np.zeros(1, np.int16),
-        materials=[Material(texture=np.zeros((2, 2, 3), np.uint8))],
-        info={"name": "a"},
-    )
-    triangle.save(add("record", "record.npz"))
+    materials = [Material(texture=np.zeros((2, 2, 3), np.uint8))]
+    mesh_of(np.eye(3), [0, 1, 2], materials=materials, info={"name": "a"}).save(add("record", "record.npz"))
     model = Model(name="unet", width=0.1, norm="batch", dropout=0.0, order=1, albedo="clip", light_head="pooled",
                   refine=False, sees="image")  # fmt: skip
     save_network(add("network", "network.safetensors"), build(model, 64), model)

@@ -14,19 +14,19 @@ import numpy as np
 import pytest
 import readers
 from namespaces import mounted, namespaced
+from samples import mesh_of, random_maps
 
 from relight.core.errors import UserError
 from relight.core.files import system_errno
 from relight.learning.checkpoint import restore_state, save_network, save_state
 from relight.learning.networks import build
 from relight.lights import Light, write_light
-from relight.maps import Maps, pack_maps, write_maps
-from relight.meshes import Material, Mesh, list_scans, read_mesh
+from relight.maps import pack_maps, write_maps
+from relight.meshes import Material, list_scans, read_mesh
 from relight.panoramas import list_panoramas, read_panorama
 from relight.photos.opening import list_photos
 from relight.settings import Model
 
-SIZE = 32
 MODEL = Model(name="unet", width=0.1, norm="batch", dropout=0.0, order=1, albedo="clip", light_head="pooled",
               refine=False, sees="image")  # fmt: skip
 
@@ -34,14 +34,9 @@ MODEL = Model(name="unet", width=0.1, norm="batch", dropout=0.0, order=1, albedo
 def writers(folder: Path) -> dict:
     """What writes results, as functions of a path; what they read is made in `folder`."""
     rng = np.random.default_rng(0)
-    noise = rng.random((SIZE, SIZE, 9)).astype(np.float32)
-    plane = np.ones((SIZE, SIZE), np.float32)
-    maps = Maps(mask=plane > 0, coverage=plane, albedo=noise[..., :3], normal=noise[..., 3:6], depth=plane, ao=plane,
-                transport=noise, info={"name": "a", "size": SIZE, "order": 2})  # fmt: skip
+    maps = random_maps("a", 32)
     write_maps(folder / "a.exr", maps)
-    texture = rng.integers(0, 256, (64, 64, 3), np.uint8)
-    mesh = Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32), np.zeros((1, 3, 2), np.float32),
-                np.zeros(1, np.int16), [Material(texture=texture)])  # fmt: skip
+    mesh = mesh_of(np.eye(3), [0, 1, 2], materials=[Material(texture=rng.integers(0, 256, (64, 64, 3), np.uint8))])
     network = build(MODEL, 64)
     return {
         "maps.exr": lambda path: write_maps(path, maps),
@@ -49,7 +44,7 @@ def writers(folder: Path) -> dict:
         "packed.safetensors": lambda path: pack_maps([folder / "a.exr"], path),
         "network.safetensors": lambda path: save_network(path, network, MODEL),
         "state.pt": lambda path: save_state(path, "digest", {"network": network}, 1, []),
-        "light.json": lambda path: write_light(Light(noise[0, :9, :3].astype(float), "test"), path),
+        "light.json": lambda path: write_light(Light(rng.random((9, 3)), "test"), path),
     }
 
 
@@ -126,7 +121,7 @@ def test_a_refusal_is_known_through_any_library():
 FULL = """
 import sys
 from pathlib import Path
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = [sys.argv[1], str(Path(sys.argv[1]).parent)]
 import os, subprocess, numpy as np
 from test_reliability_disk import writers
 from relight.core.errors import UserError

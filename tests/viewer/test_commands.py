@@ -10,10 +10,9 @@ from typer.testing import CliRunner
 from relight.core.errors import UserError
 from relight.lights import load_light, write_light
 from relight.maps import write_left_out, write_maps
-from relight.photos.api import Relighter
-from relight.photos.network import PhotoNetwork
+from relight.photos.api import load
 from relight.photos.render import total_coverage
-from relight.sh import basis, irradiance, unoccluded
+from relight.sh import irradiance
 from relight.viewer.commands import app
 from relight.viewer.source import LIGHTS, baked_figure, named_lights
 
@@ -81,29 +80,10 @@ def test_wrong_input_is_told_in_a_sentence(tmp_path):
     assert not list(tmp_path.glob("*.html"))
 
 
-class Oracle:
-    """Smooth maps of its own invention on squares of 48 px, another light for each second person."""
-
-    def __init__(self):
-        self.count = 0
-
-    def __call__(self, image, mask):
-        i, self.count = self.count % 2, self.count + 1
-        seen, mask = np.moveaxis(image[0], 0, -1), mask[0, 0]
-        y, x = np.mgrid[-1:1:48j, -1:1:48j]
-        normal = np.stack([x, -y, np.ones_like(x)], -1) / np.sqrt(x**2 + y**2 + 1)[..., None]
-        transport = (unoccluded(normal) * (0.8 + 0.2 * np.sin(9 * x))[..., None] * mask[..., None]).astype(np.float32)
-        light = np.outer(basis(np.array([0.6 - i, 0.3, 0.7])), [1.0, 0.8, 0.6]) + np.outer(
-            np.eye(9)[0], [0.6, 0.7, 0.9]
-        )
-        albedo = np.clip(seen * 1.5, 0, 1) * mask[..., None]
-        return [np.moveaxis(albedo, -1, 0)[None], np.moveaxis(transport, -1, 0)[None], light.astype(np.float32)[None]]
-
-
 @pytest.mark.slow
-def test_a_photo_of_two_people_is_shown_as_the_photo_command_shows_it(page, tmp_path, monkeypatch):
-    config = {"model": {"order": 2}, "train": {"color": "photo"}}
-    relighter = Relighter(PhotoNetwork(48, config, "", Oracle()))
+def test_a_photo_of_two_people_is_shown_as_the_photo_command_shows_it(page, tmp_path, monkeypatch, weights):
+    relighter = load(weights, threads=1)
+    config = relighter.network.config
     monkeypatch.setattr("relight.photos.api.load", lambda weights: relighter)
     generator = np.random.default_rng(0)
     pixels = (gaussian_filter(generator.random((90, 140, 3)), (2, 2, 0)) * 400 - 70).clip(0, 255).astype(np.uint8)

@@ -18,19 +18,7 @@ import psutil
 from relight.core.processes import end_with_parent
 from relight.settings import ROOT
 
-LEFT = (
-    "results",
-    "build",
-    ".snakemake",
-    ".venv",
-    ".git",
-    "mlflow.db",
-    "mlruns",
-    ".mlflow.lock",
-    "__pycache__",
-    "docs",
-    "tests",
-)
+LEFT = "results build .snakemake .venv .git mlflow.db mlruns .mlflow.lock __pycache__ docs tests".split()
 # Two trainings of which one goes on from the other.
 WORDS = ("scale=smoke", "experiment=self_supervised", "figures.count=3", "sweep.only=[ours_full,self_all]")
 OUT = "results/smoke"
