@@ -73,12 +73,12 @@ def write_pfm(path: Path, pixels: np.ndarray) -> Path:
     return path
 
 
-def ssim_in_the_box(first, second, inside):
+def ssim_in_the_box(first, second, inside, span=1.0):
     """scikit-image's SSIM in the box of the mask, outside of which pictures are black."""
     rows, columns = np.nonzero(inside)
     box = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
     pair = (np.where(inside[..., None], x, 0)[box] for x in (first, second))
-    return structural_similarity(*pair, channel_axis=-1, data_range=1.0)
+    return structural_similarity(*pair, channel_axis=-1, data_range=span)
 
 
 def lights_of(split: Sequence[str], **fields) -> LightSet:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 from PIL import Image
 
 from relight.cli import EXTRAS
@@ -30,10 +31,6 @@ sys.meta_path.insert(0, Guard())
 """
 
 
-def canonical(name: str) -> str:
-    return re.sub(r"[-_.]+", "-", name).lower()
-
-
 @cache
 def distributions() -> dict[str, list[str]]:
     """Returns the packages that each module comes with; to list them takes a second."""
@@ -45,7 +42,7 @@ def core_packages() -> set[str]:
     found: set[str] = set()
     queue = [Requirement(line) for line in PROJECT["dependencies"]]
     while queue:
-        name = canonical(queue.pop().name)
+        name = canonicalize_name(queue.pop().name)
         if name in found:
             continue
         found.add(name)
@@ -64,7 +61,7 @@ def core(tmp_path_factory):
     hidden = [
         module
         for module, owners in distributions().items()
-        if not {canonical(owner) for owner in owners} & {*allowed, "relight", "coverage"}
+        if not {canonicalize_name(owner) for owner in owners} & {*allowed, "relight", "coverage"}
     ]
     folder = tmp_path_factory.mktemp("core")
     (folder / "guard.py").write_text(GUARD.format(hidden=json.dumps(hidden)))
@@ -170,8 +167,8 @@ def test_missing_extras_are_named_in_one_line(lacking, line):
 def test_every_extra_that_is_named_exists():
     assert {*EXTRAS.values()} <= {*PROJECT["optional-dependencies"]}
     for module, extra in EXTRAS.items():
-        owners = {canonical(owner) for owner in distributions().get(module, [])}
-        listed = {canonical(Requirement(line).name) for line in PROJECT["optional-dependencies"][extra]}
+        owners = {canonicalize_name(owner) for owner in distributions().get(module, [])}
+        listed = {canonicalize_name(Requirement(line).name) for line in PROJECT["optional-dependencies"][extra]}
         assert not owners or owners & listed, f"{module} does not come with {extra}"
 
 

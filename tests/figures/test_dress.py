@@ -1,7 +1,6 @@
-"""Whole figures: determinism, completeness, gates, constraints, and exported files."""
+"""Whole figures: completeness, gates, constraints, and exported files."""
 
 import csv
-import hashlib
 import json
 import os
 import re
@@ -37,17 +36,6 @@ from relight.figures.wear import DrapedGarment
 from relight.meshes import Material, Mesh, clean, read_mesh
 
 SEED, SUBJECT = 5002, 3  # the second of three figures of one person
-
-
-def digest(mesh: Mesh) -> str:
-    arrays = [
-        mesh.vertices,
-        mesh.faces,
-        mesh.uv,
-        mesh.material,
-        *(m.texture for m in mesh.materials if m.texture is not None),
-    ]
-    return hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
 
 
 @pytest.mark.slow

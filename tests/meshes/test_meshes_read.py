@@ -179,11 +179,6 @@ def test_pictures_of_every_kind_become_rgb(tmp_path, mode):
     assert abs(int(texture[-1, -1, 0]) - {"I;16": 127, "1": 255}.get(mode, 153)) <= 1
 
 
-def scene_of(trimesh_scene, path):
-    trimesh_scene.export(path)
-    return read_mesh(path)
-
-
 def test_glb_of_another_writer(tmp_path):
     """Two textured nodes under a turned, scaled and a mirrored transform, against trimesh's own reading."""
     scene = trimesh.Scene()
@@ -202,7 +197,8 @@ def test_glb_of_another_writer(tmp_path):
         if name == "two":
             matrix[:3, 0] *= -1
         scene.add_geometry(box, geom_name=name, node_name=name, transform=matrix)
-    mesh = scene_of(scene, tmp_path / "a.glb")
+    scene.export(tmp_path / "a.glb")
+    mesh = read_mesh(tmp_path / "a.glb")
     want = trimesh.load_scene(tmp_path / "a.glb", process=False).to_mesh()
     np.testing.assert_allclose(np.sort(mesh.vertices, axis=0), np.sort(want.vertices, axis=0), atol=1e-5)
     again = trimesh.Trimesh(mesh.vertices, mesh.faces)

@@ -1,7 +1,10 @@
+import warnings
+
 import numpy as np
 import OpenEXR
 import pytest
 from samples import write_pfm
+from scipy.ndimage import generic_filter
 
 from relight.core.errors import UserError
 from relight.panoramas import list_panoramas, project, read_panorama
@@ -62,7 +65,7 @@ def test_negatives_are_clipped_and_counted(tmp_path):
 
 
 def test_repaired_pixels_get_the_mean_of_their_neighbours(tmp_path):
-    """Twin: ring by ring, each pixel that touches finite ones, by loops."""
+    """Twin: ring by ring, each pixel that touches finite ones, by a filter of nanmean."""
     pixels = noise(40, 80)
     holes = [(0, 0), (5, 79), (20, 40), *((i, j) for i in range(30, 34) for j in range(60, 65))]
     broken = pixels.copy()
@@ -72,21 +75,11 @@ def test_repaired_pixels_get_the_mean_of_their_neighbours(tmp_path):
     with pytest.raises(UserError, match=r"23 of 3200 pixels are not finite numbers, the first in row 0, column 0"):
         read_panorama(path)
     mended = read_panorama(path, repair=True)
-    expected, left = broken.astype(np.float64), set(holes)
-    while left:
-        around = {
-            (i, j): [
-                expected[r, c]
-                for r in range(max(i - 1, 0), min(i + 2, 40))
-                for c in range(max(j - 1, 0), min(j + 2, 80))
-                if (r, c) not in left
-            ]
-            for i, j in left
-        }
-        for hole, values in around.items():
-            if values:
-                expected[hole] = np.mean(values, 0)
-                left.discard(hole)
+    expected = np.where(np.isfinite(broken).all(-1, keepdims=True), broken, np.nan).astype(np.float64)
+    while (left := np.isnan(expected)).any():
+        with warnings.catch_warnings(action="ignore"):  # means of nothing
+            means = generic_filter(expected, np.nanmean, (3, 3, 1), mode="constant", cval=np.nan)
+        expected[left] = means[left]
     np.testing.assert_allclose(mended.pixels, expected, rtol=1e-5)
     count = "23 of 3200 pixels are not finite numbers"
     assert mended.repairs == [f"{count}; they were replaced by the mean of their neighbours"]

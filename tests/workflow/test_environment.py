@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from relight.settings import ROOT
 
@@ -20,10 +21,6 @@ for package in tomllib.loads(LOCK)["package"]:
     VERSIONS.setdefault(package["name"], []).append(package.get("version", ""))
 
 
-def canonical(name: str) -> str:
-    return re.sub(r"[-_.]+", "-", name).lower()
-
-
 def wanted() -> list[Requirement]:
     extras = [line for lines in PROJECT["optional-dependencies"].values() for line in lines]
     found = [Requirement(line) for line in PROJECT["dependencies"] + extras]
@@ -32,7 +29,7 @@ def wanted() -> list[Requirement]:
 
 @pytest.mark.parametrize("requirement", wanted(), ids=lambda requirement: requirement.name)
 def test_each_dependency_is_locked_within_its_range(requirement):
-    assert (versions := VERSIONS.get(canonical(requirement.name))), "make lock"
+    assert (versions := VERSIONS.get(canonicalize_name(requirement.name))), "make lock"
     assert all(requirement.specifier.contains(version, prereleases=True) for version in versions)
 
 
@@ -91,10 +88,13 @@ def test_licences_of_all_packages_are_told():
     """And that of pymeshlab, which binds who passes it on, where one looks first."""
     tool = runpy.run_path(str(ROOT / "tools" / "licences.py"))
     page, names = tool["page"](), tool["locked"]()
-    told = {canonical(name): licence for name, licence in re.findall(r"^\| ([\w.-]+) \| \S+ \| (.+?) \|", page, re.M)}
+    told = {
+        canonicalize_name(name): licence
+        for name, licence in re.findall(r"^\| ([\w.-]+) \| \S+ \| (.+?) \|", page, re.M)
+    }
     others = page.rpartition("\n\n")[2]
     assert len(names) > 150
-    assert not [name for name in names if canonical(name) not in told and name not in others]
+    assert not [name for name in names if canonicalize_name(name) not in told and name not in others]
     assert told["torch"] and told["pymeshlab"].startswith("GPL") and "not stated" not in told.values()
     for page in ("README.md", "NOTICE"):
         text = (ROOT / page).read_text()
