@@ -56,6 +56,7 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
         files[kind] = {row: [f"evaluate/{'-'.join(on)}/{row}.s0.csv"] for row in rows}
         files[kind][""] = [f"evaluate/{'-'.join(on)}/baselines.csv"]
     (folder / "report").mkdir(exist_ok=True)
+    (folder / "figures.json").write_text('{"figures": {}, "left_out": {}}')
     run = folder / "run.yaml"
     told = (
         yaml.safe_load(run.read_text())
@@ -274,18 +275,19 @@ def check(html: str) -> Outline:
     return found
 
 
-def test_head_draws_no_conclusion_from_a_few_figures(tmp_path):
-    for figures, concludes in ((5, False), (6, True)):
+def test_head_draws_no_conclusion_from_a_few_subjects(tmp_path):
+    for figures, subjects, concludes in ((5, 5, False), (6, 6, True), (10, 5, False)):
         folder = tmp_path / str(figures)
         made = results(folder, "claim", {"sfsnet": {"shading_true_light_rmse": 0.6}})
         for file in (folder / "evaluate" / "test-test").glob("*.csv"):
             table = pd.read_csv(file)
             table[table["figure"].isin(FIGURES[:figures])].to_csv(file, index=False)
-        made.record = {"figures": dict.fromkeys(FIGURES), "left_out": {}}
+        people = {name: {"subject": f"p{i % subjects}"} for i, name in enumerate(FIGURES)}
+        made.record = {"figures": people, "left_out": {}}
         made.lights = {"lights": {"train": 3, "test": 1}}
         head = build.head("run", made, outcome=None)
         assert ("Knowing occlusion makes shading better" in head) == concludes
-        assert ("concluded from this run: its networks are tested on 5 figures." in head) != concludes
+        assert ("concluded from this run: its networks are tested on 5 subjects." in head) != concludes
 
 
 def test_command_repeats_a_run(tmp_path):

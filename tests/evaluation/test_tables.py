@@ -15,7 +15,7 @@ from relight.evaluation.scoring.labels import LABELS
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores, gather, read_scores, write_scores
 from relight.evaluation.scoring.statistics import Estimate, holm
-from relight.evaluation.scoring.tables import TABLE1_COLUMNS, TABLE2_COLUMNS, experiment_table
+from relight.evaluation.scoring.tables import TABLE1_COLUMNS, TABLE2_COLUMNS, Table, experiment_table
 from relight.evaluation.scoring.truth import COLUMNS
 from relight.settings.schema import READINGS
 
@@ -102,7 +102,7 @@ def test_write_tables_of_any_cells(tmp_path):
     assert [cell.strip(" |") for cell in cells[2]] == ["a & b", ".123 ± .025", "3", "12.3", "✗ worse"]
     assert cells[3][0] == "| *<c>*" and cells[3][1].strip() == ".500 ± ∞"
     assert grid.blocks() == [grid]
-    page = section("sections/summary.md", orderings=[1], tables=[one], trainings=(2, 2), small=0, listed=grid)
+    page = section("sections/summary.md", orderings=[1], tables=[Table(())], trainings=(2, 2), small=0, listed=grid)
     cells = re.findall("<t[dh][^>]*>(.*?)</t[dh]>", page)
     assert cells[5:10] == ["a &amp; b", ".123\u00a0±\u00a0.025", "3", "12.3", "✗ worse"]
     assert cells[10] == "<em>&lt;c&gt;</em>" and cells[14] == "|"
@@ -198,6 +198,16 @@ def test_write_scores_keeps_scores(tmp_path):
     for name in ("short", "empty", "other", "ragged", "binary"):
         with pytest.raises(UserError, match="not a table of scores"):
             read_scores(tmp_path / f"{name}.csv")
+
+
+def test_figures_of_one_person_are_averaged():
+    one = scores("sfsnet", 0, {})
+    again = {name: np.concatenate([values, values[:3] + 2, values[:1] + 4]) for name, values in one.columns.items()}
+    more = Scores([*FIGURES, "f0b", "f1b", "f2b", "f0c"], one.lights, again)
+    mean = more.by_subject({"f0b": "f0", "f1b": "f1", "f2b": "f2", "f0c": "f0"})
+    assert mean.figures == FIGURES
+    for name, values in one.columns.items():
+        np.testing.assert_allclose(mean.columns[name] - values, np.array([[2, 1, 1] + 9 * [0]]).T + np.zeros(4))
 
 
 def test_gather_trainings_by_row(tmp_path):

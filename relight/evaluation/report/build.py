@@ -12,7 +12,7 @@ from relight.evaluation.report.provenance import provenance
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import compare_rows
 from relight.evaluation.scoring.paper import CITATION
-from relight.evaluation.scoring.statistics import MIN_FIGURES
+from relight.evaluation.scoring.statistics import MIN_SUBJECTS
 from relight.evaluation.scoring.tables import PRINTED, Table
 
 # Endings of the files of an experiment.
@@ -91,7 +91,7 @@ def head(name: str, results: Results, outcome: dict[str, Any] | None) -> Markup:
         results: results of the run.
         outcome: context of templates/sections/summary.md, if a table of the run is one that the paper prints.
     """
-    tested = max((results.table(table).figures for table in results.tables), default=0)
+    tested = max((results.table(table).subjects for table in results.tables), default=0)
     with_plates = [table for table in results.tables if results.experiments[table]["plates"]]
     hero = next((results.report / f"{table}_overview.png" for table in with_plates), results.report / "figures.png")
     left_out = len(results.record["left_out"])
@@ -102,7 +102,7 @@ def head(name: str, results: Results, outcome: dict[str, Any] | None) -> Markup:
         questions=[(name, results.title(name), about["question"]) for name, about in results.experiments.items()],
         outcome=outcome,
         answer=_answer(results),
-        few=tested if 0 < tested < MIN_FIGURES else None,
+        few=tested if 0 < tested < MIN_SUBJECTS else None,
         scans=results.run["settings"]["figures"]["source"] == "scans",
         left_out=left_out,
         failed=sum("failed" in about for about in results.experiments.values()),
@@ -125,4 +125,4 @@ def _answer(results: Results) -> dict[str, Any] | None:
     claims = compare_rows(table, "ours_min", "sfsnet", ("shading_true_light_rmse", "relit_rmse"))
     over_ao = compare_rows(table, "ours_min", "sfsnet_ao", ("shading_true_light_rmse",))
     context = {"name": "claim", "claims": claims, "over_ao": next(iter(over_ao.values()), None), "scored": table}
-    return context if len(claims) == 2 and table.figures >= MIN_FIGURES else None
+    return context if len(claims) == 2 and table.subjects >= MIN_SUBJECTS else None

@@ -14,7 +14,7 @@ from relight.core.files import existing_file
 from relight.evaluation.report import formats
 from relight.evaluation.scoring.comparisons import MARGIN, Verdict
 from relight.evaluation.scoring.labels import column_label, label
-from relight.evaluation.scoring.statistics import ALPHA, MIN_FIGURES
+from relight.evaluation.scoring.statistics import ALPHA, MIN_SUBJECTS
 
 LARGE = 400_000  # bytes; larger PNGs are embedded as JPEGs of the same size in pixels
 
@@ -40,7 +40,7 @@ def environment() -> Environment:
         "picture": picture,
         "ALPHA": ALPHA,
         "MARGIN": MARGIN,
-        "MIN_FIGURES": MIN_FIGURES,
+        "MIN_SUBJECTS": MIN_SUBJECTS,
         "Verdict": Verdict,
     }
     return made

@@ -114,10 +114,12 @@ class Results:
         return yaml.safe_load((self.folder / "run.yaml").read_text(encoding="utf-8"))
 
     def _gather(self, paths: Iterable[str]) -> Rows:
-        """Reads the scores in files of the results, each set of files once."""
+        """Reads the scores in files of the results, by person, each set of files once."""
         files = tuple(paths)
         if files not in self._scores:
-            self._scores[files] = gather([self.folder / path for path in files])
+            subjects = {name: figure.get("subject", name) for name, figure in self.record["figures"].items()}
+            found = gather([self.folder / path for path in files])
+            self._scores[files] = {row: [one.by_subject(subjects) for one in rows] for row, rows in found.items()}
         return self._scores[files]
 
     def _files(self, name: str, usual: bool) -> dict[str, list[str]]:

@@ -33,6 +33,17 @@ class Scores:
         """Returns scores from those of each figure, column -> (L,), in the order of their names."""
         return cls(figures, lights.tolist(), {name: np.stack([part[name] for part in scores]) for name in scores[0]})
 
+    def by_subject(self, subjects: dict[str, str]) -> "Scores":
+        """Returns the means over the figures of each person, which are not independent of each other.
+
+        Args:
+            subjects: figure -> person; a figure that it does not name is a person of its own.
+        """
+        own = np.array([subjects.get(figure, figure) for figure in self.figures])
+        people = list(dict.fromkeys(own.tolist()))
+        means = {name: [values[own == person].mean(0) for person in people] for name, values in self.columns.items()}
+        return Scores(people, self.lights, {name: np.stack(values) for name, values in means.items()})
+
     def frame(self, predictor: str) -> pd.DataFrame:
         """Returns a row per figure and light, with the predictor's name. Raises UserError about an unknown column."""
         pairs = pd.MultiIndex.from_product([[predictor], self.figures, self.lights], names=KEYS)

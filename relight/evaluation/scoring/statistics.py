@@ -24,8 +24,8 @@ from scipy.stats import norm, t
 CONFIDENCE = 0.95
 ALPHA = 0.05  # significance level
 RESAMPLES = 10_000  # of each interval
-# Test figures, with fewer of which nothing is decided: even if all n agree, the sign test has p = 2 / 2^n >= ALPHA.
-MIN_FIGURES = 6
+# Test subjects, with fewer of which nothing is decided: even if all n agree, the sign test has p = 2 / 2^n >= ALPHA.
+MIN_SUBJECTS = 6
 
 
 @dataclass
@@ -73,7 +73,7 @@ class Difference:
         mean: first minus second.
         p: two-sided p-value of the hypothesis that they are equal.
         error, freedom: the standard error of the mean and its degrees of freedom (Student's t); infinite and 1 if a
-            row has fewer than MIN_FIGURES.
+            row has fewer than MIN_SUBJECTS.
     """
 
     mean: float
@@ -180,7 +180,7 @@ def compare(first: Estimate, second: Estimate) -> Difference:
         first, second: estimates of one column.
 
     Returns:
-        The difference first minus second; with an infinite interval and p = 1 if a row has fewer than MIN_FIGURES.
+        The difference first minus second; with an infinite interval and p = 1 if a row has fewer than MIN_SUBJECTS.
     """
     mean = float(first.mean - second.mean)
     components = _variance_components(first, second)
@@ -204,11 +204,11 @@ def _variance_components(first: Estimate, second: Estimate) -> list[tuple[float,
 
     The variance of the figures' means includes that of the interaction, and so does that of the lights' means, so the
     interaction is subtracted once, as a negative component. If a factor's own variance would be negative, it is zero.
-    Each component has its degrees of freedom; there are none if a row has fewer than MIN_FIGURES.
+    Each component has its degrees of freedom; there are none if a row has fewer than MIN_SUBJECTS.
     """
     rows = [first.values, second.values]
     shared_levels = [first.figures == second.figures, first.lights == second.lights]
-    if min(len(values) for values in rows) < MIN_FIGURES:
+    if min(len(values) for values in rows) < MIN_SUBJECTS:
         return []
     factors: list[list[tuple[float, float]]] = []  # the components of the figures, and those of the lights
     for axis, shared in enumerate(shared_levels):

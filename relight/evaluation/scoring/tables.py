@@ -34,14 +34,14 @@ class Table:
         columns: those to show.
         rows: network or baseline -> column -> estimate; networks come first, in the order of the experiment.
         trainings: network -> number of trainings.
-        figures, lights: numbers of test figures and test lights.
+        subjects, lights: numbers of test subjects (people) and test lights.
         printed: row -> column -> the paper's value.
     """
 
     columns: tuple[str, ...]
     rows: dict[str, dict[str, Estimate]] = field(default_factory=dict)
     trainings: dict[str, int] = field(default_factory=dict)
-    figures: int = 0
+    subjects: int = 0
     lights: int = 0
     printed: dict[str, dict[str, float]] = field(default_factory=dict)
 
@@ -126,7 +126,7 @@ def experiment_table(
         columns,
         rows,
         trainings={row: len(scores) for row, scores in networks.items()},
-        figures=len(any_scores.figures),
+        subjects=len(any_scores.figures),
         lights=len(any_scores.lights),
         printed={row: printed(row) for row in rows if name in PRINTED and printed(row)},
     )
