@@ -41,6 +41,7 @@ EXTRAS = {
     "skimage": "workflow",
     "sklearn": "workflow",
     "snakemake": "workflow",
+    "snakemake_executor_plugin_slurm": "slurm",
     "torch": "train",
     "trimesh": "scans",
     "warp": "figures",

@@ -7,12 +7,10 @@ from pathlib import Path
 from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.core.text import read_table
-from relight.lab.plan import Plan
+from relight.lab.plan import DATA, Plan
 from relight.lab.record import read_record
 from relight.meshes.scans import TABLE
-from relight.settings import flat
 
-DATA_GROUPS = ("figures", "align", "bake", "panoramas", "lights")  # that decide a data set
 MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead
 
 
@@ -56,14 +54,14 @@ def _files(plan: Plan) -> Iterator[str]:
 
 def _data(plan: Plan, folder: Path) -> Iterator[str]:
     """Yields messages about the run whose data are taken."""
-    name, made = plan.shared["data"], flat(read_record(folder / plan.data)["settings"])
+    name, folder = plan.shared["data"], folder / plan.data
     if plan.data == plan.out:
         return
-    if not (folder / plan.data / "packed.safetensors").exists():
+    if not all((folder / file).exists() for file in DATA):
         yield f"data={name}: {plan.data} has no data set yet: relight run name={name} makes it"
-    for key, value in flat({group: plan.shared[group] for group in DATA_GROUPS}).items():
-        if made.get(key, value) != value:
-            yield f"data={name} has {key}={made[key]}, and this run asks for {value}: leave out one of the two"
+    for groups in DATA.values():
+        for key, (made, value) in plan.changed(read_record(folder), groups).items():
+            yield f"data={name} has {key}={made}, and this run asks for {value}: leave out one of the two"
 
 
 def _rows(plan: Plan) -> Iterator[str]:

@@ -13,14 +13,16 @@ import yaml
 from relight.core.errors import UserError
 from relight.core.files import atomic_write, is_unsafe_name
 from relight.core.processes import git
-from relight.lab.record import Record
+from relight.lab.record import Record, read_record
 from relight.learning.training_name import TrainingName
-from relight.settings import ROOT, Experiment
+from relight.settings import ROOT, Experiment, flat
 
 if TYPE_CHECKING:
     from relight.meshes.scans import Scan
 
 BATCH = 10  # generated figures that share a process, since one takes as long to start as to draw a figure
+# What other runs take of a run -> the groups of settings that decide it.
+DATA = {"packed.safetensors": ("figures", "align", "bake"), "lights/lights.npz": ("panoramas", "lights")}
 MAX_TAG = 5000  # characters of a tag in MLflow
 
 
@@ -276,16 +278,26 @@ class Plan:
         lacking = {name: [path for path in paths if not (folder / path).exists()] for name, paths in files.items()}
         return {} if all(lacking.values()) else {name: paths for name, paths in lacking.items() if paths}
 
+    def changed(self, before: Record, groups: Iterable[str]) -> dict[str, tuple[Any, Any]]:
+        """Returns the settings of groups that another record has otherwise, by their keys: its value, and this one."""
+        then, now = flat(before["settings"]), flat({group: self.shared[group] for group in groups})
+        return {key: (then[key], value) for key, value in now.items() if then.get(key, value) != value}
+
     def write_record(self, folder: Path) -> Path:
         """Writes the record to run.yaml in the results, and returns the file.
 
-        It is not touched if it holds this record already.
+        It is not touched if it holds this record already. Data of other settings are removed, so that no other run
+        takes them, however this one ends.
 
         Args:
             folder: the working directory.
         """
         file = folder / self.out / "run.yaml"
         if not file.exists() or file.read_text(encoding="utf-8") != self.text:
+            before = read_record(folder / self.out)
+            for data, groups in DATA.items():
+                if self.changed(before, groups):
+                    (folder / self.out / data).unlink(missing_ok=True)
             with atomic_write(file) as tmp:
                 tmp.write_text(self.text, encoding="utf-8")
         return file

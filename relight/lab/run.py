@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,8 @@ def run(
         from relight.learning.data import choose_device
 
         choose_device("cuda")
+    if any("slurm" in word for word in extra):
+        import_module("snakemake_executor_plugin_slurm")  # without it Snakemake prints its whole usage
     for line in change_lines(plan):
         print(line)
     words = ["--quiet", "rules", "reason", "host", "--nolock", "--cores", str(cores or "all"), *extra]

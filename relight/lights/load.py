@@ -145,7 +145,7 @@ def load_light(
 def _find_panorama(text: str) -> tuple[str | Path, float]:
     """Returns the file of a panorama, the user's or else one by Poly Haven, and degrees by which `text` turns it."""
     name, _, degrees = text.partition(":")
-    if Path(text).is_file() or not (text.isidentifier() or name in polyhaven.NAMES):
+    if Path(text).is_file() or (Path(text).suffix and name not in polyhaven.NAMES):
         return text, 0.0
     if name not in polyhaven.NAMES:
         lamp = "a lamp, such as key:white@-60,30 (60 degrees to the left, 30 up)"
@@ -158,15 +158,15 @@ def _parse_key(text: str) -> tuple[str, float, float, float]:
     """Parses the name of a key light: color (six digits), azimuth, elevation and fill, of which the last may lack."""
     color, _, numbers = text.removeprefix("key:").partition("@")
     try:
-        codes = ImageColor.getrgb(f"#{color}" if HEXADECIMAL.fullmatch(color) else color)[:3]
-    except ValueError:
+        red, green, blue = ImageColor.getrgb(f"#{color}" if HEXADECIMAL.fullmatch(color) else color)
+    except ValueError:  # also of a color with alpha, as #abcd is
         raise UserError(f"{text}: {color!r} is no color: give #ffeedd, or a name such as red") from None
     parts = numbers.split(",")
     if len(parts) > 3 or not numbers:
         raise UserError(f"{text}: after the @ come azimuth, elevation and fill, such as @45,30,{FILL}")
     usual = ("", str(ELEVATION), str(FILL))
     azimuth, elevation, fill = (parse_number(part, text) for part in (*parts, *usual[len(parts) :]))
-    return bytes(codes).hex(), azimuth, elevation, fill
+    return bytes((red, green, blue)).hex(), azimuth, elevation, fill
 
 
 def parse_number(part: str, text: str) -> float:

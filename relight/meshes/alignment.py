@@ -15,7 +15,7 @@ from relight.meshes.mesh import Mesh
 from relight.settings import Align
 from relight.sh import rotation_about_y
 
-MIN_CERTAINTY = 0.3  # of the front, below which there is a warning
+MIN_CERTAINTY = 0.5  # of the front, below which there is a warning
 
 
 def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
@@ -54,7 +54,9 @@ def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
                 "wrong: cut the floor off, or give them (--up and --front, in a run align.table)"
             )
         if axes.certainty < MIN_CERTAINTY:
-            warnings.append(f"its front is a guess ({front} with {up} up): check it (--front, in a run align.table)")
+            warnings.append(
+                f"its front is uncertain ({front} with {up} up): check it, and its turn (--front, in a run align.table)"
+            )
     rotation = rotation_about_y(np.radians(turn)) @ axes_rotation(up, front)
     vertices = mesh.vertices.astype(np.float64) @ rotation.T
     low, high = vertices.min(axis=0), vertices.max(axis=0)

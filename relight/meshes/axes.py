@@ -12,6 +12,7 @@ AXES = {sign + axis: (1 if sign == "+" else -1) * np.eye(3)[k] for k, axis in en
 Band = tuple[float, float]  # from and to, as shares of the height
 FEET, ANKLES = (0.0, 0.04), (0.05, 0.10)  # of the height, from the soles
 FACE, NECK = (0.05, 0.12), (0.14, 0.17)  # of the height, from the top of the head
+SEATED = 0.23  # width times depth, over the squared height: 29 of 31 who sit have more, and 4 of 314 who stand
 MIN_OFFSET = 0.008  # of the height: smaller horizontal offsets show no direction
 SOLES = 0.01  # least area of two soles, over the squared height: .015 in the median; the top of a head has .006
 FLOOR = 0.06  # area of a floor, over the squared longest extent; the soles of six dressed figures have .016 to .018
@@ -29,7 +30,8 @@ class Axes:
     Attributes:
         up: name in AXES.
         front: name in AXES.
-        certainty: of the front, in [0,1]; 0 if it is that of a convention for lack of evidence.
+        certainty: of the front, in [0,1]: 0 if it is that of a convention for lack of evidence, if the evidence
+            points between two axes, or if somebody sits.
     """
 
     up: str
@@ -77,8 +79,10 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
     ahead = _toe_offset(points, area, AXES[up]) + 0.5 * _horizontal_offset(points, area * head, -AXES[up], FACE, NECK)
     offsets = {name: float(ahead @ axis) for name, axis in AXES.items() if not axis @ AXES[up]}
     front = max(offsets, key=lambda name: offsets[name])
-    if offsets[front] > MIN_OFFSET:
-        return Axes(up, front, min(1.0, offsets[front] / (4 * MIN_OFFSET)))
+    if (forward := offsets[front]) > MIN_OFFSET:
+        aside = float(np.linalg.norm(ahead - forward * AXES[front]))
+        width, depth = np.ptp(points, axis=0)[AXES[up] == 0] / np.ptp(points @ AXES[up])
+        return Axes(up, front, min(float(width * depth < SEATED), forward / (4 * MIN_OFFSET), 1 - aside / forward))
     return Axes(up, "-y" if up[1] == "z" else "+z", 0.0)
 
 

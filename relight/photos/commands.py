@@ -188,17 +188,18 @@ def photo(
     if out is None:
         named = path.resolve() if path.name in ("", "..") else path  # "." has no name of its own
         out = Path("relit") if several else named.with_name(f"{named.stem if path.is_file() else named.name}_relit")
+    picture = out if out.suffix.lower() in (*PHOTO_SUFFIXES, ".exr", ".psd") and not out.is_dir() else None  # alone
     network = read_network(weights)
     look, options = words.look(network), words.scene(together)
     if several or path.is_dir():
+        if picture:
+            raise UserError(f"--out {out} is one picture, and there are several photos: give a folder")
         photos, summary = (paths, Summary()) if several else photos_in(path)
         relight_photos(photos, summary, out, look, mask, weights, jobs, maps, **options)
         print(f"{out}: {summary}")
         if summary.failed:
             raise typer.Exit(1)
         return
-
-    picture = out if out.suffix.lower() in (*PHOTO_SUFFIXES, ".exr") and not out.is_dir() else None  # alone
 
     def relight() -> tuple[str, list[str]]:
         with Console(stderr=True).status(f"relighting {path.name}"):

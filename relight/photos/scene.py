@@ -14,7 +14,7 @@ from relight.panoramas import luminance
 from relight.photos.background import Background
 from relight.photos.look import AUTO, Look
 from relight.photos.mask.find import AUTOMATIC, masked
-from relight.photos.mask.people import mask_warnings, split_people
+from relight.photos.mask.people import NobodyFound, mask_warnings, split_people
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.person import Person, balanced, infer_person, with_light
 from relight.photos.picture import Given, Picture
@@ -217,7 +217,10 @@ def named_light(
     text = str(text)
     if not is_of_person(text):
         return None if text == AUTO else load_light(text, network.order)
-    scene = Scene.of(text, None, network, mask_model, white_balance=white_balance)
+    try:
+        scene = Scene.of(text, None, network, mask_model, white_balance=white_balance)
+    except NobodyFound:
+        raise UserError(f"light: nobody was found in {text}; the light of a place is {PREFIX}{text}") from None
     notes = [f"{Path(text).name}: {note}" for note in scene.notes]
     if AUTOMATIC in scene.picture.notes:
         notes.append(f"{text} is taken for a photo of somebody; the light of a place is {PREFIX}{text}")

@@ -7,6 +7,7 @@ from relight.sh import UNOCCLUDED_T00, order_of, rotate_y
 
 ANGLES = 72  # headings, every 5 degrees: at order 2 the largest value is met to 0.2 %
 FLOOR = 0.1  # of the mean shading: darker shading is too uncertain to divide by
+CHANNEL = 0.6  # of the largest channel of a light's mean color: that of a warm lamp (#ffc890) has a luminance of .65
 DARK = 0.15  # of the mean irradiance: the hue of darker shading is the light's, and that of twice as much its own
 
 
@@ -83,12 +84,19 @@ def max_luminance(transport: np.ndarray, light: np.ndarray) -> float:
     return float((phases * weights * np.where(np.arange(len(weights)), 2, 1)).sum(1).real.max())
 
 
+def _saturation(light: np.ndarray) -> float:
+    """Returns the factor by which a light (K,3) counts as brighter than its luminance, if a channel would burn."""
+    mean = np.maximum(light[0], 0)
+    return max(1.0, CHANNEL * float(mean.max()) / max(float(luminance(mean)), 1e-9))
+
+
 def exposure_factor(
     old: np.ndarray, new: np.ndarray, transport: np.ndarray, mask: np.ndarray, turning: bool = False
 ) -> float:
     """Returns the factor for a new light that keeps the brightness that a person has under the old one.
 
-    Brightness is the mean luminance of the shading. The factor of a light to itself is 1.
+    Brightness is the mean luminance of the shading, or CHANNEL of the largest channel of a light of a deep color, which
+    would burn skin. The factor of a light to itself is 1.
 
     Args:
         old: (K,3) the photo's light.
@@ -103,4 +111,5 @@ def exposure_factor(
         before, after = max_luminance(mean, old), max_luminance(mean, new)
     else:
         before, after = (float(luminance(shading(transport[mask], light)).mean()) for light in (old, new))
+    before, after = before * _saturation(old), after * _saturation(new)
     return before / after if after > 1e-6 and before > 1e-6 else 1.0

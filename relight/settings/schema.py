@@ -259,7 +259,7 @@ class Config:
     """All settings.
 
     A group has its values in conf/<group>/. `relight.lab.record.ROW_GROUPS` names those that rows may change,
-    `relight.lab.checks.DATA_GROUPS` those that decide a data set.
+    `relight.lab.plan.DATA` those that decide a data set.
     """
 
     name: str = setting("name of the folder in results/")

@@ -242,6 +242,7 @@ def test_load_light_reads_json_of_every_code_page(tmp_path, page):
 KEYS = {
     "key:rad@0,0": "'rad' is no color: give #ffeedd, or a name such as red",
     "key:#ff@45,30": "'#ff' is no color",
+    "key:#ffd9@70,20": "'#ffd9' is no color",  # nor a color with alpha
     "key:": "'' is no color",
     "key:#ffffff@45,30,1,2": "after the @ come azimuth",
     "key:#ffffff@a,b": "'a' is not a number",

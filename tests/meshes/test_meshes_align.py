@@ -11,6 +11,7 @@ from relight.meshes import Mesh, align
 from relight.meshes.alignment import axes_rotation, read_align_table
 from relight.meshes.axes import AXES, find_axes
 from relight.settings import Align
+from relight.sh import rotation_about_y
 
 AUTO = Align(up="auto", front="auto")
 PAIRS = [(up, front) for up, front in product(AXES, AXES) if up[1] != front[1]]
@@ -23,6 +24,16 @@ POSES = {
         "left_leg": ((0.1, 0.45, 0.2), (0.07, 0.45, 0.2)),
         "left_shoe": ((0.1, 0.04, 0.36), (0.045, 0.04, 0.14)),
     },
+}
+SITTING = {
+    "torso": ((0, 0.85, 0), (0.17, 0.35, 0.11)),
+    "head": ((0, 1.28, 0), (0.09, 0.12, 0.10)),
+    "nose": ((0, 1.26, 0.11), (0.015, 0.02, 0.02)),
+    "left_eye": ((0.03, 1.3, 0.1), (0.012, 0.012, 0.012)),
+    **{f"{side}_arm": ((0.27 * x, 0.85, 0), (0.05, 0.3, 0.05)) for side, x in (("left", 1), ("right", -1))},
+    **{f"{side}_thigh": ((0.12 * x, 0.5, 0.25), (0.08, 0.08, 0.3)) for side, x in (("left", 1), ("right", -1))},
+    **{f"{side}_leg": ((0.12 * x, 0.25, 0.2), (0.06, 0.25, 0.06)) for side, x in (("left", 1), ("right", -1))},
+    **{f"{side}_shoe": ((0.12 * x, 0.04, 0.15), (0.045, 0.04, 0.1)) for side, x in (("left", 1), ("right", -1))},
 }
 
 
@@ -39,6 +50,17 @@ def test_up_and_front_are_found(person, pose, up, front):
     assert (got.info["align"]["up"], got.info["align"]["front"]) == (up, front)
     np.testing.assert_allclose(got.vertices, want.vertices, atol=1e-5)
     assert not got.info["warnings"]
+
+
+def test_the_front_of_somebody_who_sits_is_uncertain(person):
+    assert "its front is uncertain" in align(person(**SITTING), AUTO).info["warnings"][0]
+
+
+@pytest.mark.parametrize("degrees, certain", [(0, True), (10, True), (40, False), (80, True)])
+def test_between_two_axes_the_front_is_a_guess(person, degrees, certain):
+    mesh = person()
+    mesh.vertices = mesh.vertices @ rotation_about_y(np.radians(degrees)).T.astype(np.float32)
+    assert bool(align(mesh, AUTO).info["warnings"]) != certain
 
 
 def test_under_a_gown_the_face_decides(person):
@@ -191,7 +213,7 @@ def test_known_axes_are_used_and_a_guess_gets_a_warning(person, ellipsoid):
     egg = person()
     egg.vertices, egg.faces = vertices.astype(np.float32), faces.astype(np.int32)
     got = align(egg, AUTO)
-    assert got.info["align"]["front"] == "+z" and "guess" in got.info["warnings"][0]
+    assert got.info["align"]["front"] == "+z" and "uncertain" in got.info["warnings"][0]
 
 
 @pytest.mark.parametrize("size", [None, 0.6, 1.2, 3.0])

@@ -120,6 +120,8 @@ def bad(tmp_path, weights):
     yield [me, "--weights", tmp_path / "mine.safetensors"], "`relight export mine.safetensors mine.onnx` writes"
     yield [me, "--out", me], "would be overwritten"
     yield [me, "--out", me / "sub"], "nothing can be written there"
+    yield [me, me, "--out", "two.png"], "two.png is one picture, and there are several photos: give a folder"
+    yield [me, "--out", "out.psd"], "give a folder, or a picture ending in .jpg or .png"
     yield [me, "--out", "/proc/relight"], "nothing can be written there"
     yield [me, "--background", tmp_path / "none.png"], r"background: there is no file .*none\.png"
     yield [me, "--blur", "3"], "a panorama or a picture behind can be blurred, not the background keep"

@@ -93,6 +93,8 @@ def test_masks_that_look_wrong():
     alone = person()
     assert said(alone) == ""
     assert "inverted" in said(~alone)
+    assert "inverted" in said(~alone[:120, 40:130])  # a portrait, cut at the waist
+    assert "inverted" not in said(alone[60:120, 55:115])
     box = np.zeros_like(alone)
     box[20:180, 50:120] = True
     assert "the figure is a rectangle" in said(box)

@@ -142,6 +142,10 @@ def test_exposure_matches_itself_and_does_not_turn():
     _, figure, mask = ball()
     assert exposure_factor(LIGHT, LIGHT, figure.transport, mask) == pytest.approx(1)
     assert exposure_factor(LIGHT, 5 * LIGHT, figure.transport, mask) == pytest.approx(0.2)
+    for color, level in (((1, 0.8, 0.6), 1.0), ((1, 0.2, 0.05), 0.6), ((0, 0, 1), 0.6)):  # the last two would burn
+        lamp = LIGHT.mean(1, keepdims=True) * np.float32(color)
+        factor = exposure_factor(LIGHT.mean(1, keepdims=True) * np.ones(3, np.float32), lamp, figure.transport, mask)
+        assert factor * (luminance(np.array(color)) if level == 1 else 0.6) == pytest.approx(1, rel=1e-4)
     turned = [rotate_y(OTHER, angle).astype(np.float32) for angle in (0, 1, 2.51)]
     had = luminance(shading(figure.transport, LIGHT))[mask].mean()
     for light in turned:  # as bright as before at the heading that is shown

@@ -236,11 +236,21 @@ def test_data_of_another_run(tmp_path):
     with pytest.raises(UserError, match="data=a: results/a has no data set yet: relight run name=a makes it"):
         check(plan_of("scale=smoke data=a name=b"), tmp_path)
     first, plan = plan_of("scale=smoke name=a"), plan_of("scale=smoke data=a name=b train.lr=0.1")
-    (first.write_record(tmp_path).parent / "packed.safetensors").touch()
+    out = first.write_record(tmp_path).parent
+    (out / "lights").mkdir()
+    files = [out / "packed.safetensors", out / "lights" / "lights.npz"]
+    for file in files:
+        file.touch()
     check(plan, tmp_path)
     assert plan.map_files == first.map_files and plan.network("x") == "results/b/train/x.safetensors"
     with pytest.raises(UserError, match=r"data=a has figures\.count=\d+, and this run asks for 3: leave out one"):
         check(plan_of("scale=smoke data=a name=b figures.count=3"), tmp_path)
+    plan_of("scale=smoke name=a train.steps=7").write_record(tmp_path)
+    assert all(file.exists() for file in files)
+    plan_of("scale=smoke name=a bake.rays=33").write_record(tmp_path)  # and is interrupted
+    assert [file.exists() for file in files] == [False, True]
+    with pytest.raises(UserError, match="has no data set yet"):
+        check(plan_of("scale=smoke data=a name=b bake.rays=33"), tmp_path)
 
 
 def test_a_table_of_scans_belongs_to_scans(tmp_path, monkeypatch):

@@ -85,7 +85,7 @@ def light_sheet(lights: LightSet, out: Path) -> None:
             x, y = i % BALLS * side + side // 2, top + TOP + i // BALLS * side
             sheet.cell(ball(lights.coefficients[row], BALL, white=2, linear=True), x - BALL // 2, y)
             words = f"{lights.source[row].rsplit('/', 1)[-1]} {lights.yaw[row]:.0f}° {lights.reason[row]}"
-            sheet.text(words, x, y + BALL + GAP, size=12, anchor="mt", color=FAINT, width=side)
+            sheet.text(words, x, y + BALL + GAP, size=12, anchor="mt", color=FAINT, width=side - 4 * GAP)
         top += TOP + count * side
     sheet.save(out)
 

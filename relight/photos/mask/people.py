@@ -80,9 +80,10 @@ def mask_warnings(coverages: Sequence[np.ndarray]) -> list[str]:
 
 
 def is_inverted(solid: np.ndarray) -> bool:
-    """Returns whether a mask (H,W) bool is true along most of the picture's edges, where people rarely are."""
+    """Returns whether a mask (H,W) bool is true along the top, and along the edges more than in the middle."""
     edges = np.concatenate([solid[side] for side in SIDES.values()])
-    return bool(edges.mean() > 0.6 and solid[0].mean() > 0.5)
+    middle = solid[tuple(slice(side // 3, side - side // 3) for side in solid.shape)]
+    return bool(solid[0].mean() > 0.5 and edges.mean() > middle.mean())
 
 
 def _listed(words: list[str]) -> str:

@@ -12,7 +12,8 @@ import { app, element, embedded, page, set, state } from "./state.js";
 const LONGEST = 2048; // pixels of a place's picture: what every texture can hold
 
 // The factor for a light that gives the figure the brightness it has under `reference`: the mean luminance of its
-// shading at the turn about the vertical where it is largest (relight.photos.shading.exposure_factor).
+// shading at the turn about the vertical where it is largest, or .6 of the largest channel of a light of a deep color
+// (relight.photos.shading.exposure_factor).
 function matched(reference, light) {
   const brightest = (values) => {
     const luminances = Array.from({ length: 72 }, (_, step) => {
@@ -20,7 +21,9 @@ function matched(reference, light) {
       const luminance = (k) => 0.2126 * turned[3 * k] + 0.7152 * turned[3 * k + 1] + 0.0722 * turned[3 * k + 2];
       return app.figure.mean.reduce((sum, value, k) => sum + value * luminance(k), 0);
     });
-    return Math.max(...luminances);
+    const color = Array.from(values.slice(0, 3), (value) => Math.max(value, 0));
+    const level = 0.2126 * color[0] + 0.7152 * color[1] + 0.0722 * color[2];
+    return Math.max(...luminances) * Math.max(1, (0.6 * Math.max(...color)) / Math.max(level, 1e-9));
   };
   const had = brightest(reference), has = brightest(light);
   return had > 1e-6 && has > 1e-6 ? had / has : 1;
