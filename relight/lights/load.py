@@ -158,7 +158,7 @@ def _parse_key(text: str) -> tuple[str, float, float, float]:
     """Parses the name of a key light: color (six digits), azimuth, elevation and fill, of which the last may lack."""
     color, _, numbers = text.removeprefix("key:").partition("@")
     try:
-        red, green, blue = ImageColor.getrgb(f"#{color}" if HEXADECIMAL.fullmatch(color) else color)
+        red, green, blue = tuple(ImageColor.getrgb(f"#{color}" if HEXADECIMAL.fullmatch(color) else color))
     except ValueError:  # also of a color with alpha, as #abcd is
         raise UserError(f"{text}: {color!r} is no color: give #ffeedd, or a name such as red") from None
     parts = numbers.split(",")
