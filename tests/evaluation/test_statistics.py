@@ -55,18 +55,10 @@ def test_compare_crossed_variance_of_the_mean_squares():
     other = RNG.normal(0, 1, (figures, lights))
     given = [estimate(one[None], resamples=10) for one in (values + other, other)]
     grand = values.mean()
-    squares = [
-        lights * sum((row.mean() - grand) ** 2 for row in values) / (figures - 1),
-        figures * sum((column.mean() - grand) ** 2 for column in values.T) / (lights - 1),
-        sum(
-            (values[f, l] - values[f].mean() - values[:, l].mean() + grand) ** 2
-            for f in range(figures)
-            for l in range(lights)
-        )
-        / ((figures - 1) * (lights - 1)),
-    ]
-    variance = (squares[0] + squares[1] - squares[2]) / (figures * lights)
     degrees = (figures - 1, lights - 1, (figures - 1) * (lights - 1))
+    rest = values - values.mean(1, keepdims=True) - values.mean(0) + grand
+    squares = [lights * values.mean(1).var(ddof=1), figures * values.mean(0).var(ddof=1), (rest**2).sum() / degrees[2]]
+    variance = (squares[0] + squares[1] - squares[2]) / (figures * lights)
     freedom = (variance * figures * lights) ** 2 / sum(square**2 / n for square, n in zip(squares, degrees))
     found = compare(*given)
     assert (found.mean, found.error, found.freedom) == pytest.approx((grand, np.sqrt(variance), freedom))

@@ -1,4 +1,4 @@
-"""The losses against formulas written out pixel by pixel on whole images, and their gradients."""
+"""The losses against formulas written out on whole images, and their gradients."""
 
 import itertools
 from dataclasses import fields
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from omegaconf import OmegaConf
+from scipy.ndimage import binary_erosion
 
 from relight.core.errors import UserError
 from relight.learning.data import RelitSet
@@ -51,56 +52,44 @@ def inferred(batch, name: str = "ours") -> dict[str, torch.Tensor]:
 
 
 def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
-    """All losses by loops over images, pixels, channels and coefficients: paper sections 3 and 4, and detail."""
-    size = batch.size
+    """All losses on whole images: paper sections 3 and 4, and detail."""
 
     def image(tensor: torch.Tensor) -> np.ndarray:
         return tensor.double().permute(0, 2, 3, 1).numpy()
 
     mask = image(batch.mask)[..., 0] > 0
+    pixels = mask.size if reduction == "image" else mask.sum()
+
+    def mean(error: np.ndarray, where=mask) -> float:
+        return np.abs(error)[where].sum() / (pixels * error.shape[-1])
+
     true = {key: image(batch.scatter(getattr(batch, key))) for key in ("albedo", "transport", "normal", "ao")}
     own = {key: image(value) for key, value in outputs.items() if key != "light"}
     if "transport" not in own:
         own["transport"] = unoccluded(own["normal"], 2) * own.get("ao", np.ones(1))
+    maps = {"true": true, "own": own}
     light = {"true": batch.light.double().numpy(), "own": outputs["light"].numpy()}
     light["other"] = light["true"][::-1]  # of the other of two images
-    sums = dict.fromkeys(FIFTEEN | RELIT | DETAILS | set(own), 0.0)
-    channels = {"albedo": 3, "transport": 9, "normal": 3, "ao": 1, "tv_albedo": 3, "tv_transport": 9}
-    for b, i, j in itertools.product(range(2), range(size), range(size)):
-        if not mask[b, i, j]:
-            continue
-        for key, value in own.items():
-            for c in range(channels[key]):
-                sums[key] += abs(value[b, i, j, c] - true[key][b, i, j, c])
-        around = [(i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)]
-        if all(0 <= y < size and 0 <= x < size and mask[b, y, x] for y, x in around):
-            for key in ("albedo", "transport"):
-                for c in range(channels[key]):
-                    here = own[key][b, i, j, c]
-                    sums[f"tv_{key}"] += abs(own[key][b, i, j + 1, c] - here) + abs(own[key][b, i + 1, j, c] - here)
-        for c in range(3):
-            shading = {}
-            for t, l in itertools.product(("true", "own"), ("true", "own", "other")):
-                transport = (true if t == "true" else own)["transport"][b, i, j]
-                value = sum(transport[k] * light[l][b, k, c] for k in range(9))
-                shading[t, l] = min(max(value, 0.0), 10.0)
-            picture = true["albedo"][b, i, j, c] * shading["true", "true"]
-            sums["shading_transport"] += abs(shading["own", "true"] - shading["true", "true"])
-            sums["shading_light"] += abs(shading["true", "own"] - shading["true", "true"])
-            sums["shading_transport_light"] += abs(shading["own", "own"] - shading["true", "true"])
-            relit = true["albedo"][b, i, j, c] * shading["true", "other"]
-            sums["relit_shading"] += abs(shading["own", "other"] - shading["true", "other"])
-            sums["relit_image"] += abs(own["albedo"][b, i, j, c] * shading["own", "other"] - relit)
-            for a, t, l in itertools.product(("true", "own"), repeat=3):
-                parts = [part for part, kind in (("albedo", a), ("transport", t), ("light", l)) if kind == "own"]
-                if parts:
-                    name = "full" if len(parts) == 3 else "_".join(parts)
-                    albedo = (true if a == "true" else own)["albedo"][b, i, j, c]
-                    sums[f"reconstruction_{name}"] += abs(albedo * shading[t, l] - picture)
-    pixels = 2 * size**2 if reduction == "image" else mask.sum()
-    means = {key: value / (pixels * channels.get(key, 3)) for key, value in sums.items()}
-    for maps in (own, true):
-        maps["shading"] = np.clip(np.einsum("bijk,bkc->bijc", maps["transport"], light["true"]), 0, 10)
+    shading = {
+        (t, l): np.clip(np.einsum("bijk,bkc->bijc", maps[t]["transport"], light[l]), 0, 10)
+        for t, l in itertools.product(maps, light)
+    }
+    means = {key: mean(value - true[key]) for key, value in own.items()}
+    inner = binary_erosion(mask, [[[0, 1, 0], [1, 1, 1], [0, 1, 0]]])  # with all four neighbours
+    for key in ("albedo", "transport"):
+        means[f"tv_{key}"] = sum(mean(np.roll(own[key], -1, axis) - own[key], inner) for axis in (1, 2))
+    for name, t, l in (("transport", "own", "true"), ("light", "true", "own"), ("transport_light", "own", "own")):
+        means[f"shading_{name}"] = mean(shading[t, l] - shading["true", "true"])
+    means["relit_shading"] = mean(shading["own", "other"] - shading["true", "other"])
+    relit = [maps[which]["albedo"] * shading[which, "other"] for which in maps]
+    means["relit_image"] = mean(relit[1] - relit[0])
+    for a, t, l in itertools.product(maps, repeat=3):
+        parts = [part for part, kind in (("albedo", a), ("transport", t), ("light", l)) if kind == "own"]
+        name = "full" if len(parts) == 3 else "_".join(parts)
+        error = maps[a]["albedo"] * shading[t, l] - true["albedo"] * shading["true", "true"]
+        means[f"reconstruction_{name}"] = mean(error)
+    for which, values in maps.items():
+        values["shading"] = shading[which, "true"]
     means |= {key: detail_by_hand(own[key[7:]], true[key[7:]], mask) for key in DETAILS - {"exclusion"}}
     means["exclusion"] = exclusion_by_hand(own, true, mask)
     return means | {"light": np.abs(light["own"] - light["true"]).mean()}

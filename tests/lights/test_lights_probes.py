@@ -8,27 +8,21 @@ from relight.sh import from_relight
 
 
 def prefilter(pixels):
-    """A twin of the paper's prefilter.c, pixel by pixel: (9, 3) of an angular map (n, n, 3), row 0 at the top.
+    """A twin of the paper's prefilter.c: (9, 3) of an angular map (n, n, 3), row 0 at the top.
 
     Its v runs up and its u to the right, z is the centre of the map; its samples are the corners of pixels.
     """
     n = len(pixels)
-    table = np.zeros((9, 3))
-    for i in range(n):
-        for j in range(n):
-            v, u = (n / 2 - i) / (n / 2), (j - n / 2) / (n / 2)
-            r = np.hypot(u, v)
-            if r > 1:
-                continue
-            theta, phi = np.pi * r, np.arctan2(v, u)
-            x, y, z = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
-            solid_angle = (2 * np.pi / n) ** 2 * np.sinc(theta / np.pi)
-            polynomials = (
-                0.282095, 0.488603 * y, 0.488603 * z, 0.488603 * x, 1.092548 * x * y, 1.092548 * y * z,
-                0.315392 * (3 * z * z - 1), 1.092548 * x * z, 0.546274 * (x * x - y * y),
-            )  # fmt: skip
-            table += np.outer(polynomials, pixels[i, j]) * solid_angle
-    return table
+    i, j = np.mgrid[:n, :n]
+    v, u = (n / 2 - i) / (n / 2), (j - n / 2) / (n / 2)
+    theta, phi = np.pi * np.hypot(u, v), np.arctan2(v, u)
+    x, y, z = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
+    solid_angle = (2 * np.pi / n) ** 2 * np.sinc(theta / np.pi) * (theta <= np.pi)
+    polynomials = np.stack([
+        0.282095 + 0 * x, 0.488603 * y, 0.488603 * z, 0.488603 * x, 1.092548 * x * y, 1.092548 * y * z,
+        0.315392 * (3 * z * z - 1), 1.092548 * x * z, 0.546274 * (x * x - y * y),
+    ])  # fmt: skip
+    return np.einsum("kij,ij,ijc->kc", polynomials, solid_angle, pixels)
 
 
 def scene(directions):

@@ -77,6 +77,15 @@ def test_balls_in_closed_form(view):
     assert np.median(turned[clear]) < 5e-3 and (turned[clear] < 0.02).mean() > 0.98
 
 
+def seen(baker, view, size):
+    """Pixels that see the mesh, and there its points, normals of faces and shading normals, in its own frame."""
+    x, y = pixels(size)
+    pixel, face, weights = primary_hits(baker.caster, baker.camera(view), size * (1 + x) / 2, size * (1 - y) / 2)
+    geometric = baker.caster.normals[face]
+    normals = shading_normals(baker.normals, baker.mesh.faces, face, weights, geometric)
+    return pixel, baker.caster.points(face, weights), geometric, normals
+
+
 @pytest.mark.parametrize("view", VIEWS[:3])
 def test_transport_is_the_frontal_one_turned(view):
     """The same rays cast from the same points in the mesh's frame, their coefficients turned by the view's rotation."""
@@ -84,12 +93,8 @@ def test_transport_is_the_frontal_one_turned(view):
     mesh = balls()
     baker = Baker(mesh, replace(read_preset("bake"), size=size, rays=rays, order=order), seed=3)
     maps = baker.maps(view)
-    x, y = (size * (1 + pixels(size)[0]) / 2, size * (1 - pixels(size)[1]) / 2)
-    caster, camera = baker.caster, baker.camera(view)
-    pixel, face, weights = primary_hits(caster, camera, x, y)
+    pixel, points, geometric, normals = seen(baker, view, size)
     np.testing.assert_array_equal(pixel, np.flatnonzero(maps.mask))
-    points, geometric = caster.points(face, weights), caster.normals[face]
-    normals = shading_normals(baker.normals, mesh.faces, face, weights, geometric)
     rotation = np.array(maps.info["view"]["rotation"])
     np.testing.assert_allclose(maps.normal[maps.mask], normals @ rotation.T, atol=1e-6)
 
@@ -106,18 +111,15 @@ def test_transport_is_the_frontal_one_turned(view):
     assert 0.5 < (found[:, 0] / unoccluded(normals, 0)[:, 0]).mean() < 0.95  # balls shade each other: a real test
     exact = np.abs(found - again).max(1)
     assert (exact < 1e-5).mean() > 0.98 and exact.max() < 0.15  # a ray or two pass an edge on the other side
-    there, _ = integrate(caster, points, normals, geometric, rays, order, azimuth=random_azimuths(len(pixel), 3))
+    there, _ = integrate(baker.caster, points, normals, geometric, rays, order, azimuth=random_azimuths(len(pixel), 3))
     np.testing.assert_allclose(found, there @ rotation_matrix(rotation, order).T, atol=1e-5)
 
 
 def test_bounced_transport_is_rotated_too():
     baker = Baker(balls(3), replace(read_preset("bake"), size=24, rays=32, bounces=1))
     view = View(-120, 10)
-    maps, camera = baker.maps(view), baker.camera(view)
-    x, y = pixels(24)
-    pixel, face, weights = primary_hits(baker.caster, camera, 12 * (1 + x), 12 * (1 - y))
-    points, geometric = baker.caster.points(face, weights), baker.caster.normals[face]
-    normals = shading_normals(baker.normals, baker.mesh.faces, face, weights, geometric)
+    maps = baker.maps(view)
+    pixel, points, geometric, normals = seen(baker, view, 24)
     azimuth = random_azimuths(len(pixel), 0)
     _, gathered = integrate(
         baker.gather_caster, points, normals, geometric, 32, radiosity=baker.radiosity, azimuth=azimuth
