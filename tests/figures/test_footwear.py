@@ -4,16 +4,14 @@ import numpy as np
 import pytest
 
 from relight.figures.body import makehuman
-from relight.figures.body.person import build_body, sample_person
 from relight.figures.pose import stances
 from relight.figures.pose.motion import build_motion
 from relight.figures.tailor import footwear
 
 
 @pytest.fixture(scope="module")
-def feet():
-    built = build_body(sample_person(np.random.default_rng(2)))
-    return built, build_motion(built, stances.poses()["relaxed"], 1)
+def feet(body):
+    return body, build_motion(body, stances.poses()["relaxed"], 1)
 
 
 @pytest.mark.parametrize("shoe", footwear.shoes(), ids=lambda shoe: shoe.name)

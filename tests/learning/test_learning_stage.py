@@ -34,25 +34,25 @@ class Training:
         self.database = Path(f"{Path.cwd().name}.db")  # MLflow keeps the connection to a name
         self.uri = f"sqlite:///{self.database}"
 
-    def __call__(self, paths: dict | None = None, out: Path = OUT, **changes) -> None:
+    def given(self, paths: dict | None = None, **changes) -> tuple:
+        """What the job is called with."""
         model, loss, schedule, augment = self.settings
         tracking = {"track": {"uri": changes.pop("uri", self.uri), "experiment": "test"}, "tags": {}, "rows": {}}
         groups = {"model": model(), "loss": loss(), "train": schedule(**changes), "augment": augment()}
         settings = {name: asdict(group) for name, group in groups.items()}
-        train(settings, Inputs(**{**self.paths, **(paths or {})}), out, out.with_suffix(".csv"), tracking)
+        return settings, Inputs(**{**self.paths, **(paths or {})}), OUT, CURVE, tracking
+
+    def __call__(self, *paths: dict, **changes) -> None:
+        train(*self.given(*paths, **changes))
 
     def killed(self, function: str, count: int) -> None:
         """The job, in a process that ends by SIGKILL when `function` was called so often."""
         owner, name = function.rsplit(".", 1)
-        settings = dict(zip(("model", "loss", "train", "augment"), (asdict(make()) for make in self.settings)))
-        tracking = {"track": {"uri": self.uri, "experiment": "test"}, "tags": {}, "rows": {}}
         program = f"""if True:
             import os, pkgutil, signal
             os.chdir({os.getcwd()!r})
             os.environ["MLFLOW_SYSTEM_METRICS_SAMPLING_INTERVAL"] = "600"  # whose thread would be counted, too
-            from pathlib import Path
             from relight.lab.training import train
-            from relight.learning.train import Inputs
 
             owner = pkgutil.resolve_name({owner!r})
             calls, function = [], owner.{name}
@@ -64,10 +64,9 @@ class Training:
                     os.kill(os.getpid(), signal.SIGKILL)
 
             owner.{name} = last
-            files = {{name: Path(path) for name, path in { {n: str(p) for n, p in self.paths.items()} }.items()}}
-            train({settings}, Inputs(**files), Path({str(OUT)!r}), Path({str(CURVE)!r}), {tracking})
+            train(*given)
         """
-        process = FORKS.Process(target=exec, args=(program, {}))
+        process = FORKS.Process(target=exec, args=(program, {"given": self.given()}))
         process.start()
         process.join(timeout=240)
         assert process.exitcode == -9

@@ -195,7 +195,6 @@ BROKEN = {
     "gltf with a matrix of 3 numbers": ({"a.gltf": gltf(setting("nodes", 0, "matrix", [1, 2, 3]))}, "damaged"),
     "gltf of lines": ({"a.gltf": gltf(setting("meshes", 0, "primitives", 0, "mode", 1))}, "no triangles"),
     "gltf of 11 indices": ({"a.gltf": gltf(setting("accessors", 1, "count", 11))}, "whole triangles"),
-    "gltf without its texture": ({"a.gltf": gltf(textured("skin.png"))}, "skin.png"),
     "gltf textured without coordinates": (
         {"a.gltf": gltf(lambda s: textured("t.png")(s) or setting("meshes", 0, "primitives", 0, "attributes",
                                                                    {"POSITION": 0})(s)),
