@@ -7,7 +7,7 @@ import pytest
 
 from relight.figures.assembly import Assembly
 from relight.figures.body import makehuman, skin
-from relight.figures.body.person import Expression, build_body, expressions, sample_expression, sample_person, units
+from relight.figures.body.person import Expression, build_body, expressions, sample_expression, units
 from relight.figures.builder import Builder
 from relight.figures.cloth import colliders, layers
 from relight.figures.hair import combing, facial, locks, strands, styles
@@ -20,16 +20,10 @@ from relight.figures.wear import DETAILS
 
 
 @pytest.fixture(scope="module")
-def person():
-    return sample_person(np.random.default_rng(1))
-
-
-@pytest.fixture(scope="module")
-def head(person):
+def head(body):
     """A body, its pose, and its posed skin: all that hair needs."""
-    built = build_body(person)
-    motion = build_motion(built, stances.poses()["relaxed"], 1)
-    return built, motion, (motion.posed_skin, makehuman.base().faces["body"])
+    motion = build_motion(body, stances.poses()["relaxed"], 1)
+    return body, motion, (motion.posed_skin, makehuman.base().faces["body"])
 
 
 def grown(head, name: str, fine: bool = False) -> list[HairPart]:
@@ -48,9 +42,9 @@ def heads(head):
 
 
 @pytest.mark.parametrize("name", expressions())
-def test_build_body_expression_moves_the_face_and_keeps_the_mouth_closed(person, name):
-    calm = build_body(person).vertices
-    face = build_body(person, Expression(name, units(name))).vertices
+def test_build_body_expression_moves_the_face_and_keeps_the_mouth_closed(body, name):
+    calm = build_body(body.person).vertices
+    face = build_body(body.person, Expression(name, units(name))).vertices
     gap = face[skin.UPPER_LIP, 1] - face[skin.LOWER_LIP, 1]
     assert gap < calm[skin.UPPER_LIP, 1] - calm[skin.LOWER_LIP, 1] + 0.001
     moved = np.linalg.norm(face - calm, axis=1)
@@ -193,9 +187,9 @@ def test_lashes_stand_on_the_lids_of_both_eyes(head):
         assert len(near) == len(vertices) / 2 and near.min() > 0.011 and near.max() < 0.030
 
 
-def test_add_hair_hats_change_with_the_outfit_and_hair_does_not(head, heads, person):
+def test_add_hair_hats_change_with_the_outfit_and_hair_does_not(head):
     style = styles.styles()["cap"]
-    outfit = replace(sample_outfit(np.random.default_rng(3), person), hair=style, beard=0.8)
+    outfit = replace(sample_outfit(np.random.default_rng(3), head[0].person), hair=style, beard=0.8)
     outfit = replace(outfit, hat=outfit.garments[0].fabric)
     looks = [outfit, in_other_fabrics(outfit, np.random.default_rng(4))]
     builder = Builder()

@@ -105,15 +105,12 @@ def test_many_notes_on_a_folder_are_counted():
 def bad(tmp_path, weights):
     """Commands that cannot work, and what must be said."""
     (tmp_path / "light.hdr").write_text("no light")
-    (tmp_path / "light.json").write_text("{}")
     (tmp_path / "old.pt").write_bytes(b"\x80\x04pickle")
     (tmp_path / "mine.safetensors").touch()
     me = tmp_path / "me.png"
     yield [tmp_path / "none.jpg"], "no file or folder"
     yield [me, "--mask", tmp_path / "none.png"], "no file"
     yield [me, "--light", tmp_path / "light.hdr"], "light.hdr"
-    yield [me, "--light", tmp_path / "light.json"], "light.json"
-    yield [me, "--light", tmp_path / "none.exr"], "none.exr"
     yield [me, "--light", "room:x"], "room:x"
     yield [me, "--background", "nothing such"], "background"
     yield [me, "--weights", tmp_path / "old.pt"], "no network of relight"

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 from relight.core.errors import UserError
 from relight.core.srgb import LINEAR, LUMINANCE, encode, to_linear
 from relight.maps import square
-from relight.maps.square import Crop, crop_around
+from relight.maps.square import crop_around
 from relight.panoramas import luminance
 from relight.photos.background import Background, read_background
 from relight.photos.color import apply_gain, to_codes, to_srgb8
@@ -48,8 +48,7 @@ def ball(size=128, side=160):
     )
     coverage = np.zeros((side, side), np.uint8)
     coverage[10 : 10 + size, 20 : 20 + size] = mask * np.uint8(255)
-    place = crop_around(coverage, size)
-    place = Crop(10.0, 20.0, float(size), place.rows, place.columns, size)
+    place = replace(crop_around(coverage, size), top=10.0, left=20.0, side=float(size))
     image = albedo * shading(transport, LIGHT)
     figure = Person(place, coverage, mask, image, albedo, transport, LIGHT)
     pixels = np.full((side, side, 3), 90, np.uint8)

@@ -58,20 +58,20 @@ def test_lights_are_brought_to_one_brightness(tmp_path):
         named_lights(["key:#000000@0,0"])
 
 
-def test_wrong_input_is_told_in_a_sentence(tmp_path):
+def test_wrong_input_is_told_in_a_sentence(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     write_left_out(tmp_path / "left.exr", {"name": "x"}, "no faces")
     with pytest.raises(UserError, match="left out: no faces"):
         baked_figure(tmp_path / "left.exr")
-    with pytest.raises(UserError, match=r"scan\.obj is no photo and no maps: `relight bake`"):
-        run(tmp_path / "scan.obj")
-    with pytest.raises(UserError, match="no file"):
-        run(tmp_path / "none.exr")
-    with pytest.raises(UserError, match="--mask belongs to one photo"):
-        run(tmp_path / "left.exr", "--mask", tmp_path / "m.png")
-    with pytest.raises(UserError, match=r"must end in \.html"):
-        run(tmp_path / "left.exr", "-o", tmp_path / "left.exr")
-    with pytest.raises(UserError, match=r"there is no folder .*nosuch"):
-        run(tmp_path / "left.exr", "-o", tmp_path / "nosuch" / "dir" / "x.html")
+    for words, says in (
+        (["scan.obj"], r"scan\.obj is no photo and no maps: `relight bake`"),
+        (["none.exr"], "no file"),
+        (["left.exr", "--mask", "m.png"], "--mask belongs to one photo"),
+        (["left.exr", "-o", "left.exr"], r"must end in \.html"),
+        (["left.exr", "-o", "nosuch/dir/x.html"], "there is no folder .*nosuch"),
+    ):
+        with pytest.raises(UserError, match=says):
+            run(*words)
     assert [path.name for path in tmp_path.iterdir()] == ["left.exr"]
 
 
