@@ -7,12 +7,13 @@ Both directions use the same real-valued square and pixel centres, so maps retur
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import product
 
 import numpy as np
 from PIL import Image
 from scipy.ndimage import distance_transform_edt
+from threadpoolctl import ThreadpoolController
 
 from relight.core.errors import UserError
 from relight.core.srgb import to_bytes
@@ -105,8 +106,14 @@ class Crop:
 
         (rows, down), (columns, across) = map(weights, window or self.window, (self.top, self.left))
         planes = np.ascontiguousarray(np.moveaxis(np.atleast_3d(maps[rows, columns]), -1, 0), np.float32)
-        placed = down @ planes @ across.T
+        with _threads().limit(limits=1, user_api="blas"):  # several wait for each other, busily where cores are taken
+            placed = down @ planes @ across.T
         return placed[0] if maps.ndim == 2 else np.moveaxis(placed, 0, -1)
+
+
+@cache
+def _threads() -> ThreadpoolController:
+    return ThreadpoolController()
 
 
 @lru_cache(maxsize=256)
