@@ -135,19 +135,21 @@ def test_a_figure_drawn_in_tiles_has_no_seam_and_no_gap(page, tmp_path, is_disc)
         assert even[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].all()
 
 
+def towards(size):
+    """Unit directions (H,W,3) in which the camera sees its pixels."""
+    grid = np.tan(np.radians(25)) * ((2 * np.arange(size) + 1) / size - 1)
+    x, y = np.meshgrid(grid, -grid)
+    return np.stack([x, y, -np.ones_like(x)], -1) / np.hypot(np.hypot(x, y), 1)[..., None]
+
+
 def test_backgrounds_and_soft_edges_are_mixed_as_light(page, tmp_path, maps, lights):
     coverage = np.clip(gaussian_filter(maps.mask.astype(np.float32), 1) * 2, 0, 1) * maps.mask
     build_viewer(tmp_path / "soft.html", [Figure("soft", replace(maps, coverage=coverage))], lights)
     page.open(tmp_path / "soft.html")
     figure, alpha = maps.albedo * relit_shading(maps, lights["Window"]), np.rint(255 * coverage)[..., None] / 255
-    size = len(coverage)
-    grid = np.tan(np.radians(25)) * ((2 * np.arange(size) + 1) / size - 1)
-    x, y = np.meshgrid(grid, -grid)
-    towards = np.stack([x, y, -np.ones_like(x)], -1)
-    towards /= np.linalg.norm(towards, axis=-1, keepdims=True)
     for background, behind in {
         "color": decode(np.array([0x33, 0xCC, 0x66]) / 255),
-        "light": roll_off(np.maximum(irradiance(lights["Window"], towards), 0)),
+        "light": roll_off(np.maximum(irradiance(lights["Window"], towards(len(coverage))), 0)),
     }.items():
         pixels = page.pixels(**START | {"background": background, "color": "#33cc66"})
         assert farthest(pixels, 255 * encode(alpha * roll_off(figure) + (1 - alpha) * behind), ...) <= 2
@@ -250,13 +252,8 @@ def test_a_panorama_is_seen_behind_the_figure(balls, maps, lights):
     )
     light = project(Panorama(values(blocks).astype(np.float32)))
     gain = exposure_factor(lights["Window"], light, maps.transport, maps.mask, turning=True)
-    size = len(maps.mask)
-    grid = np.tan(np.radians(25)) * ((2 * np.arange(size) + 1) / size - 1)
-    x, y = np.meshgrid(grid, -grid)
-    toward = np.stack([x, y, -np.ones_like(x)], -1)
-    toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
     rotation = rotation_of(40, 20)
-    x, y, z = np.moveaxis(toward @ rotation, -1, 0)  # the inverse rotation of each direction
+    x, y, z = np.moveaxis(towards(len(maps.mask)) @ rotation, -1, 0)  # the inverse rotation of each direction
     column, row = (np.arctan2(x, -z) / (2 * np.pi) + 0.5) * 256, np.arccos(y) / np.pi * 128
     inside = (np.abs(column % 16 - 8) < 7) & (np.abs(row % 16 - 8) < 7) & ~maps.mask
     behind = values(blocks)[np.minimum(row.astype(int), 127), np.minimum(column.astype(int), 255)]
