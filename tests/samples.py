@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 from skimage.metrics import structural_similarity
 
 from relight.lights import LightSet
@@ -33,6 +34,13 @@ def glb_of(scene: dict, data: bytes = b"", pad: bytes = b" ", version: int = 2) 
     text, data = text + pad * (4 + -len(text) % 4), data + b"\0" * (-len(data) % 4)
     chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
     return b"glTF" + struct.pack("<II", version, 12 + len(chunks)) + chunks
+
+
+def encoded(image: Image.Image, kind: str, **options) -> bytes:
+    """The bytes of a file of a picture."""
+    file = io.BytesIO()
+    image.save(file, kind, **options)
+    return file.getvalue()
 
 
 def png_chunks(*chunks: tuple[bytes, bytes]) -> bytes:

@@ -166,10 +166,8 @@ def test_what_is_no_figure_is_refused(person, ellipsoid):
         clean(flat)
     random = np.random.default_rng(0)
     dust = mesh_of(np.zeros((0, 3)), [], color=np.zeros((0, 3, 3), np.float32), info={"name": "dust"})
-    for _ in range(3000):
-        dust = add_ball(
-            dust, (random.random((1, 3)) + [[0, 0, 0], [0, 0.002, 0], [0.002, 0, 0]], np.array([[0, 1, 2]]))
-        )
+    grains = random.random((3000, 1, 3)) + [[0, 0, 0], [0, 0.002, 0], [0.002, 0, 0]]
+    dust = add_ball(dust, (grains.reshape(-1, 3), np.arange(9000).reshape(-1, 3)))
     with pytest.raises(UserError, match="no main part"):
         clean(dust)
 

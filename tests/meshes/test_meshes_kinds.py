@@ -2,14 +2,13 @@
 
 import base64
 import codecs
-import io
 import json
 import struct
 
 import numpy as np
 import pytest
 from PIL import Image
-from samples import glb_of
+from samples import encoded, glb_of
 
 from relight.core.errors import UserError
 from relight.meshes import Mesh, align, list_scans, read_mesh
@@ -35,9 +34,7 @@ def write(folder, files):
 
 def png(*colors) -> bytes:
     """A picture of one row."""
-    file = io.BytesIO()
-    Image.fromarray(np.array([colors], np.uint8)).save(file, "PNG")
-    return file.getvalue()
+    return encoded(Image.fromarray(np.array([colors], np.uint8)), "png")
 
 
 def albedo(mesh, face=0, weights=(1 / 3, 1 / 3, 1 / 3)):
@@ -373,9 +370,7 @@ def glb(change=lambda scene: None, picture=DARK_RED, uv=(0.5, 0.5), color=b"", p
 
 
 def picture_of(kind: str) -> bytes:
-    file = io.BytesIO()
-    Image.new("RGB", (4, 4), (200, 0, 0)).save(file, kind)
-    return file.getvalue()
+    return encoded(Image.new("RGB", (4, 4), (200, 0, 0)), kind)
 
 
 def legacy(scene):

@@ -1,7 +1,6 @@
 """Broken files: one sentence that names the file, in little time and memory, whatever is wrong with them."""
 
 import base64
-import io
 import json
 import os
 import struct
@@ -10,7 +9,7 @@ import tracemalloc
 import numpy as np
 import pytest
 from PIL import Image
-from samples import glb_of, png_of_size
+from samples import encoded, glb_of, png_of_size
 
 from relight.core.errors import UserError
 from relight.meshes import read_mesh
@@ -38,9 +37,7 @@ ROWS = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
 
 
 def picture(size=(2, 2)) -> bytes:
-    file = io.BytesIO()
-    Image.new("RGB", size, (200, 100, 50)).save(file, "png")
-    return file.getvalue()
+    return encoded(Image.new("RGB", size, (200, 100, 50)), "png")
 
 
 def gltf(change=lambda scene: None, binary=None, **top) -> dict:

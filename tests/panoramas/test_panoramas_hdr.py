@@ -18,19 +18,12 @@ def decoded(stored):
 
 def old_runs(line):
     """A scanline in old run-length coding: (1, 1, 1, n) repeats, counts over 255 in two steps."""
-    out, i = bytearray(), 0
-    while i < len(line):
-        n = 1
-        while i + n < len(line) and np.array_equal(line[i + n], line[i]):
-            n += 1
-        out += bytes(line[i])
-        more = n - 1
-        if more:
-            out += bytes([1, 1, 1, more & 255])
-            if more >> 8:
-                out += bytes([1, 1, 1, more >> 8])
-        i += n
-    return bytes(out)
+    out = b""
+    for pixel, run in itertools.groupby(map(bytes, line)):
+        more = len(list(run)) - 1
+        counts = [more & 255, more >> 8][: (more > 0) + (more > 255)]
+        out += pixel + b"".join(bytes([1, 1, 1, count]) for count in counts)
+    return out
 
 
 def new_runs(path, stored):

@@ -84,14 +84,9 @@ def drawn(layout, n):
     t = np.linspace(-1, 1, n) if corners else 2 * (np.arange(n) + 0.5) / n - 1
     if layout in ("angular", "ball"):
         u, v = np.meshgrid(t, t)
-        r = np.hypot(u, v)
-        theta, phi = (
-            (np.pi * r, np.arctan2(-v, u))
-            if layout == "angular"
-            else (2 * np.arcsin(np.minimum(r, 1)), np.arctan2(-v, u))
-        )
-        z = -np.cos(theta) if layout == "angular" else np.cos(theta)
-        d = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), z], -1)
+        r, phi = np.hypot(u, v), np.arctan2(-v, u)
+        theta = np.pi * (1 - r) if layout == "angular" else 2 * np.arcsin(np.minimum(r, 1))
+        d = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
         return Panorama(np.where(r[..., None] < 1 + 2 / n, smooth_scene(d), 1e6).astype(np.float32), layout)
     faces = {}
     for axis, (forward, right, down) in SEEN.items():

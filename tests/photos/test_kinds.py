@@ -1,6 +1,5 @@
 """What photos and masks may say, and the right value: profiles, gammas, previews, 16 bits, linear values, labels."""
 
-import io
 import struct
 import sys
 import zlib
@@ -11,7 +10,7 @@ import OpenEXR
 import pytest
 import tifffile
 from PIL import ExifTags, Image, ImageCms, PngImagePlugin
-from samples import png_chunks
+from samples import encoded, png_chunks
 
 from relight.core.errors import UserError
 from relight.core.srgb import decode, encode, to_linear
@@ -232,8 +231,7 @@ def flat_file(suffix):
     if suffix == "heic":
         pytest.importorskip("pi_heif")
         return (Path(__file__).parent / "flat.heic").read_bytes()  # as libheif writes it
-    Image.fromarray(FLAT).save(file := io.BytesIO(), suffix, quality=100, subsampling="4:4:4")
-    return file.getvalue()
+    return encoded(Image.fromarray(FLAT), suffix, quality=100, subsampling="4:4:4")
 
 
 def box(kind, content):

@@ -100,12 +100,6 @@ def pixels(mode: str = "RGB") -> Image.Image:
     return Image.fromarray(rng.integers(0, 256, (12, 16, 3), np.uint8)).convert(mode)
 
 
-def encoded(image: Image.Image, kind: str, **options) -> bytes:
-    file = io.BytesIO()
-    image.save(file, kind, **options)
-    return file.getvalue()
-
-
 def panoramas(rng: np.random.Generator) -> dict[str, bytes]:
     """Panoramas of every kind and coding, by name."""
 
@@ -139,7 +133,7 @@ def panoramas(rng: np.random.Generator) -> dict[str, bytes]:
 
 def write_whole(folder: Path) -> dict[str, list[Path]]:
     """Files of each kind, by the name of the reader."""
-    from samples import lights_of, mesh_of, random_maps
+    from samples import encoded, lights_of, mesh_of, random_maps
 
     from relight.learning.checkpoint import save_network
     from relight.learning.networks import build

@@ -11,6 +11,7 @@ from threading import Thread
 import numpy as np
 import pytest
 from PIL import Image
+from samples import encoded
 from scipy.ndimage import gaussian_filter
 
 from relight.core.errors import UserError
@@ -87,9 +88,7 @@ def opened(page, data, name="me.png"):
 
 
 def png(pixels):
-    file = io.BytesIO()
-    Image.fromarray(pixels).save(file, "PNG")
-    return file.getvalue()
+    return encoded(Image.fromarray(pixels), "png")
 
 
 def photograph():
