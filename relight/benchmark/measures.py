@@ -112,10 +112,11 @@ def leaks(inferred: Intrinsics) -> dict[str, float]:
     d_albedo, d_shading = (
         np.concatenate([differences(values, inside, axis) for axis in (0, 1)]) for values in (albedo, shading)
     )
-    if not len(d_albedo):
+    phases = [[np.abs(differences(shading, inside, axis, phase)) for phase in (0, 1)] for axis in (0, 1)]
+    if not all(part.size for pair in phases for part in pair):
         return {}
     strong = np.abs(d_albedo) > np.quantile(np.abs(d_albedo), 0.95)
-    by_phase = [[np.abs(differences(shading, inside, axis, phase)).mean() for phase in (0, 1)] for axis in (0, 1)]
+    by_phase = [[part.mean() for part in pair] for pair in phases]
     centred = d_albedo - d_albedo.mean(), d_shading - d_shading.mean()
     norms = np.prod([np.linalg.norm(values) for values in centred])
     slope = (d_albedo[strong] * d_shading[strong]).sum() / max((d_albedo[strong] ** 2).sum(), EPSILON)
