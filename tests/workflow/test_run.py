@@ -84,7 +84,12 @@ def test_a_gpu_that_is_not_there_is_told_before_the_figures(calls, monkeypatch):
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     with pytest.raises(UserError, match=r"train\.device=cuda, but torch finds no GPU"):
         run("train.device=cuda")
-    module.run([*WORDS, "train.device=cuda"], False, None, False, ["all"], ["--profile", "profiles/slurm"])
+    cluster = [*WORDS, "train.device=cuda"], False, None, False, ["all"], ["--profile", "profiles/slurm"]
+    monkeypatch.setitem(sys.modules, "snakemake_executor_plugin_slurm", None)
+    with pytest.raises(ModuleNotFoundError):  # the command names the extra
+        module.run(*cluster)
+    monkeypatch.setitem(sys.modules, "snakemake_executor_plugin_slurm", module)
+    module.run(*cluster)
     assert len(calls) == 1
 
 
