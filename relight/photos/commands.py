@@ -62,7 +62,7 @@ OPTIONS: dict[str, tuple[str, str | None, str | None, str]] = {
         "WORD",
         "ratio: photo times new over old shading, keeps detail; full: albedo times new.",
     ),
-    "lit_by": ("--lit-by", LIGHT, "LIGHT", "The photo's own light, if you know it: a panorama of the place, a lamp ..."),
+    "lit_by": ("--lit-by", LIGHT, "LIGHT", "The photo's own light, if known: a panorama of the place, a lamp ..."),
     "white_balance": ("--white-balance", LIGHT, "WORD", "keep: the photo's light is white; scene: as it is inferred."),
     "background": ("--background -b", BEHIND, "WORD", "keep, transparent, panorama, a color (#334455) or a picture."),
     "blur": ("--blur", BEHIND, "DEGREES", "Blur of the panorama or picture behind, degrees."),
