@@ -5,6 +5,7 @@ rule tables:
     "Compares the rows of each table, with confidence intervals."
     input:
         [path for name in PLAN.tables for path in PLAN.results_of(name)],
+        record=f"{DATA}/figures.json",
     output:
         [
             report(

@@ -5,6 +5,7 @@ from relight.evaluation.report.sections import write_score_table
 from relight.lab.job import job
 
 with job(snakemake):
-    results = Results(Path(snakemake.output[0]).parents[1], snakemake.params.experiments)
+    folder, data = Path(snakemake.output[0]).parents[1], Path(snakemake.input.record).parent
+    results = Results(folder, snakemake.params.experiments, data)
     for name in results.tables:
         write_score_table(results.table(name), results.title(name), results.report / name)
