@@ -106,7 +106,7 @@ class Crop:
 
         (rows, down), (columns, across) = map(weights, window or self.window, (self.top, self.left))
         planes = np.ascontiguousarray(np.moveaxis(np.atleast_3d(maps[rows, columns]), -1, 0), np.float32)
-        with _threads().limit(limits=1, user_api="blas"):  # several wait for each other, busily where cores are taken
+        with _threads().limit(limits=1, user_api="blas"):  # others spin while they wait: tenfold on busy cores
             placed = down @ planes @ across.T
         return placed[0] if maps.ndim == 2 else np.moveaxis(placed, 0, -1)
 

@@ -70,7 +70,7 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
         told["rows"][row] = {"train": train, "model": model, "loss": {"light": 1}}
     run.write_text(yaml.safe_dump(told))
     record = {**experiment, **files, "trainings": {row: [f"{row}.s0"] for row in rows}}
-    return Results(folder, {preset: record})
+    return Results(folder, {preset: record}, folder)
 
 
 def numbers(folder, preset: str, errors: dict[str, dict[str, float]], **options) -> dict:
@@ -212,7 +212,7 @@ def save_lights(folder):
 def test_build_report_is_whole_and_stands_alone(tmp_path):
     folder, asked = whole_run(tmp_path, "table1", "table2")
     out = folder / "report" / "report.html"
-    build.build_report(Results(folder, asked), out)
+    build.build_report(Results(folder, asked, folder), out)
     html = out.read_text()
     found = check(html)
     assert found.names == "what-came-out how-to-read table1 table2 figures lights".split()

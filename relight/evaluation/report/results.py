@@ -27,8 +27,8 @@ class Results:
             (`relight.lab.plan.Plan.described`).
     """
 
-    def __init__(self, folder: Path, experiments: dict[str, dict[str, Any]], data: Path | None = None):
-        self.folder, self.experiments, self.data = folder, experiments, data or folder
+    def __init__(self, folder: Path, experiments: dict[str, dict[str, Any]], data: Path):
+        self.folder, self.experiments, self.data = folder, experiments, data
         self._tables: dict[tuple[str, bool], Table] = {}
         self._scores: dict[tuple[str, ...], Rows] = {}
 

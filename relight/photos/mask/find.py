@@ -14,7 +14,7 @@ from relight.photos.color import as_codes
 from relight.photos.mask import selfie, u2net
 from relight.photos.mask.coverage import WANTED, coverage_of
 from relight.photos.mask.edge import fit_edge
-from relight.photos.mask.people import SIDES, NobodyFound, is_inverted
+from relight.photos.mask.people import NobodyFound, is_inverted
 from relight.photos.opening import decoding_errors, mask_beside, open_picture, orientation_of, require_still, upright
 from relight.photos.picture import Given, Picture
 
@@ -77,9 +77,7 @@ def masked(picture: Picture, mask: Given | None = None, model: Path | str | None
 def has_outline(alpha: np.ndarray) -> bool:
     """Returns whether an alpha channel (H,W) uint8 may be a mask: neither nearly empty or full, nor rounded corners."""
     solid = alpha >= MASK_THRESHOLD
-    edges = np.concatenate([solid[side] for side in SIDES.values()])
-    framed = edges.mean() > 0.6 and solid[0].mean() > 0.5
-    return bool(solid.any() and not framed and not is_inverted(solid))
+    return bool(solid.any()) and not is_inverted(solid)
 
 
 def read_mask(mask: Given, size: tuple[int, int]) -> tuple[np.ndarray, list[str]]:

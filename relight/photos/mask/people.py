@@ -80,10 +80,10 @@ def mask_warnings(coverages: Sequence[np.ndarray]) -> list[str]:
 
 
 def is_inverted(solid: np.ndarray) -> bool:
-    """Returns whether a mask (H,W) bool is true along the top, and along the edges more than in the middle."""
+    """Returns whether a mask (H,W) bool is true along the top, and along most edges or more than in the middle."""
     edges = np.concatenate([solid[side] for side in SIDES.values()])
     middle = solid[tuple(slice(side // 3, side - side // 3) for side in solid.shape)]
-    return bool(solid[0].mean() > 0.5 and edges.mean() > middle.mean())
+    return bool(solid[0].mean() > 0.5 and edges.mean() > min(0.6, middle.mean()))
 
 
 def _listed(words: list[str]) -> str:
