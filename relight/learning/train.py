@@ -111,7 +111,7 @@ def train(
     caller removes the state after the outputs are stored.
 
     Under torchrun each process takes its share of the batch, and the gradients are averaged. On a CPU the training uses
-    one thread: its results do not depend on the machine's load, and several trainings can run in parallel.
+    one thread, or as many as OMP_NUM_THREADS says, so several trainings can run in parallel.
 
     Args:
         recipe: all settings.
@@ -195,9 +195,9 @@ def train(
 
 @contextmanager
 def torch_context(device: torch.device) -> Iterator[None]:
-    """Sets one thread on a CPU, cuDNN's benchmark mode and a separate random state; restores them at the end."""
+    """Sets the threads of a CPU, cuDNN's benchmark mode and a separate random state; restores them at the end."""
     threads, benchmark = torch.get_num_threads(), torch.backends.cudnn.benchmark
-    if device.type == "cpu":
+    if device.type == "cpu" and "OMP_NUM_THREADS" not in os.environ:  # Snakemake and torchrun set it
         torch.set_num_threads(1)
     torch.backends.cudnn.benchmark = True
     try:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import call, patch
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from relight.learning.train import (
     draw_batch,
     learning_rate,
     select_training_data,
+    torch_context,
     train,
     update_average,
 )
@@ -308,6 +310,14 @@ def test_two_processes_train_the_network_that_one_does(run, tmp_path):
         assert (value - other[name]).abs().mean() < 2e-5, name
     rows = [list(csv.DictReader(path.open()))[-1] for path in (alone.curve, pair.curve)]
     assert float(rows[0]["loss"]) == pytest.approx(float(rows[1]["loss"]), rel=1e-4)
+
+
+@pytest.mark.parametrize("stated", ["2", None])
+def test_a_job_says_how_many_threads_it_takes(stated, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", stated) if stated else monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    monkeypatch.setattr(torch, "get_num_threads", lambda: 2)
+    with patch.object(torch, "set_num_threads") as threads, torch_context(torch.device("cpu")):
+        assert threads.mock_calls == ([] if stated else [call(1)])
 
 
 @pytest.mark.slow
