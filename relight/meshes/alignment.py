@@ -45,14 +45,13 @@ def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
     )
     turn = float(row.get("turn", 0))
     warnings = list(mesh.info.get("warnings", []))
+    if "axes" not in mesh.info and (side := flat_side(mesh)):
+        warnings.append(
+            f"its {side} side is flat, as a floor or plinth: cut it off, or check the axes (--up, --front, align.table)"
+        )
     if up is None or front is None:
         axes = find_axes(mesh, up, front)
         up, front = axes.up, axes.front
-        if side := flat_side(mesh):
-            warnings.append(
-                f"its {side} side is flat, as a floor or a plinth, so its axes ({up} up, {front} to the front) may be "
-                "wrong: cut the floor off, or give them (--up and --front, in a run align.table)"
-            )
         if axes.certainty < MIN_CERTAINTY:
             warnings.append(
                 f"its front is uncertain ({front} with {up} up): check it, and its turn (--front, in a run align.table)"
