@@ -288,6 +288,8 @@ def test_head_draws_no_conclusion_from_a_few_subjects(tmp_path):
         head = build.head("run", made, outcome=None)
         assert ("Knowing occlusion makes shading better" in head) == concludes
         assert ("concluded from this run: its networks are tested on 5 subjects." in head) != concludes
+        body = build.page.section("sections/experiment.md", **sections.experiment(made, "claim"))
+        assert ("these results hold for these networks" in body) == concludes
 
 
 def test_command_repeats_a_run(tmp_path):
