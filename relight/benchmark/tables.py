@@ -11,7 +11,7 @@ from relight.benchmark.measures import INVARIANCES, LEAKS
 from relight.benchmark.score import MAP_COLUMNS, READINGS
 from relight.core.errors import UserError
 from relight.evaluation.report.formats import TextTable, count
-from relight.evaluation.scoring.statistics import Estimate, estimate
+from relight.evaluation.scoring.statistics import MIN_SUBJECTS, Estimate, estimate
 
 PICTURE_HEADS = {f"{mode}{key}": f"{mode}: {head}" for mode in PICTURES for key, head in READINGS.items()}
 MAP_HEADS = {name: name.replace("_factor", "*").replace("_ssim", " SSIM") for name in MAP_COLUMNS}
@@ -50,6 +50,8 @@ class MethodComparison:
                     f"{name} and {self.reference} were scored on different sets: score both on the same one"
                 )
         self.sample = f"of set {rows[0].index[0][0]}, ± half the 95 % interval (bootstrap over figures)."
+        if first.index.get_level_values("figure").nunique() < MIN_SUBJECTS:
+            self.sample += f" Fewer than {MIN_SUBJECTS} figures decide nothing: intervals may leave the possible range."
 
     def tables(self) -> dict[str, ComparisonTable]:
         """Returns tables of relit pictures, of maps and light, of differences, and of invariances, by file stem."""
@@ -77,10 +79,8 @@ class MethodComparison:
     def differences(self) -> ComparisonTable:
         """Returns the differences of the other methods from the reference, paired by picture."""
         reference = self.scores[self.reference]
-        others = {name: scores - reference for name, scores in self.scores.items() if name != self.reference}
-        grid = _columns_with_cells(
-            ERROR_HEADS, {name: self.cells(scores, ERROR_HEADS) for name, scores in others.items()}
-        )
+        cells = {name: self.cells(row - reference, ERROR_HEADS) for name, row in [*self.scores.items()][1:]}
+        grid = _columns_with_cells(ERROR_HEADS, cells)
         heads = [name for name, head in ERROR_HEADS.items() if head in grid.frame]
         words = (
             f"Error of each method minus that of {self.reference}, picture by picture; positive where {self.reference} "

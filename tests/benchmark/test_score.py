@@ -219,6 +219,7 @@ def test_comparison_tables_and_command(drawn, truth, tmp_path):
     assert np.isclose(found.mean, np.mean(by_figure)) and np.allclose(found.values[:, 0], by_figure)
     assert found.low < found.mean < found.high
     assert "3 pictures of 2 figures" in made["benchmark_pictures"].note
+    assert "Fewer than 6 figures decide nothing" in made["benchmark_pictures"].note
     assert "means over 0 pictures of 0 figures. The last" in made["benchmark_invariance"].note
     answer(drawn, tmp_path / "mean", "mean_light")
     other = read_scores(score(drawn, tmp_path / "mean").parent)
