@@ -135,7 +135,7 @@ def find_mask(self, image, encoding="sRGB"):
 
 @node("RelightNamedLight", "Light by name", {"light": LIGHT}, light=("STRING", {"default": "room:7", "tooltip": NAMES}))
 def named_light(self, light):
-    """room:7, sky:3, lamps:5, key:#ffd9a0@70,20,0.15 (color, degrees right and up, fill), or a file."""
+    """room:7, sky:3, lamps:5, key:#ffe6c8@50,40,0.3 (color, degrees right and up, fill), or a file."""
     return (light_of(changed(None, light)),)
 
 

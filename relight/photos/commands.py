@@ -24,7 +24,7 @@ LIGHTS = """
 Lights, for --light:
   auto                    that of the picture in --background, or else a warm
                           lamp from the darker side of the person
-  key:#ffd9a0@70,20,0.15  a lamp: color, degrees to the right and up, fill;
+  key:#ffe6c8@50,40,0.3   a lamp: color, degrees to the right and up, fill;
                           left and below are negative; quote it in a shell
   hall  park  ...         a real panorama, after `relight light setup`
   even                    light without a direction
