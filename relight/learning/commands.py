@@ -21,5 +21,5 @@ def export(
     from relight.learning.export import export as write
 
     network, config = load_network(checkpoint)
-    difference = write(network, out, config)
-    print(f"{out}: differs from torch by {difference:.1e} at most")
+    typer.echo("torch turns the network into a graph, which takes about a minute", err=True)
+    print(f"{out}: differs from torch by {write(network, out, config):.1e} at most")
