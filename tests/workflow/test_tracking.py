@@ -184,27 +184,29 @@ def test_training_run_is_recorded_in_another_folders_sqlite(tmp_path):
         assert kept.read_bytes() == (folder / f"{network}.safetensors").read_bytes()
 
 
-def train_again() -> None:
-    for clone, rate in (("here", 1), ("there", 2), ("here", 3), ("here", 3)):
-        given = tracking(URI)
-        given["tags"] = {**TAGS, "clone": clone}
-        with training_run(given, "ours.s0", str(rate) * 64, {"lr": rate}) as run:
-            run.log({"loss": 1.0}, 4)
+def train_again(clone: str, rate: int) -> None:
+    given = tracking(URI)
+    given["tags"] = {**TAGS, "clone": clone}
+    with training_run(given, "ours.s0", str(rate) * 64, {"lr": rate}) as run:
+        run.log({"loss": 1.0}, 4)
+    os._exit(0)  # as if it were killed
 
 
-def test_a_training_that_is_made_again_renames_the_earlier_one(empty_store, tmp_path):
+def test_a_training_that_is_made_again_renames_and_ends_the_earlier_one(empty_store, tmp_path):
     """That of its own clone, and once."""
     shutil.copy(empty_store, tmp_path / "mlflow.db")
-    in_folder(tmp_path, train_again)
-    found = {run.data.params["lr"]: run.info.run_name for run in runs(MlflowClient(f"sqlite:///{tmp_path}/mlflow.db"))}
-    assert found == {"1": "ours.s0 (earlier)", "2": "ours.s0", "3": "ours.s0"}
+    for clone, rate in (("here", 1), ("there", 2), ("here", 3), ("here", 3)):
+        in_folder(tmp_path, train_again, clone, rate)
+    made = runs(MlflowClient(f"sqlite:///{tmp_path}/mlflow.db"))
+    found = {run.data.params["lr"]: (run.info.run_name, run.info.status) for run in made}
+    assert found == {"1": ("ours.s0 (earlier)", "KILLED"), "2": ("ours.s0", "RUNNING"), "3": ("ours.s0", "RUNNING")}
 
 
 def test_connect_says_that_a_clone_was_moved(empty_store, tmp_path, capfd):
     """Artifacts would be written to the old place."""
     (tmp_path / "old").mkdir()
     shutil.copy(empty_store, tmp_path / "old" / "mlflow.db")
-    in_folder(tmp_path / "old", train_again)
+    in_folder(tmp_path / "old", train_again, "here", 1)
     (tmp_path / "old").rename(tmp_path / "new")
     with chdir(tmp_path / "new"), pytest.raises(UserError, match=r"old/mlruns is gone.*track\.experiment"):
         store.connect(Track(f"sqlite:///{tmp_path}/new/mlflow.db", "test"))

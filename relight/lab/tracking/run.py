@@ -63,7 +63,7 @@ class TrainingRun:
     def open(self, note: str = NOTE) -> None:
         """Finds or creates the run, with its parameters, as MLflow's active one unless it has finished.
 
-        One of the same name with other settings or data, which the new one replaces in the results, is renamed.
+        An earlier one of other settings or data, which it replaces in the results, is renamed and, if killed, ended.
         """
         if self.id:
             return
@@ -72,9 +72,9 @@ class TrainingRun:
 
         runs = client.search_runs([experiment], f"attributes.run_name = '{self.name}'")
         run: Any = next((found for found in runs if found.data.tags.get("fingerprint") == self.fingerprint), None)
-        for other in () if run else runs:
-            if all(other.data.tags.get(key) == self.tags.get(key) for key in ("workflow", "clone")):
-                client.update_run(other.info.run_id, name=f"{self.name} (earlier)")
+        for old in () if run else runs:
+            if all(old.data.tags.get(key) == self.tags.get(key) for key in ("workflow", "clone")):
+                client.update_run(old.info.run_id, {"RUNNING": "KILLED"}.get(old.info.status), f"{self.name} (earlier)")
         self.is_finished = run is not None and run.info.status == "FINISHED"
         if not self.is_finished:
             known = {"run_id": run.info.run_id} if run else {"experiment_id": experiment, "run_name": self.name}
