@@ -50,9 +50,11 @@ def _experiment(track: Track) -> str:
         from mlflow import MlflowClient
 
         ids = {found.name: found.experiment_id for found in MlflowClient().search_experiments()}
-        others = sorted(ids.keys() - {"Default", track.experiment})
-        if others and track.experiment not in ids:
-            raise UserError(f"{track.uri} has no experiment {track.experiment}; there are {', '.join(others)}")
+        name, others = track.experiment, ", ".join(sorted(ids.keys() - {"Default", track.experiment}))
+        if others and name not in ids:
+            raise UserError(
+                f"{track.uri} has no experiment {name}: `relight run name={name}` makes it; there are {others}"
+            )
     return connect(track)[1]
 
 
