@@ -161,9 +161,6 @@ def main() -> None:
         sys.exit(f"relight: {error}")
     except MemoryError as error:
         sys.exit(f"relight: {out_of_memory(error)}")
-    except KeyboardInterrupt:
-        print("relight: interrupted", file=sys.stderr)
-        sys.exit(130)
     except ModuleNotFoundError as error:
         if (extra := EXTRAS.get((error.name or "").partition(".")[0])) is None:
             raise

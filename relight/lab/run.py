@@ -7,10 +7,10 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from relight.core.errors import UserError
 from relight.core.processes import end_with_parent
@@ -20,7 +20,7 @@ from relight.lab.plan import Plan
 from relight.lab.record import compose_run, expand_sweep, read_record
 from relight.settings import ROOT, flat
 
-LOCK = "lock"  # a file of the results that is locked as long as a workflow makes them
+LOCK = "lock"  # a file of the results, locked as long as a workflow makes them; Snakemake's own stay after a kill
 INTERRUPTED = 130  # exit code after Ctrl-C
 
 
@@ -45,10 +45,9 @@ def run(
     Raises:
         UserError: if settings are invalid, or another workflow makes the same results.
     """
-    remembered = with_remembered(overrides)
-    if kept := remembered[: len(remembered) - len(overrides)]:
+    given, overrides = overrides, with_remembered(overrides)
+    if kept := overrides[: len(overrides) - len(given)]:
         print(f"goes on with {shlex.join(kept)}")
-    overrides = remembered
     if multirun:
         fixed, rows = expand_sweep(overrides)
         for word in (word for word in overrides if word.startswith("experiment=")):
@@ -79,7 +78,11 @@ def run(
         with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
             file.write(plan.text)  # of one order with run.yaml, or Snakemake finds other params
             file.flush()
-            return snakemake([*command, "--configfile", file.name, "--dry-run"])
+            command += ["--configfile", file.name, "--dry-run"]
+            ran = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, process_group=0)
+        first, *tables = ran.stdout.split("Job stats:\n")  # which Snakemake prints twice
+        print(first, *tables[-1:], sep="Job stats:\n", end="")
+        return ran.returncode
     os.close(hold(ROOT / plan.out))
     # In a file, since jobs on a cluster break quotes within quotes.
     command += ["--configfile", str(plan.write_record(ROOT))]
@@ -100,12 +103,16 @@ def with_remembered(overrides: list[str]) -> list[str]:
     """Returns overrides behind those of the run that they name, or else of the run whose data they take."""
     given = dict(word.partition("=")[::2] for word in overrides)
     records = (read_record(ROOT / "results" / given[key])["overrides"] for key in ("name", "data") if key in given)
-    kept = [word for word in next(filter(None, records), []) if word.partition("=")[0] not in {*given, "name"}]
-    return [*kept, *overrides]
+    before: list[str] = next(filter(None, records), [])
+    kept = [word for word in before if word.partition("=")[0] not in {*given, "name"}]
+    # A path stays written as that run has it, or its data would be made again.
+    same = {(key, os.path.realpath(ROOT / path)): word for word in before for key, _, path in [word.partition("=")]}
+    keys = [(key, os.path.realpath(path)) for key, _, path in (word.partition("=") for word in overrides)]
+    return [*kept, *(same.get(key, word) for key, word in zip(keys, overrides))]
 
 
-def change_lines(plan: Plan) -> list[str]:
-    """Returns what to say before existing results are made again: which settings and whose code have changed.
+def change_lines(plan: Plan) -> Iterator[str]:
+    """Yields what to say before existing results are made again: which settings and whose code have changed.
 
     Raises:
         UserError: if the results are of other people or panoramas.
@@ -121,17 +128,15 @@ def change_lines(plan: Plan) -> list[str]:
             )
     settings = sorted(key for key in then.keys() & now.keys() if then[key] != now[key] and ".track." not in key)
     code = [rule for rule, digest in before["code"].items() if plan.record["code"].get(rule) != digest]
-    lines = []
     if settings:
         shown = ", ".join(key.removeprefix("settings.") for key in settings[:4])
         more = f" and {len(settings) - 4} more" if len(settings) > 4 else ""
-        lines.append(
+        yield (
             f"{plan.out} was made with other settings ({shown}{more}): what depends on them is made again; to keep "
             "both, give this run a name, name=NAME"
         )
     if code:
-        lines.append(f"the code of {', '.join(code)} has changed since {plan.out} was made: they run again")
-    return lines
+        yield f"the code of {', '.join(code)} has changed since {plan.out} was made: they run again"
 
 
 def snakemake(command: list[str]) -> int:
@@ -143,13 +148,9 @@ def snakemake(command: list[str]) -> int:
     Returns:
         The exit code; INTERRUPTED if this process was interrupted, terminated or hung up.
     """
-
-    def interrupt(*_: Any) -> None:
-        raise KeyboardInterrupt
-
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) == signal.SIG_DFL:  # with nohup, HUP stays ignored
-            signal.signal(number, interrupt)
+            signal.signal(number, signal.default_int_handler)
     parent = os.getpid()
 
     def prepare() -> None:
@@ -157,20 +158,21 @@ def snakemake(command: list[str]) -> int:
         end_with_parent(parent)
 
     # A process group of its own, so that Ctrl-C reaches it once, from here.
-    process = subprocess.Popen(command, cwd=ROOT, process_group=0, preexec_fn=prepare)
+    process = subprocess.Popen(command, cwd=ROOT, process_group=0, preexec_fn=prepare, stderr=subprocess.PIPE)
     try:
+        for line in process.stderr or ():
+            with suppress(OSError):  # a closed terminal
+                os.write(2, line)
         return process.wait()
     except KeyboardInterrupt:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGINT)
-        process.wait()
+        process.communicate()  # drops their tracebacks
         return INTERRUPTED
 
 
 def hold(out: Path | str) -> int:
     """Locks results until this process ends, however it ends, or closes the handle that this returns.
-
-    Snakemake's own locks would stay after a kill.
 
     Args:
         out: the folder of the results.

@@ -50,7 +50,7 @@ def run(request):
     background = "SIGINT" not in request.node.name
     inherited = {signal.SIGINT: signal.SIG_IGN if background else signal.SIG_DFL, signal.SIGHUP: signal.SIG_DFL}
     before = {number: signal.signal(number, how) for number, how in inherited.items()}
-    job = start(ROOT, [sys.executable, "-c", RUN], stdout=subprocess.PIPE, text=True)
+    job = start(ROOT, [sys.executable, "-c", RUN], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     for number, how in before.items():
         signal.signal(number, how)
     assert job.stdout.readline() == "here\n"
@@ -74,6 +74,7 @@ def test_nothing_is_left_when_the_run_is_ended(run, name):
     job.send_signal(getattr(signal, name))
     assert job.wait(timeout=PATIENCE) == (-9 if name == "SIGKILL" else 130)
     assert not working(processes[1:])
+    assert not job.stderr.read(), "no traceback"
 
 
 @pytest.mark.slow

@@ -26,7 +26,12 @@ def calls(tmp_path, monkeypatch) -> list:
         found.append((words, yaml.safe_load(file.read_text()), file))
         return 1
 
+    def dry(words, **_):
+        table = "Job stats:\ntotal 22\n\n"
+        return SimpleNamespace(returncode=snakemake(words), stdout=f"Building\n{table}{table}Reasons:\n")
+
     monkeypatch.setattr(module, "snakemake", snakemake)
+    monkeypatch.setattr(module.subprocess, "run", dry)
     monkeypatch.setattr(module, "ROOT", tmp_path)
     return found
 
@@ -38,11 +43,12 @@ def run(*overrides: str, dry: bool = False) -> int:
     return module.run([*WORDS, *overrides], False, None, dry, ["all"], [])
 
 
-def test_a_dry_run_leaves_the_record_alone(calls, tmp_path):
+def test_a_dry_run_leaves_the_record_alone_and_has_one_table(calls, tmp_path, capsys):
     record = tmp_path / "results" / "smoke" / "run.yaml"
     run("train.lr=0.1")
     assert calls[0][2] == record
     run("train.lr=0.2", dry=True)
+    assert capsys.readouterr().out.endswith("\nBuilding\nJob stats:\ntotal 22\n\nReasons:\n")
     assert json.dumps(calls[1][1]["settings"]["figures"]) == json.dumps(calls[0][1]["settings"]["figures"])  # in order
     assert "--dry-run" in calls[1][0] and calls[1][1]["settings"]["train"]["lr"] == 0.2
     assert yaml.safe_load(record.read_text())["overrides"] == [*WORDS, "train.lr=0.1"]
@@ -127,6 +133,18 @@ def test_results_of_other_people_are_not_mixed(calls, tmp_path):
     with pytest.raises(UserError, match=r"results/mine was made with figures\.folder=.*: give this run a name"):
         run("name=mine", f"figures.folder={tmp_path / 'other'}")
     assert len(calls) == 1
+
+
+def test_a_path_in_other_words_is_the_same(calls, tmp_path, monkeypatch, capsys):
+    """And stays as it was written, since the rules see the words."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.obj", "b.obj"):
+        (tmp_path / name).touch()
+    before = []
+    for folder in (".", tmp_path, f"../{tmp_path.name}/"):
+        module.run([*WORDS, "name=mine", "figures=scans", f"figures.folder={folder}"], False, None, False, ["all"], [])
+        before.append(calls[-1][1]["settings"]["figures"])
+    assert before[0]["folder"] == "." and before == 3 * before[:1] and not capsys.readouterr().out
 
 
 def test_changed_code_is_told(calls, capsys, tmp_path):
