@@ -1,14 +1,24 @@
 """`relight light`: prints, writes and draws the coefficients and statistics of a light."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
-from relight.core.default_command import default_command
 from relight.core.files import PHOTO_SUFFIXES
 
-app = typer.Typer(cls=default_command("numbers"), no_args_is_help=True, help="Print, write or draw a light.")
+
+class Numbers(TyperGroup):
+    """Runs the command `numbers` where none is named."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # ctx is click's, which Typer bundles privately
+        if args and args[0] not in {*self.commands, "--help", "-h"}:
+            args = ["numbers", *args]
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(cls=Numbers, no_args_is_help=True, help="Print, write or draw a light.")
 
 
 @app.command()

@@ -78,8 +78,6 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: "Light
     Raises:
         UserError: if no light can be selected.
     """
-    if len(coefficients) != len(sources) or not sources:
-        raise UserError(f"lights: {len(coefficients)} lights of {len(sources)} panoramas; at least one is needed")
     record: dict[str, Any] = {"order": settings.order, "steps": [], "warnings": [], "unlit": {}}
     kept = _above_threshold(coefficients, record)
     copies = _rotated_copies(coefficients[kept], np.asarray(sources)[kept], settings.seed)

@@ -1,11 +1,11 @@
 """Parses the `v`, `vt` and `f` lines of Wavefront OBJ files in chunks: NumPy is faster than Python on many at once."""
 
-import warnings
 from pathlib import Path
 
 import numpy as np
 
 from relight.core.errors import UserError
+from relight.meshes.raw import parse_numbers
 
 CHUNK = 1 << 17  # lines that are parsed at a time, so that 5 million faces never exist as text objects
 
@@ -38,11 +38,13 @@ class Numbers:
             return
         width = len(self.lines[0].split())
         self.widest = max(self.widest, width)
-        values = parse(self.path, b" ".join(self.lines), np.float64)
+        values = parse_numbers(self.path, b" ".join(self.lines), np.float64)
         if values.size != width * len(self.lines):  # some lines are longer than others
             widths = [len(line.split()) for line in self.lines]
             width, self.widest = min(widths), max(self.widest, *widths)
-            values = parse(self.path, b" ".join(b" ".join(line.split()[:width]) for line in self.lines), np.float64)
+            values = parse_numbers(
+                self.path, b" ".join(b" ".join(line.split()[:width]) for line in self.lines), np.float64
+            )
         if width < self.least:
             raise UserError(f"{self.path}: a `{self.keyword}` line has {width} numbers; {self.least} are needed")
         self.rows.append(values.reshape(-1, width)[:, : self.most])
@@ -104,7 +106,7 @@ class Faces:
 
     def _table(self, text: bytes, rows: int, columns: int) -> np.ndarray:
         """Parses integers between spaces to (rows,columns); raises UserError if there are more or fewer of them."""
-        values = parse(self.path, text, np.int64)
+        values = parse_numbers(self.path, text, np.int64)
         if values.size != rows * columns:
             raise UserError(f"{self.path}: a corner of a face is not written v, v/vt, v//vn or v/vt/vn")
         return values.reshape(rows, columns)
@@ -121,13 +123,3 @@ class Faces:
         if not self.corners:
             raise UserError(f"{self.path} has no faces: relight needs a surface")
         return np.concatenate(self.counts), np.concatenate(self.corners)
-
-
-def parse(path: Path, text: bytes, type: type) -> np.ndarray:
-    """Parses numbers between spaces to (N,) of a type of NumPy; raises UserError if a word is no number."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # numpy warns when it stops at a word that is no number
-        try:
-            return np.fromstring(text, type, sep=" ")
-        except (DeprecationWarning, ValueError):
-            raise UserError(f"{path} is not a whole .obj file: a line is not made of numbers") from None

@@ -3,7 +3,6 @@
 import codecs
 import re
 import struct
-import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relight.core.errors import UserError
+from relight.meshes.raw import parse_numbers
 
 TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
@@ -233,12 +233,7 @@ def _ascii_blocks(path: Path, text: bytes, elements: list[Element]) -> dict[str,
 
     The numbers are converted to binary doubles, which are parsed as a binary file's.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # numpy warns when it stops at a word that is no number
-        try:
-            values = np.fromstring(text, np.float64, sep=" ")
-        except (DeprecationWarning, ValueError):
-            raise UserError(f"{path}: the data of this ascii PLY hold something that is not a number") from None
+    values = parse_numbers(path, text, np.float64)
     doubles = [
         Element(element.name, element.count, [
             Property(name, "f8", length_type and "f8") for name, _, length_type in element.properties

@@ -193,6 +193,20 @@ def without_tints(raw: RawMesh) -> RawMesh:
     return replace(raw, color=color, materials=materials, warnings=raw.warnings + notes)
 
 
+def parse_numbers(path: Path, text: bytes, type: type) -> np.ndarray:
+    """Parses the numbers between spaces in a part of a file, (N,) of a type of NumPy.
+
+    Raises:
+        UserError: if a word is no number.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # numpy warns when it stops at a word that is no number
+        try:
+            return np.fromstring(text, type, sep=" ")
+        except (DeprecationWarning, ValueError):
+            raise UserError(f"{path} is damaged: it holds something that is not a number") from None
+
+
 def linear(srgb: np.ndarray) -> np.ndarray:
     """Decodes sRGB codes of any shape, uint8 or floats that are clipped to [0,1], to linear float32."""
     if srgb.dtype == np.uint8:

@@ -63,13 +63,10 @@ def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
         or None; and what the reader changed, one sentence each.
 
     Raises:
-        UserError: if the file cannot be read or is not a panorama.
+        UserError: if the file is not a panorama.
     """
-    try:
-        with open(path, "rb") as file:
-            start = file.read(256).removeprefix(codecs.BOM_UTF8)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror})") from error
+    with open(path, "rb") as file:
+        start = file.read(256).removeprefix(codecs.BOM_UTF8)
     if not start:
         raise UserError(f"{path}: an empty file")
     if start.startswith(b"\x76\x2f\x31\x01"):

@@ -139,14 +139,6 @@ def test_the_threshold_removes_dark_rooms_unless_the_units_differ(rooms):
     assert "other units" in record["warnings"][0] and record["steps"][0]["out"] == 40
 
 
-def test_lights_without_sources_are_refused(rooms):
-    sources, coefficients = rooms
-    with pytest.raises(UserError, match="40 lights of 39 panoramas"):
-        select_lights(coefficients, sources[1:], SETTINGS)
-    with pytest.raises(UserError, match="at least one"):
-        select_lights(coefficients[:0], [], SETTINGS)
-
-
 def test_each_rule_finds_its_kind_of_light():
     def lamp(x, y, z, fill=0.3):
         d = np.array([x, y, z], float)

@@ -133,7 +133,7 @@ BROKEN = {
     "obj of points": ({"a.obj": OBJ.encode()}, "no faces"),
     "obj that is binary": ({"a.obj": b"\x80" * (3 << 20)}, "not an .obj"),
     "obj truncated in a vertex": ({"a.obj": b"v 0 0 0\nv 1 0\nf 1 2 1\n"}, "has 2 numbers"),
-    "obj of words": ({"a.obj": b"v 0 zero 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"}, "not made of numbers"),
+    "obj of words": ({"a.obj": b"v 0 zero 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"}, "not a number"),
     "obj with an index out of range": ({"a.obj": obj(faces="f 1 2 5\n")}, "names vertex 4"),
     "obj with a huge index": ({"a.obj": obj(faces="f 1 2 99999999999999999999999\n")}, "names vertex"),
     "obj with index 0": ({"a.obj": obj(faces="f 0 1 2\n")}, "vertex 0"),

@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from relight.core.files import atomic_write
+from relight.core.srgb import to_bytes
 from relight.lights import lit_ball
 from relight.maps.square import extent
 from relight.sh import unoccluded
@@ -60,20 +61,15 @@ def bounding_box(masks: list[np.ndarray]) -> tuple[slice, slice]:
 
 def composite(colors: np.ndarray, alpha: np.ndarray, size: tuple[int, int]) -> Image.Image:
     """Composites sRGB-coded colors (H,W,3) by alpha (H,W) over the background of cells, at a size (width, height)."""
-    ground = np.array(CELL, np.float32) / 255
-    alpha = np.asarray(alpha, np.float32)
-    premultiplied = np.concatenate([np.clip(colors, 0, 1) * alpha[..., None], alpha[..., None]], -1)
-    planes = [
-        np.asarray(Image.fromarray(np.ascontiguousarray(plane, np.float32)).resize(size, Image.Resampling.BICUBIC))
-        for plane in np.moveaxis(premultiplied, -1, 0)
-    ]
-    pixels = np.stack(planes[:3], -1) + (1 - planes[3][..., None]) * ground
-    return Image.fromarray((pixels.clip(0, 1) * 255).round().astype(np.uint8))
+    rgba = Image.fromarray(to_bytes(np.dstack([colors, alpha]))).resize(size, Image.Resampling.BICUBIC)
+    picture = Image.new("RGB", size, CELL)
+    picture.paste(rgba, mask=rgba)
+    return picture
 
 
 def ball(light: np.ndarray, size: int, white: float, linear: bool) -> Image.Image:
     """Draws a diffuse white ball of `size` pixels under a light (K,3), RGBA; arguments are those of `lit_ball`."""
-    return Image.fromarray((lit_ball(light, size, white=white, linear=linear) * 255).round().astype(np.uint8))
+    return Image.fromarray(to_bytes(lit_ball(light, size, white=white, linear=linear)))
 
 
 class Canvas:
