@@ -115,7 +115,7 @@ class BenchmarkSet:
 
     def truth(self, entry: Entry) -> tuple[Intrinsics, np.ndarray]:
         """Reads the ground truth on the square, and the true pictures (N,H,W,3) uint8 in the new lights."""
-        arrays = read_arrays(self.folder / "truth" / f"{entry.name}.npz")
+        arrays = read_npz(self.folder / "truth" / f"{entry.name}.npz", "benchmark file")
         return to_intrinsics(arrays, square_mask(entry)), arrays["full"]
 
     def maps(self, entry: Entry) -> Path:
@@ -148,11 +148,6 @@ def write_arrays(path: Path, photo: str, arrays: Mapping[str, np.ndarray]) -> No
         np.savez_compressed(file, photo=np.array(photo), **typed)  # type: ignore[arg-type]  # none is allow_pickle
 
 
-def read_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Reads the arrays of an answer or of a ground truth. Raises UserError for any other file."""
-    return read_npz(path, "benchmark file")
-
-
 def read_answer(folder: Path, entry: Entry) -> dict[str, np.ndarray]:
     """Reads and checks a method's answer to a picture.
 
@@ -169,7 +164,7 @@ def read_answer(folder: Path, entry: Entry) -> dict[str, np.ndarray]:
     path = Path(folder) / f"{entry.name}.npz"
     if not path.is_file():
         raise UserError(f"there is no {path}: a folder of answers must have one .npz for each picture")
-    arrays = read_arrays(path)
+    arrays = read_npz(path, "benchmark file")
     if str(arrays.pop("photo", "")) != entry.photo:
         raise UserError(
             f"{path} answers another picture: its `photo` must be the SHA-256 of {entry.folder / 'photo.png'}"

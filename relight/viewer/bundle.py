@@ -22,22 +22,19 @@ def bundle(entry: Path) -> str:
         The script.
 
     Raises:
-        ValueError: for modules that import each other in a circle, a name that its module does not export, and other
-            forms of import and export.
+        ValueError: for a name that its module does not export, and for other forms of import and export.
     """
     exports: dict[str, list[str]] = {}
     parts: list[str] = []
 
-    def add(path: Path, importers: tuple[str, ...]) -> None:
-        """Appends a module to `parts`, after those that it imports; `importers` are the names of those on the way."""
+    def add(path: Path) -> None:
+        """Appends a module to `parts`, after those that it imports, which must not import it."""
         name = path.stem
-        if name in importers:
-            raise ValueError(f"modules import each other: {' -> '.join([*importers, name])}")
         if name in exports:
             return
         text = path.read_text(encoding="utf-8")
         for names, other in IMPORT.findall(text):
-            add(path.parent / other, (*importers, name))
+            add(path.parent / other)
             if missing := set(names.split(", ")) - set(exports[Path(other).stem]):
                 raise ValueError(
                     f"{name}.js imports {', '.join(sorted(missing))}, which {Path(other).name} does not export"
@@ -50,5 +47,5 @@ def bundle(entry: Path) -> str:
             raise ValueError(f"{name}.js: this form is not supported: {left[0]}")
         parts.append(f"const ${name} = (() => {{\n{text}return {{ {', '.join(exports[name])} }};\n}})();\n")
 
-    add(entry, ())
+    add(entry)
     return "\n".join(parts)

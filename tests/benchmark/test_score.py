@@ -11,7 +11,7 @@ from samples import ssim_in_the_box
 from skimage.metrics import peak_signal_noise_ratio
 from typer.testing import CliRunner
 
-from relight.benchmark.files import KEYS, MAPS, PICTURES, BenchmarkSet, read_arrays
+from relight.benchmark.files import KEYS, MAPS, PICTURES, BenchmarkSet
 from relight.benchmark.measures import INVARIANCES, LEAKS
 from relight.benchmark.methods import answer
 from relight.benchmark.score import COLUMNS, read_scores, score
@@ -34,7 +34,7 @@ def truth(drawn, tmp_path):
 
 def changed(path, **arrays):
     """The answer in `path` with other arrays; None takes one away."""
-    found = {**read_arrays(path), **arrays}
+    found = {**np.load(path), **arrays}
     photo = str(found.pop("photo"))
     np.savez(path, photo=np.array(photo), **{name: values for name, values in found.items() if values is not None})
 
@@ -60,7 +60,7 @@ def test_score_of_the_untouched_picture(drawn, tmp_path):
         photo = np.asarray(Image.open(entry.folder / "photo.png")) / 255
         solid = np.asarray(Image.open(entry.folder / "mask.png")) >= OPAQUE
         errors, decibel, alike = [], [], []
-        for true in read_arrays(drawn / "truth" / f"{entry.name}.npz")["full"] / 255:
+        for true in np.load(drawn / "truth" / f"{entry.name}.npz")["full"] / 255:
             errors.append(np.sqrt(((photo - true)[solid] ** 2).sum(-1).mean()))
             decibel.append(peak_signal_noise_ratio(true[solid], photo[solid], data_range=1.0))
             alike.append(ssim_in_the_box(photo, true, solid))
@@ -115,7 +115,7 @@ def test_score_refuses_a_permuted_folder(drawn, truth):
 def test_score_and_answer_refuse(drawn, truth, tmp_path):
     path = truth / "g900000.1.npz"
     kept = path.read_bytes()
-    arrays = read_arrays(path)
+    arrays = dict(np.load(path))
     for changes, words in (
         ({"albedo": arrays["albedo"][1:]}, r"albedo has the shape \(31, 32, 3\), but must have \(32, 32, 3\)"),
         ({"full": arrays["full"][:3]}, r"full has the shape \(3, 64, 64, 3\), but must have \(4, 64, 64, 3\)"),
@@ -162,7 +162,7 @@ def test_answer_and_score_of_a_network(drawn, weights, tmp_path):
     entries = BenchmarkSet(drawn).entries
     assert says.exit_code == 0 and f"{len(entries)} answers written" in says.output
     base = entries[0]
-    given = read_arrays(out / f"{base.name}.npz")
+    given = np.load(out / f"{base.name}.npz")
     assert set(given) == {"photo", *KEYS}
     assert str(given["photo"]) == hashlib.sha256((base.folder / "photo.png").read_bytes()).hexdigest()
     assert all(given[name].shape == (32, 32, n) for name, n in MAPS.items())

@@ -63,7 +63,7 @@ def traced(person):
 def test_render_picture_true_maps_agree_with_the_tracer(traced, person, tmp_path, monkeypatch):
     """Through the files and the row `true_maps`, as they are scored."""
     from relight.benchmark import make as making
-    from relight.benchmark.files import BenchmarkSet, read_arrays
+    from relight.benchmark.files import BenchmarkSet
 
     recipe, drawn = traced
     making.save_picture(tmp_path, recipe.name, person.info["name"], asdict(recipe), drawn)
@@ -71,7 +71,7 @@ def test_render_picture_true_maps_agree_with_the_tracer(traced, person, tmp_path
     benchmark = BenchmarkSet(tmp_path)
     entry = benchmark.entries[0]
     says = true_maps()(benchmark, entry)
-    pictures = read_arrays(tmp_path / "truth" / f"{recipe.name}.npz")["full"]
+    pictures = np.load(tmp_path / "truth" / f"{recipe.name}.npz")["full"]
     inside = entry.shot().mask == 255
     ours, theirs = (decode(x[:, inside] / 255) for x in (says["full"], pictures))
     noise = (theirs[0] - theirs[1]).std() / np.sqrt(2)  # the same light, other samples

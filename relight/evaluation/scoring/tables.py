@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from relight.core.errors import UserError
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores
 from relight.evaluation.scoring.statistics import Estimate, compare, estimate, holm, pooled_spread
@@ -107,12 +106,7 @@ def experiment_table(
 
     Returns:
         The table, with the best network of each column, and the p-values of the others' differences from it.
-
-    Raises:
-        UserError: if there is no run.
     """
-    if not networks:
-        raise UserError(f"{name}: there is no training to put in its table")
     given = {**networks, **baselines}
     rows: dict[str, dict[str, Estimate]] = {row: {} for row in given}
     scored = in_order(column for trainings in given.values() for scores in trainings for column in scores.columns)
