@@ -35,6 +35,7 @@ REAL = "real"  # kind of the lights of the set of this name: panoramas by Poly H
 HASHES = {
     "report": "35ec0e0384d839fcc253df3c6654538f01cb7142f4891dbb23017bab5bb57b6e",
     "choose": "0fc33d0e54cbd0b83cc3ee56b3e2c89a9a39a30178957e7d715a835b02e311ff",
+    "real": "38ae6c17a249f18989338cc135fe8c3ab1036f4a3fe25531c5bb66509d797b6b",
 }
 
 
