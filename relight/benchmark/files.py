@@ -12,7 +12,7 @@ from PIL import Image
 from relight.benchmark.measures import Intrinsics
 from relight.benchmark.shots import Shot
 from relight.core.errors import UserError
-from relight.core.files import atomic_write, existing_file, file_hash
+from relight.core.files import atomic_write, existing_file, file_hash, write_json
 from relight.core.npz import read_npz
 from relight.maps.square import MASK_THRESHOLD, crop_around
 
@@ -121,6 +121,14 @@ class BenchmarkSet:
     def maps(self, entry: Entry) -> Path:
         """Returns the file of the true maps at the photograph's pixels. Raises UserError if it is missing."""
         return existing_file(self.folder / "truth" / f"{entry.name}.exr", "true maps")
+
+
+def keep_record(path: Path, record: dict, problem: str) -> None:
+    """Writes what makes the files of a folder, or raises UserError about a `problem` if something else made them."""
+    if not path.is_file():
+        write_json(path, record)
+    elif json.loads(path.read_text()) != record:
+        raise UserError(problem)
 
 
 def square_mask(entry: Entry) -> np.ndarray:

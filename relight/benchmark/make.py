@@ -11,7 +11,7 @@ import numpy as np
 import OpenEXR
 from PIL import Image
 
-from relight.benchmark.files import INDEX, MAPS, write_arrays
+from relight.benchmark.files import INDEX, MAPS, keep_record, write_arrays
 from relight.benchmark.picture import Picture, Settings, render_picture
 from relight.benchmark.recipes import (
     FIGURES,
@@ -25,7 +25,7 @@ from relight.benchmark.recipes import (
     with_gloss,
 )
 from relight.core.errors import UserError
-from relight.core.files import atomic_folder, atomic_write, file_hash, writable_folder
+from relight.core.files import atomic_folder, atomic_write, file_hash, writable_folder, write_json
 from relight.core.progress import progress
 from relight.maps import write_maps
 from relight.meshes import Mesh, align
@@ -65,21 +65,13 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
     if kind == REAL:
         panorama_file(NAMES[0])  # fails before the first figure is drawn
     writable_folder(folder, "--out", int(BYTES_PER_PICTURE * len(wanted) * (settings.size / 512) ** 2))
-    _check_plan(folder, {"format": FORMAT, "set": kind, "settings": asdict(settings)})
+    plan = {"format": FORMAT, "set": kind, "settings": asdict(settings)}
+    problem = f"{folder} holds another set, or one with other settings: give another --out"
+    keep_record(folder / "plan.json", plan, problem)
     missing = [recipe for recipe in wanted if not (folder / "inputs" / recipe.name).is_dir()]
     for _ in progress(_render_missing(missing, folder, settings), "pictures", total=len(missing)):
         pass
     return write_index(folder, kind, [recipe.name for recipe in wanted], asdict(settings))
-
-
-def _check_plan(folder: Path, plan: dict) -> None:
-    """Writes plan.json, or raises UserError if the folder holds another: a set is not continued with other settings."""
-    path = folder / "plan.json"
-    if not path.is_file():
-        with atomic_write(path) as tmp:
-            tmp.write_text(json.dumps(plan, indent=1) + "\n")
-    elif json.loads(path.read_text()) != plan:
-        raise UserError(f"{folder} holds another set, or one with other settings ({path}): give another --out")
 
 
 def _render_missing(missing: list[PictureRecipe], folder: Path, settings: Settings) -> Iterator[PictureRecipe]:
@@ -139,7 +131,7 @@ def save_picture(folder: Path, name: str, figure: str, recipe: dict, picture: Pi
                 "new": 0 if variant else len(picture.new),
                 "recipe": recipe,
             }
-            (tmp / "picture.json").write_text(json.dumps(record, indent=1) + "\n")
+            write_json(tmp / "picture.json", record)
             if not variant:
                 for number, panorama in enumerate(picture.new):
                     write_panorama(tmp / f"new_{number}.exr", panorama)
@@ -179,6 +171,5 @@ def write_index(folder: Path, kind: str, names: list[str], settings: dict) -> st
     text = json.dumps([picture["files"] for picture in pictures], sort_keys=True)
     total = hashlib.sha256(text.encode()).hexdigest()
     content = {"format": FORMAT, "set": kind, "settings": settings, "sha256": total, "pictures": pictures}
-    with atomic_write(folder / INDEX) as tmp:
-        tmp.write_text(json.dumps(content, indent=1) + "\n")
+    write_json(folder / INDEX, content)
     return total

@@ -1,6 +1,5 @@
 """Answers the benchmark with relight's own networks, trivial baselines, and ground truth."""
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -8,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.benchmark.files import BenchmarkSet, Entry, square_mask, write_arrays
+from relight.benchmark.files import BenchmarkSet, Entry, keep_record, square_mask, write_arrays
 from relight.core.errors import UserError
-from relight.core.files import atomic_write, file_hash, writable_folder
+from relight.core.files import file_hash, writable_folder
 from relight.core.progress import progress
 from relight.core.srgb import LINEAR, decode
 from relight.maps import read_maps
@@ -51,22 +50,15 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
         apply, record["weights"] = _inferred_by(network), network.digest
     else:
         apply = BASELINES[method]()
-    _check_answers(out, record)
+    problem = f"{out} holds answers of another method, network or set: give another folder"
+    if not (out / RECORD).is_file() and any(out.glob("*.npz")):
+        raise UserError(problem)
+    keep_record(out / RECORD, record, problem)
     wanted = [entry for entry in benchmark.entries if method == "network" or not entry.of]
     missing = [entry for entry in wanted if not (out / f"{entry.name}.npz").is_file()]
     for entry in progress(missing, f"answers of {out.name}"):
         write_arrays(out / f"{entry.name}.npz", file_hash(entry.folder / "photo.png"), apply(benchmark, entry))
     return len(missing)
-
-
-def _check_answers(out: Path, record: dict[str, str]) -> None:
-    """Writes what made the answers of a folder, or raises UserError if something else made those that it holds."""
-    path = out / RECORD
-    if not path.is_file() and not any(out.glob("*.npz")):
-        with atomic_write(path) as tmp:
-            tmp.write_text(json.dumps(record, indent=1) + "\n")
-    elif not path.is_file() or json.loads(path.read_text()) != record:
-        raise UserError(f"{out} holds answers of another method, network or set: give another folder")
 
 
 def _inferred_by(network: PhotoNetwork) -> Method:

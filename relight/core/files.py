@@ -4,13 +4,15 @@ import errno
 import fcntl
 import glob
 import hashlib
+import json
 import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from relight.core.errors import UserError
 
@@ -145,6 +147,17 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
     finally:
         os.close(handle)
         temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path | str, text: str) -> None:
+    """Writes a text in UTF-8, atomically."""
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path | str, record: Any, default: Callable[[Any], Any] | None = None) -> None:
+    """Writes a record as JSON, atomically; `default` turns what is no value of JSON into one."""
+    write_text(path, json.dumps(record, indent=1, default=default) + "\n")
 
 
 @contextmanager

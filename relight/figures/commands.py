@@ -121,7 +121,7 @@ def make_one(task: tuple[int, dict, Path]) -> str | None:
     from dataclasses import asdict
 
     from relight.core.errors import UserError
-    from relight.core.files import atomic_write
+    from relight.core.files import write_json
     from relight.figures.dress import GENERATOR, make_figure
     from relight.figures.export import LICENCE, write_glb
 
@@ -136,8 +136,7 @@ def make_one(task: tuple[int, dict, Path]) -> str | None:
         mesh = make_figure(seed, **settings)
         mesh.info |= {"licence": LICENCE, "settings": plain}
         write_glb(mesh, path)
-        with atomic_write(record) as tmp:
-            tmp.write_text(json.dumps(mesh.info, indent=1) + "\n")
+        write_json(record, mesh.info)
     except UserError as error:
         return str(error)
     return None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from relight.core.errors import UserError
-from relight.core.files import atomic_write, is_unsafe_name
+from relight.core.files import is_unsafe_name, write_text
 from relight.core.processes import git
 from relight.lab.record import Record, read_record
 from relight.learning.training_name import TrainingName
@@ -298,8 +298,7 @@ class Plan:
             for data, groups in DATA.items():
                 if self.changed(before, groups):
                     (folder / self.out / data).unlink(missing_ok=True)
-            with atomic_write(file) as tmp:
-                tmp.write_text(self.text, encoding="utf-8")
+            write_text(file, self.text)
         return file
 
     @property

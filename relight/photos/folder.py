@@ -19,7 +19,7 @@ import numpy as np
 from PIL import Image
 
 from relight.core.errors import UserError
-from relight.core.files import atomic_write, writable_file, writable_folder
+from relight.core.files import atomic_write, writable_file, writable_folder, write_json
 from relight.core.processes import has_semaphores
 from relight.core.progress import progress
 from relight.core.version import __version__
@@ -31,7 +31,6 @@ from relight.photos.opening import list_photos, list_pictures, mask_beside, mask
 from relight.photos.scene import Scene, SceneOptions, require_white_balance
 from relight.photos.write import (
     write_before_after,
-    write_json,
     write_light_files,
     write_maps,
     write_picture,
@@ -112,7 +111,7 @@ def relight_file(
             for person, warnings in zip(people, scene.doubts)
         ],
     }
-    write_json(out / RECORD, record)
+    write_json(out / RECORD, record, default=str)
     return record
 
 
@@ -325,7 +324,7 @@ def _relight_one(
 ) -> str | None:
     try:
         record = relight_file(network, photo, out, mask=mask, **options)
-        write_json(out / RECORD, {**record, "fingerprint": fingerprint})
+        write_json(out / RECORD, {**record, "fingerprint": fingerprint}, default=str)
         return None
     except UserError as error:
         return str(error)

@@ -1,6 +1,5 @@
 """The files that `relight photo` writes: pictures, maps and light, in the photo's size and at its place."""
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -149,12 +148,6 @@ def write_light_files(stem: Path, coefficients: np.ndarray, source: str) -> None
     write_light(light, stem.with_name(f"{stem.name}.json"))
     ball = np.round(lit_ball(light.coefficients, 256) * 255).astype(np.uint8)
     write_picture(stem.with_name(f"{stem.name}.png"), ball)
-
-
-def write_json(path: Path, record: dict) -> None:
-    """Writes a record of JSON values, and of what has a text."""
-    with atomic_write(path) as tmp:
-        tmp.write_text(json.dumps(record, indent=1, default=str) + "\n")
 
 
 def _window(left: int, top: int, right: int, bottom: int) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from relight.core.errors import UserError
-from relight.core.files import atomic_write
+from relight.core.files import write_text
 from relight.core.progress import progress
 from relight.lights.place import STATISTICS
 from relight.sh import deringed
@@ -75,9 +75,7 @@ def build_viewer(
     Raises:
         UserError: if the figures do not fit, or there is no figure or light.
     """
-    text = page_text(figures, lights, background, title, limit)
-    with atomic_write(out) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(out, page_text(figures, lights, background, title, limit))
 
 
 def page_text(

@@ -6,7 +6,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from relight.core.files import atomic_write
+from relight.core.files import write_text
 from relight.evaluation.report import data, own, page, sections
 from relight.evaluation.report.provenance import provenance
 from relight.evaluation.report.results import Results
@@ -53,8 +53,7 @@ def build_report(results: Results, out: Path) -> None:
     parts.append(_section("lights", "Lights", "lights.md", data.lights(results)))
     name = results.folder.name
     html = page.page("page.html", title=f"relight: {name}", head=head(name, results, outcome), sections=parts)
-    with atomic_write(out) as tmp:
-        tmp.write_text(html, encoding="utf-8")
+    write_text(out, html)
 
 
 def remove_outdated(results: Results) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from relight.core.files import atomic_write
+from relight.core.files import write_text
 from relight.evaluation.scoring.comparisons import Comparison, Verdict
 from relight.evaluation.scoring.labels import column_label, label, quantity_label
 from relight.evaluation.scoring.statistics import Estimate
@@ -138,8 +138,7 @@ def write_tables(
         ".md": "\n\n".join(parts) + "\n",
     }
     for suffix, text in texts.items():
-        with atomic_write(stem.with_suffix(suffix)) as tmp:
-            tmp.write_text(text, encoding="utf-8")
+        write_text(stem.with_suffix(suffix), text)
 
 
 def score_grid(table: Table, columns: Iterable[str]) -> TextTable:
