@@ -12,9 +12,10 @@ import numpy as np
 from PIL import Image
 
 import relight
-from relight.benchmark.files import BenchmarkSet, read_arrays
+from relight.benchmark.files import BenchmarkSet
 from relight.benchmark.score import read_scores
 from relight.core import srgb
+from relight.core.npz import read_npz
 from relight.figures.dress import make_figure
 from relight.lights import lit_ball, load_light
 from relight.maps import Maps
@@ -133,7 +134,7 @@ def benchmark(truth: str, answers: str) -> None:
     order, columns = np.argsort(read_scores(Path(answers))["full"].to_numpy()), []
     for rank in np.linspace(0, len(entries) - 1, 6).round().astype(int):
         entry = entries[order[rank]]
-        answer, shot = read_arrays(Path(answers) / f"{entry.name}.npz"), entry.shot()
+        answer, shot = read_npz(Path(answers) / f"{entry.name}.npz", "answer"), entry.shot()
         coverage = shot.mask[..., None] / 255
         relit = (answer["ratio"][0], answer["full"][0], known.truth(entry)[1][0])  # in the first new light
         pictures = [shot.photo, *(np.uint8(each * coverage + paper * (1 - coverage) + 0.5) for each in relit)]
