@@ -111,9 +111,13 @@ def run(
     snakemake: Annotated[str, typer.Option(help="Further arguments for Snakemake, in one string.")] = "",
 ) -> None:
     """Run the whole workflow, from figures and panoramas to the report. Makes only what is missing."""
+    import os
     import shlex
 
+    from relight.settings import ROOT
+
     need_clone("run")
+    os.chdir(ROOT)  # where the jobs read relative paths
     if cfg:
         from omegaconf import OmegaConf
 

@@ -54,7 +54,7 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise UserError(f"figures.folder: there is no folder {folder}; it should hold scans ({suffix_list()})")
+        raise UserError(f"figures.folder: there is no folder {folder.resolve()}; it should hold {suffix_list()} scans")
     require_readable(folder, "figures.folder")
     if (folder / TABLE).is_file():
         return _from_table(folder / TABLE)

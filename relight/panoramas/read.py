@@ -144,7 +144,7 @@ def list_panoramas(folder: Path | str) -> list[str]:
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise UserError(f"panoramas.folder={folder}: there is no such folder")
+        raise UserError(f"panoramas.folder={folder.resolve()}: there is no such folder")
     require_readable(folder, "panoramas.folder")
     files = (
         file.relative_to(folder) for file in folder.rglob("*") if file.suffix.lower() in SUFFIXES and file.is_file()

@@ -4,9 +4,10 @@ import csv
 import math
 import runpy
 import shutil
+import sys
 
 import pytest
-from repo import OUT, ROOT, WORDS, check_mlflow, planned, relight
+from repo import OUT, ROOT, WORDS, check_mlflow, output, planned, relight
 
 pytestmark = pytest.mark.slow
 
@@ -98,3 +99,6 @@ def test_errors_are_one_line(done):
     run = relight(done, "run", "scale=smoke", "figures=scans", "figures.folder=/nowhere/at/all")
     lines = run.stdout.strip().splitlines()
     assert run.returncode == 1 and len(lines) == 1 and "no folder /nowhere/at/all" in lines[0], run.stdout
+    words = f"{sys.executable} -m relight.cli run scale=smoke figures=scans figures.folder=nowhere"
+    run = output(done, ["sh", "-c", f"cd conf && {words}"])
+    assert f"no folder {done}/nowhere" in run.stdout, run.stdout
