@@ -9,7 +9,8 @@ three test lights. "Photographs" have the framing, masks, exposures and camera o
 white balances and recolored clothes; "and gloss" also glossy materials in each picture. Light errors are relative
 errors of irradiance; others are RMSE of vectors in the mask. Columns with a star are after the best factor for each
 picture, since a photograph does not determine a scene's brightness. Detail is the energy of the error's detail over the
-truth's (`losses.detail`): 1 for maps without detail; that of shading is under the true light.
+truth's (`losses.detail`): 1 for maps without detail; that of shading is under the true light. Each network after the
+first has a second row: its differences from the first, and half their 95 % intervals over the figures.
 """
 
 import os
@@ -22,6 +23,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from omegaconf import OmegaConf
+from scipy.stats import sem, t
 
 from relight.evaluation.scoring import metrics
 from relight.learning.augment import augment_batch
@@ -56,11 +58,11 @@ def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: 
         kind: settings of the pictures, a value of KINDS.
 
     Returns:
-        Means over figures and lights: those of COLUMNS, then the energies of DETAILS.
+        (F, columns) means over the lights: those of COLUMNS, then the energies of DETAILS.
     """
     settings = OmegaConf.to_object(composed(kind).augment)
     test_lights = np.flatnonzero(data.light_split == "test")
-    rows, energies = [], []
+    means = []
     for i, figure in enumerate(figures):
         spread = i + np.arange(LIGHTS_PER_FIGURE) * len(test_lights) // LIGHTS_PER_FIGURE
         lit = test_lights[spread % len(test_lights)]
@@ -71,8 +73,9 @@ def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: 
         maps = {name: batch.gather(dense) for name, dense in outputs.items()}
         maps["shading"] = shade(maps["transport"], batch.light)  # under the true light, for its detail
         true = {name: getattr(batch, name) for name in DETAILS}
-        energies.append([detail(maps[name] - true[name], true[name], batch) for name in DETAILS])
+        energies = [detail(maps[name] - true[name], true[name], batch) for name in DETAILS]
         maps["shading"] = shade(maps["transport"], light)
+        rows = []
         for j in range(LIGHTS_PER_FIGURE):
             inside = batch.inside[j, :, 0] > 0
             lights = light[j].numpy(), batch.light[j].numpy()
@@ -81,7 +84,8 @@ def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: 
                 pair = maps[name][j][inside].numpy(), getattr(batch, name)[j][inside].numpy()
                 row += [metrics.rmse(*pair), *([metrics.scaled_rmse(*pair)] if name != "transport" else [])]
             rows.append(row)
-    return np.concatenate([np.array(rows, float).mean(0), np.array(energies, float).mean(0)])
+        means.append([*np.mean(rows, 0), *energies])
+    return np.array(means, float)
 
 
 def network_of(path: Path) -> Network:
@@ -117,8 +121,15 @@ def main() -> None:
             else:
                 names = read_split(args.results / "split" / "subject.json")["test"]
             figures = data.figures(names)
-            means = errors(network, data, figures, KINDS[title])
-            print(f"| {title} | {path} | " + " | ".join(f"{value:.3f}" for value in means) + " |")
+            rows = errors(network, data, figures, KINDS[title])
+            print(f"| {title} | {path} | " + " | ".join(f"{value:.3f}" for value in rows.mean(0)) + " |")
+            if path == args.weights[0]:
+                first = rows
+                continue
+            change = rows - first
+            margins = sem(change) * t.ppf(0.975, len(change) - 1)
+            shown = (f"{mean:+.3f} ± {margin:.3f}" for mean, margin in zip(change.mean(0), margins))
+            print("| | minus the first | " + " | ".join(shown) + " |")
 
 
 if __name__ == "__main__":
