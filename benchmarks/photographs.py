@@ -119,7 +119,7 @@ def main() -> None:
             if args.all:
                 names = sorted(set(data.figure_of))  # from the front, in the first outfit
             else:
-                names = read_split(args.results / "split" / "subject.json")["test"]
+                names = read_split(args.results / "split.json")["test"]
             figures = data.figures(names)
             rows = errors(network, data, figures, KINDS[title])
             print(f"| {title} | {path} | " + " | ".join(f"{value:.3f}" for value in rows.mean(0)) + " |")

@@ -114,7 +114,7 @@ def run(
     import os
     import shlex
 
-    from relight.settings import ROOT
+    from relight.settings import ROOT, composed
 
     need_clone("run")
     os.chdir(ROOT)  # where the jobs read relative paths
@@ -122,7 +122,6 @@ def run(
         from omegaconf import OmegaConf
 
         from relight.lab.run import with_remembered
-        from relight.settings import composed
 
         print(OmegaConf.to_yaml(composed(with_remembered(overrides or []))), end="")
         return
