@@ -21,7 +21,7 @@ from relight.panoramas import Panorama, project
 from relight.photos.background import Background
 from relight.photos.color import display_shading, roll_off
 from relight.photos.person import Person as Inferred
-from relight.photos.person import with_light
+from relight.photos.person import balanced, with_light
 from relight.photos.render import render
 from relight.photos.shading import exposure_factor, shading, steady
 from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
@@ -188,9 +188,9 @@ def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photo
         np.testing.assert_array_equal(pixels[..., 3], expected[..., 3])
         assert farthest(pixels, expected[..., :3], coverage == 255) <= 2
         assert farthest(pixels, expected[..., :3], coverage > 60) <= 6
-    known = with_light(figure, turned(lights["Window"], 40, 0))
+    known = balanced([with_light(figure, turned(lights["Window"], 40, 0))])
     words = state | {"background": "photo", "mode": "ratio", "taken": "Window", "takenYaw": 40}
-    expected = render(photo, [known], new, "ratio", stops=0.5)
+    expected = render(photo, known, new, "ratio", stops=0.5)
     assert farthest(page.pixels(**words), expected, (coverage == 255) | (coverage < 240)) <= 4
     assert page.run("new URLSearchParams(relight.address()).get('taken')") == "Window"
 

@@ -122,7 +122,7 @@ def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, ex
     ) == "refused"  # fmt: skip
     assert server.asked == before
 
-    figure = photo_figure(Scene.of(pixels, alpha, read_network(exported)))
+    figure = photo_figure(Scene.of(Image.fromarray(np.dstack([pixels, alpha])), network=read_network(exported)))
     build_viewer(tmp_path / "me.html", [figure], lights)
     page.open(tmp_path / "me.html")
     for view, mine in found.items():
@@ -154,7 +154,7 @@ def test_a_photo_is_saved_at_its_own_size(page, server, exported, lights, tmp_pa
     assert shown.shape[:2] == (1024, 751) and mine.shape[:2] == (1500, 1100)
     assert np.array_equal(page.pixels(), shown), "the page shows what it showed"
 
-    figure = photo_figure(Scene.of(pixels, alpha, read_network(exported)))
+    figure = photo_figure(Scene.of(Image.fromarray(np.dstack([pixels, alpha])), network=read_network(exported)))
     build_viewer(tmp_path / "me.html", [figure], lights)
     page.open(tmp_path / "me.html")
     assert np.abs(mine.astype(int) - page.pixels(**state, before="none")).max() <= 2

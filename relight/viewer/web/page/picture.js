@@ -2,7 +2,7 @@
 
 import { drawBall } from "./ball.js";
 import { lampLight } from "./lamps.js";
-import { tintOf } from "./place.js";
+import { hue, luminance, tintOf } from "./place.js";
 import { Placement } from "./placement.js";
 import { rotate, turn } from "./sh.js";
 import { app, element, state } from "./state.js";
@@ -30,15 +30,15 @@ function currentLight() {
   return light;
 }
 
-// The light that the photo was taken in: inferred, or one that the user knows, in the exposure of that.
+// The light that the photo was taken in: inferred, or one that the user knows, white on the figure as a camera has it
+// (balanced in relight/photos/person.py), and in the exposure of the inferred one.
 function photoLight() {
   const { light, mean } = app.figure, known = app.shown.find(({ name }) => name === state.taken);
   if (!light || !known) return light?.flat();
   const turned = rotate(known.values, turn((state.takenYaw * Math.PI) / 180, 0));
-  const level = (values) => mean.reduce((sum, value, k) =>
-    sum + value * (0.2126 * values[3 * k] + 0.7152 * values[3 * k + 1] + 0.0722 * values[3 * k + 2]), 0);
-  const gain = level(light.flat()) / level(turned);
-  return gain > 0 && gain < Infinity ? turned.map((value) => value * gain) : light.flat();
+  const color = (values) => [0, 1, 2].map((c) => mean.reduce((sum, value, k) => sum + value * values[3 * k + c], 0));
+  const gain = luminance(color(light.flat())) / luminance(color(turned)), white = hue(color(turned));
+  return gain > 0 && gain < Infinity ? turned.map((value, i) => (value * gain) / white[i % 3]) : light.flat();
 }
 
 function scene(split) {

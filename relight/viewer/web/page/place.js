@@ -65,4 +65,4 @@ function tintOf(white, light) {
   return wanted.map((value, c) => Math.sqrt(value / had[c]));
 }
 
-export { placeLight, tintOf, whiteOf };
+export { hue, luminance, placeLight, tintOf, whiteOf };

@@ -95,9 +95,10 @@ function writeMaps(person, image, width, size, white, albedo, transport) {
 }
 
 // The figure as the viewer draws it (page/figure.js), or null when the mask holds nobody. size: of the network's image.
-async function inferFigure(photo, given, run, size) {
+// isExact: whether the coverage is the photo's alpha, and no mask whose edge is to be fitted.
+async function inferFigure(photo, given, run, size, isExact = false) {
   const { width, height } = photo, area = width * height, image = linearPlanes(photo);
-  const coverage = fitEdge(image, given, width);
+  const coverage = isExact ? given : fitEdge(image, given, width);
   const planes = (count) => Array.from({ length: count }, () => new Float32Array(area));
   const albedo = planes(3), transport = planes(9), found = [];
   for (const person of splitPeople(coverage, width)) found.push(await inferPerson(image, width, person, run, size));
@@ -108,7 +109,7 @@ async function inferFigure(photo, given, run, size) {
   const light = Array.from({ length: 9 }, (_, k) => [0, 1, 2].map((c) =>
     found.reduce((sum, person, n) => sum + ((areas[n] / total) * person.light[k][c]) / white[c], 0)));
   const inside = Uint8Array.from(coverage, (v) => (v ? 1 : 0));
-  return { width, height, light, ...summary(transport, light, inside), ...drawn(image, coverage, inside, albedo, transport, photo) };
+  return { width, height, light, ...summary(transport, light, inside), ...drawn(photo, coverage, inside, albedo, transport) };
 }
 
 // The mean transport over the figure, and the least shading to divide by.
@@ -124,8 +125,10 @@ function summary(transport, light, inside) {
   return { mean: [...mean.map((value) => value / count)], floor: Math.max((FLOOR * shading) / (3 * count), 1e-4) };
 }
 
-// Arrays for textures, of the figure's box.
-function drawn(image, coverage, inside, albedo, transport, { pixels, width, height }) {
+// Arrays for textures, of the figure's box; the photo is on white.
+function drawn({ pixels, width, height }, coverage, inside, albedo, transport) {
+  const shown = pixels.map((v, i) => (i % 4 === 3 ? 255 : 255 + (pixels[i | 3] / 255) * (v - 255)));
+  const image = linearPlanes({ pixels: shown, width, height });
   const { rows, columns } = extent(inside, width), [left, top] = [columns, rows].map(([first]) => Math.max(first - MARGIN, 0));
   const wide = Math.min(columns[1] + MARGIN, width) - left, high = Math.min(rows[1] + MARGIN, height) - top;
   const of = (i) => (top + Math.floor(i / wide)) * width + left + (i % wide), region = new Uint8Array(wide * high);
@@ -154,8 +157,7 @@ function drawn(image, coverage, inside, albedo, transport, { pixels, width, heig
     albedo: (c, i) => albedo[c][of(i)],
     coverage: (i) => coverage[of(i)] / 255,
   }, region, wide);
-  const opaque = pixels.map((value, i) => (i % 4 === 3 ? 255 : value));
-  return { box: [left, top, wide, high], maps, photo: opaque, front, excess: above, hasNormals: false };
+  return { box: [left, top, wide, high], maps, photo: shown, front, excess: above, hasNormals: false };
 }
 
 export { inferFigure, splitPeople };

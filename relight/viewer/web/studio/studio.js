@@ -12,8 +12,8 @@ import { startEngine } from "./engine.js";
 
 const LONGEST = 1024; // pixels of the photo's longer side, as `relight view` has it
 const LARGEST = 3072; // pixels of the longer side of a picture that is saved
-// Of figures that were inferred here: photo, coverage, title, file, and coverageOf, a function of what `prepare` answers
-// at another size.
+// Of figures that were inferred here: photo, coverage, title, file, isExact, and coverageOf, a function of what `prepare`
+// answers at another size.
 const own = new Map();
 let engine = null; // a promise of the engine
 
@@ -45,7 +45,7 @@ function startOnce() {
 async function develop(photo, coverage, source) {
   const ask = await startOnce(), began = performance.now();
   tell("Inferring albedo, light and transport …");
-  const figure = await ask("infer", { photo, coverage, size: page.web.size });
+  const figure = await ask("infer", { photo, coverage, isExact: source.isExact, size: page.web.size });
   tell("");
   if (!figure) throw new Error("The mask holds nobody: paint the person, at least 8 pixels tall.");
   figure.title = source.title;
@@ -59,19 +59,19 @@ async function paintAndDevelop(photo, coverage, source) {
   const painted = await paintMask(photo, coverage, source.title);
   if (!painted) return;
   const coverageOf = (large) => resample(painted, photo.width, [large.photo.width, large.photo.height], bilinear);
-  await develop(photo, painted, { ...source, coverageOf });
+  await develop(photo, painted, { ...source, isExact: false, coverageOf });
 }
 
 // The shown figure at the photo's own size, or null where that is no larger, or is not known.
 async function atOwnSize() {
-  const { file, coverageOf } = own.get(app.figure) ?? {};
+  const { file, isExact, coverageOf } = own.get(app.figure) ?? {};
   const read = file && (await readPhoto(file, LARGEST));
   if (!read || Math.max(read.width, read.height) <= LONGEST) return null;
   const ask = await startOnce();
   tell("Inferring at the photo's own size …");
   const large = await ask("prepare", { photo: read, longest: LARGEST }, [read.pixels.buffer]);
   const coverage = await coverageOf(large);
-  const figure = await ask("infer", { photo: large.photo, coverage, size: page.web.size });
+  const figure = await ask("infer", { photo: large.photo, coverage, isExact, size: page.web.size });
   tell("");
   return figure;
 }
@@ -85,7 +85,7 @@ async function openPhoto(file) {
   const coverage = alpha ?? (await ask("mask", { photo }));
   tell("");
   const coverageOf = alpha ? (large) => large.alpha : (large) => ask("mask", { photo: large.photo });
-  if (coverage?.some((v) => v >= 128)) return develop(photo, coverage, { ...source, coverageOf });
+  if (coverage?.some((v) => v >= 128)) return develop(photo, coverage, { ...source, isExact: Boolean(alpha), coverageOf });
   return paintAndDevelop(photo, new Uint8Array(photo.width * photo.height), source);
 }
 

@@ -1,8 +1,7 @@
 // What takes seconds, apart from the page's thread. `ort` is onnxruntime-web, imported by what starts this (studio.js).
 
 import { linearPlanes } from "./colors.js";
-import { MASK_THRESHOLD } from "./crop.js";
-import { fitEdge, hasOutline, isSoft } from "./edges.js";
+import { fitEdge, hasOutline } from "./edges.js";
 import { inferFigure } from "./infer.js";
 import { lanczos, resample } from "../page/resample.js";
 import { findPeople } from "./finder.js";
@@ -18,18 +17,20 @@ const tasks = {
     if (mask) sessions.mask = await create(mask);
   },
 
-  // The photo with its longer side at most `longest` pixels, and its alpha if that may be a mask (else null). An alpha of two
-  // values keeps two, so that its edge is fitted.
+  // The photo with its longer side at most `longest` pixels, and its alpha if that may be a mask (else null).
   prepare({ photo: { pixels, width, height }, longest }) {
     const scale = Math.min(longest / Math.max(width, height), 1);
     const size = [width, height].map((side) => (scale < 1 ? Math.max(8, Math.round(side * scale)) : side));
     const stored = [0, 1, 2, 3].map((c) => Uint8Array.from({ length: width * height }, (_, i) => pixels[4 * i + c]));
-    const planes = stored.map((plane) => (scale < 1 ? resample(plane, width, size, lanczos) : plane));
-    const isMask = hasOutline(stored[3], width);
-    const alpha = !isMask || isSoft(stored[3], width) ? planes[3] : planes[3].map((v) => (v >= MASK_THRESHOLD ? 255 : 0));
+    const [, , , solid] = stored, multiplied = (plane) => plane.map((v, i) => Math.round((v * solid[i]) / 255));
+    const planes = scale < 1
+      ? [...stored.slice(0, 3).map(multiplied), solid].map((plane) => resample(plane, width, size, lanczos)) : stored;
     const small = new Uint8ClampedArray(4 * size[0] * size[1]);
-    for (let i = 0; i < planes[3].length; i++) small.set([planes[0][i], planes[1][i], planes[2][i], 255], 4 * i);
-    return { photo: { pixels: small, width: size[0], height: size[1] }, alpha: isMask ? alpha : null };
+    planes[3].forEach((alpha, i) => {
+      const gain = scale < 1 ? 255 / Math.max(alpha, 1) : 1;
+      small.set([planes[0][i] * gain, planes[1][i] * gain, planes[2][i] * gain, alpha], 4 * i);
+    });
+    return { photo: { pixels: small, width: size[0], height: size[1] }, alpha: hasOutline(solid, width) ? planes[3] : null };
   },
 
   // The coverage of the people in the photo, or null where there is no network that finds them.
@@ -39,15 +40,15 @@ const tasks = {
       const { mask } = await sessions.mask.run({ image: new ort.Tensor("float32", image, [1, 3, 256, 256]) });
       return mask.data;
     });
-    return fitEdge(linearPlanes(photo), found, photo.width, true);
+    return fitEdge(linearPlanes(photo), found, photo.width, true).map((v, i) => Math.min(v, photo.pixels[4 * i + 3]));
   },
 
-  infer({ photo, coverage, size }) {
+  infer({ photo, coverage, isExact, size }) {
     return inferFigure(photo, coverage, async (planes, inside) => {
       const image = new ort.Tensor("float32", planes, [1, 3, size, size]), mask = new ort.Tensor("float32", inside, [1, 1, size, size]);
       const { albedo, transport, light } = await sessions.network.run({ image, mask });
       return { albedo: albedo.data, transport: transport.data, light: light.data };
-    }, size);
+    }, size, isExact);
   },
 };
 
