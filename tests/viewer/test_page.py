@@ -188,11 +188,11 @@ def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photo
         np.testing.assert_array_equal(pixels[..., 3], expected[..., 3])
         assert farthest(pixels, expected[..., :3], coverage == 255) <= 2
         assert farthest(pixels, expected[..., :3], coverage > 60) <= 6
-    known = balanced([with_light(figure, turned(lights["Window"], 40, 0))])
-    words = state | {"background": "photo", "mode": "ratio", "taken": "Window", "takenYaw": 40}
+    known = balanced([with_light(figure, turned(lights["Lamp"], 40, 0))])
+    words = state | {"background": "photo", "mode": "ratio", "taken": "Lamp", "takenYaw": 40}
     expected = render(photo, known, new, "ratio", stops=0.5)
     assert farthest(page.pixels(**words), expected, (coverage == 255) | (coverage < 240)) <= 4
-    assert page.run("new URLSearchParams(relight.address()).get('taken')") == "Window"
+    assert page.run("new URLSearchParams(relight.address()).get('taken')") == "Lamp"
 
 
 def test_the_window_shows_the_same_pixels(balls, maps, lights):
