@@ -9,6 +9,7 @@ from relight.core.files import existing_file
 from relight.core.text import read_table
 from relight.lab.plan import DATA, Plan
 from relight.lab.record import read_record
+from relight.meshes.alignment import read_align_table
 from relight.meshes.scans import TABLE
 
 MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead
@@ -40,7 +41,9 @@ def check_figures(plan: Plan) -> None:
 def _files(plan: Plan) -> Iterator[str]:
     """Yields messages about the user's files."""
     table = plan.shared["align"]["table"]
-    files = [existing_file(table, "align.table")] if table else []
+    files, named = ([Path(table)], read_align_table(table).keys()) if table else ([], set())
+    for name in sorted(named - set(plan.figures)):
+        yield f"align.table={table} names {name}, and no figure is called so: `relight scans list` lists their names"
     files += [*map(Path, plan.panoramas + plan.table), *(scan.path for scan in plan.scans.values())]
     scans = Path(plan.shared["figures"]["folder"] or "") / TABLE
     if not table and plan.scans and scans.is_file():

@@ -12,6 +12,7 @@ from relight.core.text import read_table
 from relight.maps.square import PADDING
 from relight.meshes.axes import AXES, find_axes, flat_side
 from relight.meshes.mesh import Mesh
+from relight.meshes.scans import is_used, safe_name
 from relight.settings import Align
 from relight.sh import rotation_about_y
 
@@ -69,7 +70,7 @@ def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
         "front": front,
         "turn": turn,
         "rotation": rotation.tolist(),
-        "centre": (rotation.T @ centre).tolist(),
+        "centre": (rotation.T @ centre + mesh.info.get("origin", 0)).tolist(),
         "scale": scale,
     }
     return replace(
@@ -108,30 +109,34 @@ def axes_rotation(up: str, front: str) -> np.ndarray:
 
 
 def read_align_table(path: Path | str) -> dict[str, dict[str, str]]:
-    """Reads a CSV table with a column `name` and any of up, front and turn (degrees); cells may be empty.
+    """Reads a CSV table with a column `name` or `path` and any of up, front and turn (degrees); cells may be empty.
 
     Returns:
-        Rows by name.
+        Rows by the name of the figure, as `relight.meshes.scans.list_scans` gives it; without those that are not used.
 
     Raises:
-        UserError: if the file does not exist, has no column `name`, has a name twice, or a cell cannot be parsed.
+        UserError: if the file does not exist, has no column `name` or `path`, has a name twice, or a cell cannot be
+            parsed.
     """
     path = existing_file(path, "align.table")
     columns, table = read_table(path)
-    if "name" not in columns:
+    if not {"name", "path"} & set(columns):
         raise UserError(f"{path} has no column `name`; a table of overrides has name, up, front, turn")
     rows: dict[str, dict[str, str]] = {}
     for row in table:
-        if row["name"] in rows:
-            raise UserError(f"{path} names {row['name']} twice")
+        if not is_used(path, row):
+            continue
+        name = safe_name(row.get("name") or Path(row.get("path", "").replace("\\", "/")).stem)
+        if name in rows:
+            raise UserError(f"{path} names {name} twice")
         for key in ("up", "front"):
             if row.get(key) and row[key] not in (*AXES, "auto"):
-                raise UserError(f"{path}: {key} {row[key]!r} of {row['name']}; {', '.join(AXES)} and auto are known")
+                raise UserError(f"{path}: {key} {row[key]!r} of {name}; {', '.join(AXES)} and auto are known")
         row["turn"] = (row.get("turn") or "0").replace(",", ".")  # a decimal comma
         try:
             if not math.isfinite(float(row["turn"])):
                 raise ValueError
         except ValueError:
-            raise UserError(f"{path}: turn {row['turn']!r} of {row['name']} is not a number of degrees") from None
-        rows[row["name"]] = row
+            raise UserError(f"{path}: turn {row['turn']!r} of {name} is not a number of degrees") from None
+        rows[name] = row
     return rows

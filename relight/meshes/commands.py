@@ -29,15 +29,16 @@ def check(
     front: Annotated[str, typer.Option(help="Axis that the figure faces, or auto.")] = "auto",
 ) -> None:
     """Read, clean and align a file, or each of a folder, and print what was found and repaired."""
-    from relight.meshes.scans import list_scans
+    from relight.meshes.scans import TABLE, list_scans
 
     if not mesh.is_dir():
-        _check(mesh, up, front)
+        _check(mesh, mesh.stem, up, front)
         return
     failed = 0
-    for scan in (scans := list_scans(mesh)).values():
+    table = str(mesh / TABLE) if (mesh / TABLE).is_file() else None
+    for name, scan in (scans := list_scans(mesh)).items():
         try:
-            _check(scan.path, up, front)
+            _check(scan.path, name, up, front, table)
         except UserError as error:
             failed += 1
             print(error)
@@ -45,22 +46,26 @@ def check(
         raise UserError(f"{failed} of {len(scans)} scans cannot be used")
 
 
-def _check(mesh: Path, up: str, front: str) -> None:
+def _check(mesh: Path, name: str, up: str, front: str, table: str | None = None) -> None:
     from relight.meshes import align, clean, read_mesh
     from relight.settings import Align
 
     original = read_mesh(mesh)
+    original.info["name"] = name
     textures = [material.texture for material in original.materials if material.texture is not None]
-    result = align(clean(original), Align(up, front))
+    result = align(clean(original), Align(up, front, table))
     size = " x ".join(f"{extent:.4g}" for extent in original.vertices.max(axis=0) - original.vertices.min(axis=0))
     print(f"{mesh.name}: {len(original.faces)} faces, {len(original.vertices)} vertices, {size} units")
     print(
         f"  materials  {len(original.materials)}, {len(textures)} textured"
         + (", vertex colors" * (original.color is not None))
     )
-    print(f"  axes       {result.info['align']['up']} up, facing {result.info['align']['front']}")
+    axes = result.info["align"]
+    print(f"  axes       {axes['up']} up, facing {axes['front']}")
     for what, count in result.info["repairs"].items():
         print(f"  {what}: {count}")
     for warning in result.info["warnings"]:
         print(f"  warning: {warning}")
-    print(f"  to see it  relight bake {shlex.quote(str(mesh))} --out {shlex.quote(mesh.stem)}.png --rays 16")
+    view = ["--up", axes["up"], "--front", axes["front"], *(["--yaw", f"{axes['turn']:g}"] if axes["turn"] else [])]
+    words = [str(mesh), *view, "--out", f"{mesh.stem}_maps.png", "--rays", "16"]
+    print(f"  to see it  relight bake {shlex.join(words)}")

@@ -91,6 +91,7 @@ def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
     if np.abs(centre).max() > 1000 * size:  # float32 would leave under 14 bits for the figure itself
         vertices = vertices - centre
         info["origin"] = centre.tolist()
+        warnings.append("it is far from 0: ({:.9g}, {:.9g}, {:.9g}) is subtracted from its coordinates".format(*centre))
     uv = np.zeros((len(faces), 3, 2), np.float32) if raw.uv is None else np.where(np.isfinite(raw.uv), raw.uv, 0)
     return Mesh(
         vertices=vertices.astype(np.float32),

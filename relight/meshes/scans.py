@@ -41,7 +41,7 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     A table `scans.csv` in the folder (column path, optionally use, name, subject) says which files are figures; without
     it all mesh files in the folder and its subfolders are, except hidden ones. A scan has the name of its file, with
     the folders before it or a hash of its path where names would be the same. Where the table names no subject, it is
-    the subfolder of `folder`, of a RenderPeople name (rp_<person>_...) the person, or else the scan's own name.
+    the person of a RenderPeople name (rp_<person>_...), else the subfolder of `folder`, else the scan's own name.
 
     Args:
         folder: of the scans.
@@ -58,14 +58,7 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     require_readable(folder, "figures.folder")
     if (folder / TABLE).is_file():
         return _from_table(folder / TABLE)
-    files = sorted(
-        path
-        for path in folder.rglob("*")
-        if path.suffix.lower() in READERS
-        and path.is_file()
-        and not any(part.startswith(".") for part in path.relative_to(folder).parts)
-    )
-    files = _finest_versions(files)
+    files = _finest_versions(_mesh_files(folder))
     if not files:
         raise UserError(f"figures.folder: {folder} holds no scans; {suffix_list()} files are read, in subfolders too")
     relative = {path: path.relative_to(folder).with_suffix("") for path in files}
@@ -123,23 +116,39 @@ def short_hash(text: str) -> str:
 
 
 def _subject(relative: Path, name: str) -> str:
-    """Returns the subject of a scan: its subfolder, or the person of a RenderPeople name, else its own name.
+    """Returns the subject of a scan: the person of a RenderPeople name, else its subfolder, else its own name.
 
     `relative` is the path from the folder of the scans, without suffix.
     """
-    inside = len(relative.parts) > 1 and not relative.is_absolute() and ".." not in relative.parts
-    subject = safe_name(relative.parts[0]) if inside else name
-    person = re.match(r"rp_([a-z]+)", subject, re.IGNORECASE)
-    return person[1].lower() if person else subject
+    is_outside = relative.is_absolute() or ".." in relative.parts
+    parts = relative.parts[-1:] if is_outside else relative.parts
+    for part in (*reversed(parts), name):
+        if person := re.match(r"rp_([a-z]+)", part, re.IGNORECASE):
+            return person[1].lower()
+    return safe_name(parts[0]) if len(parts) > 1 else name
+
+
+def _mesh_files(folder: Path) -> list[Path]:
+    """Returns the meshes in a folder and its subfolders, also linked ones, each once; none that are hidden."""
+    files: list[Path] = []
+    seen: set[str] = set()  # a link may lead to a folder around it
+    for root, folders, names in os.walk(folder, followlinks=True):
+        if (real := os.path.realpath(root)) in seen:
+            folders.clear()
+            continue
+        seen.add(real)
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        files += [Path(root, name) for name in names if not name.startswith(".")]
+    return [path for path in files if path.suffix.lower() in READERS and path.is_file()]
 
 
 def _finest_versions(files: list[Path]) -> list[Path]:
     """Keeps the largest of files whose names differ only in a size at the end (rp_x_30k.obj, rp_x_100k.obj)."""
-    best: dict[Path, tuple[int, Path]] = {}
+    best: dict[Path, tuple[float, Path]] = {}
     for path in files:
         match = re.fullmatch(r"(.+)_(\d+)k", path.stem, re.IGNORECASE)
         key = path.with_stem(match[1]) if match else path
-        count = int(match[2]) if match else 0
+        count = float(match[2] if match else "inf")  # a copy names its number of faces, not its original
         if key not in best or count > best[key][0]:
             best[key] = (count, path)
     return sorted(path for _, path in best.values())
@@ -158,14 +167,14 @@ def _from_table(table: Path) -> dict[str, Scan]:
     def names_files(reading: Table) -> bool:
         """Returns whether all paths are there, if the table is read in some code page."""
         _, rows = reading
-        return all(scan_path(row).is_file() for row in rows if row.get("path") and _is_used(table, row))
+        return all(scan_path(row).is_file() for row in rows if row.get("path") and is_used(table, row))
 
     columns, rows = read_table(table, names_files)
     if "path" not in columns:
         raise UserError(f"{table} has no column `path`; it may have use, name, subject and path")
     scans: dict[str, Scan] = {}
     for row in rows:
-        if not _is_used(table, row):
+        if not is_used(table, row):
             continue
         if not row["path"]:
             raise UserError(f"{table} has a row without a path")
@@ -181,7 +190,7 @@ def _from_table(table: Path) -> dict[str, Scan]:
     return scans
 
 
-def _is_used(table: Path, row: dict[str, str]) -> bool:
+def is_used(table: Path, row: dict[str, str]) -> bool:
     """Returns whether the cell `use` of a row says yes, as an empty one does; raises UserError if it says neither."""
     said = row.get("use", "").lower()
     if said not in YES + NO:

@@ -39,6 +39,7 @@ class VertexTransport:
         transport: (V,K) float32, direct, without 1/pi, index l*l + l + m.
         bounced: (V,K,3) float32 transport of the light that other surfaces reflect, or None without bounces.
         notes: sentences for the user; files do not hold them.
+        origin: (3,) what is subtracted from the vertices of a file far from 0, or None.
     """
 
     vertices: np.ndarray
@@ -48,6 +49,7 @@ class VertexTransport:
     transport: np.ndarray
     bounced: np.ndarray | None = None
     notes: list[str] = field(default_factory=list)
+    origin: np.ndarray | None = None
 
     def save(self, path: Path | str) -> None:
         """Writes a file, whole or not at all.
@@ -149,6 +151,7 @@ def bake_vertices(
         transport=scatter(transport),
         bounced=None if gathered is None else scatter(gathered),
         notes=_color_notes(mesh.faces, scatter(albedo[first_use]), albedo),
+        origin=np.array(mesh.info["origin"]) if "origin" in mesh.info else None,
     )
 
 

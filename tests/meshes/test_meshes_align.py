@@ -162,15 +162,17 @@ def test_the_record_inverts_the_alignment(person):
 
 def test_a_table_overrides_single_figures(tmp_path, person):
     table = tmp_path / "axes.csv"
-    table.write_text("\ufeffname,up,front,turn\nperson,,-z,\nother,+x,+y,3\nturned,+y,+z,90\n", encoding="utf-8")
+    rows = "person,,,-z,\nother,,+x,+y,3\nZoë Groß,,+y,+z,90\n,x\\turned.obj,+y,+z,90\n"
+    table.write_text(f"\ufeffname,path,up,front,turn\n{rows}", encoding="utf-8")
     settings = Align(up="+y", front="+z", table=str(table))
     got = align(person(), settings)
     assert got.info["align"]["front"] == "-z"
     want = align(person(), AUTO).vertices
     np.testing.assert_allclose(got.vertices, want * [-1, 1, -1], atol=1e-6)
-    mesh = person()
-    mesh.info["name"] = "turned"
-    np.testing.assert_allclose(align(mesh, settings).vertices, want[:, [2, 1, 0]] * [1, 1, -1], atol=1e-6)
+    for name in ("turned", "Zoe_Gross"):  # of a scan by its file, and as `relight scans list` calls it
+        mesh = person()
+        mesh.info["name"] = name
+        np.testing.assert_allclose(align(mesh, settings).vertices, want[:, [2, 1, 0]] * [1, 1, -1], atol=1e-6)
 
 
 @pytest.mark.parametrize(

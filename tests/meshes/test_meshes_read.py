@@ -1,6 +1,7 @@
 """Meshes as each source delivers them, written by the test, read back as what they are."""
 
 import json
+import re
 import struct
 
 import numpy as np
@@ -8,8 +9,10 @@ import pytest
 import trimesh
 from PIL import Image
 
-from relight.meshes import read_mesh
+from relight.meshes import align, read_mesh
 from relight.meshes.raw import linear
+from relight.settings import Align
+from relight.transport import bake_vertices
 
 RED, GREEN = (200, 30, 20), (30, 180, 40)
 
@@ -255,6 +258,13 @@ def test_coordinates_far_from_the_origin_keep_their_shape(tmp_path, truth):
     (tmp_path / "a.obj").write_text("\n".join(lines))
     mesh = read_mesh(tmp_path / "a.obj")
     np.testing.assert_allclose(mesh.vertices + np.array(mesh.info["origin"]) - far, truth.vertices, atol=2e-6)
+    baked, aligned = bake_vertices(mesh, 1), align(mesh, Align("+y", "+z"))
+    np.testing.assert_allclose(baked.vertices + baked.origin - far, truth.vertices, atol=2e-6)
+    record = aligned.info["align"]
+    back = aligned.vertices / record["scale"] @ np.array(record["rotation"]) + record["centre"]
+    np.testing.assert_allclose(back - far, truth.vertices, atol=1e-5)
+    told = " ".join(mesh.info["warnings"])
+    assert re.search(r"far from 0: \(3500\d{3}\S*, 5400\d{3}\S*, \d\S*\) is subtracted", told)
 
 
 @pytest.mark.parametrize(("far", "kind", "warned"), [(1e6, "f4", True), (1e6, "f8", False), (100, "f4", False)])

@@ -45,11 +45,14 @@ def test_the_layouts_of_renderpeople_thuman_and_own_folders(tmp_path):
         "eve/standing.glb",
         "eve/sitting.glb",
         "adam/standing.glb",
+        "adam/standing_30k.glb",
+        "people/rp_bob_posed_001_OBJ/rp_bob_posed_001.obj",
     )
     assert listed(tmp_path) == {
         "0001": ("0001/0001.obj", "0001"),
         "adam_standing": ("adam/standing.glb", "adam"),
         "eve_standing": ("eve/standing.glb", "eve"),
+        "rp_bob_posed_001": ("people/rp_bob_posed_001_OBJ/rp_bob_posed_001.obj", "bob"),
         "rp_aaron_posed_013_100k": ("rp_aaron_posed_013_OBJ/rp_aaron_posed_013_100k.obj", "aaron"),
         "rp_aaron_posed_014": ("rp_aaron_posed_014_OBJ/rp_aaron_posed_014.obj", "aaron"),
         "sitting": ("eve/sitting.glb", "eve"),
@@ -71,6 +74,14 @@ def test_a_table_replaces_the_listing(tmp_path):
         (tmp_path / "scans.csv").write_text(text)
         with pytest.raises(UserError, match=says):
             list_scans(tmp_path)
+
+
+def test_linked_folders_are_read_once(tmp_path):
+    touch(tmp_path, "elsewhere/eve/a.ply", "scans/b.ply")
+    for name in ("all", "again"):
+        (tmp_path / "scans" / name).symlink_to(tmp_path / "elsewhere")
+    (tmp_path / "elsewhere" / "eve" / "up").symlink_to(tmp_path / "scans")
+    assert listed(tmp_path / "scans") == {"a": ("again/eve/a.ply", "again"), "b": ("b.ply", "b")}
 
 
 def test_folders_without_meshes_are_refused(tmp_path):

@@ -204,7 +204,13 @@ def test_axes_beside_the_names_of_scans_are_asked_for(tmp_path):
     words = ["scale=smoke", "figures=scans", f"figures.folder={tmp_path}"]
     with pytest.raises(UserError, match=r"scans\.csv has a column `up`.*give align\.table="):
         check(Plan(compose_run(words)), ROOT)
-    check(Plan(compose_run([*words, f"align.table={tmp_path}/scans.csv"])), ROOT)
+    words.append(f"align.table={tmp_path}/scans.csv")
+    check(Plan(compose_run(words)), ROOT)
+    (tmp_path / "scans.csv").write_text("path,up,use\na.obj,+z,\nb.obj,+z,\nc.obj,+z,no\n")
+    check(Plan(compose_run(words)), ROOT)
+    (tmp_path / "axes.csv").write_text("name,up\nA,+z\n")
+    with pytest.raises(UserError, match=r"axes\.csv names A, and no figure is called so"):
+        check(Plan(compose_run([*words[:-1], f"align.table={tmp_path}/axes.csv"])), ROOT)
 
 
 @pytest.mark.parametrize("kind", ["figures=scans figures", "panoramas=folder panoramas"])
