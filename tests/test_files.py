@@ -102,6 +102,10 @@ def test_a_killed_writers_folder_goes_with_the_next_write(tmp_path):
     with atomic_folder(path) as temporary:
         (temporary / "in").write_text("whole")
     assert [found.name for found in tmp_path.iterdir()] == ["folder"]
+    (tmp_path / "link").symlink_to(path)
+    with atomic_folder(tmp_path / "link") as temporary:
+        (temporary / "in").write_text("through a link")
+    assert (tmp_path / "link").is_symlink() and (path / "in").read_text() == "through a link"
 
 
 @pytest.mark.parametrize(("block", "name"), [(atomic_write, "a.txt"), (atomic_folder, "folder")])

@@ -163,7 +163,7 @@ def write_json(path: Path | str, record: Any, default: Callable[[Any], Any] | No
 @contextmanager
 def atomic_folder(path: Path | str) -> Iterator[Path]:
     """Writes a folder atomically: yields an empty folder beside `path` that replaces it if the block succeeds."""
-    path = Path(path).absolute()
+    path = Path(path).resolve()  # a link stays
     with temporary_folder(path) as temporary:
         yield temporary
         temporary.chmod(0o755)  # mkdtemp creates private folders

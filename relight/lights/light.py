@@ -36,6 +36,9 @@ class Light:
     panorama: Panorama | None = field(default=None, repr=False)
     notes: list[str] = field(default_factory=list)
 
+    def __str__(self) -> str:
+        return self.source
+
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         """Returns the coefficients, so that functions of NumPy and relight take a light for them."""
         return np.array(self.coefficients, dtype, copy=copy)
@@ -60,7 +63,8 @@ class Light:
         self.require_shining()
         mean = float(self.coefficients[0].max()) * UNOCCLUDED_T00  # irradiance, over all normals
         scale = target / max(brightness, MIN_FRONT * mean)
-        return replace(self, coefficients=self.coefficients * scale)
+        seen = self.panorama and replace(self.panorama, pixels=self.panorama.pixels * np.float32(scale))
+        return replace(self, coefficients=self.coefficients * scale, panorama=seen)
 
     def require_shining(self) -> None:
         """Raises UserError if the mean radiance is not positive."""

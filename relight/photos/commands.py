@@ -75,7 +75,7 @@ OPTIONS: dict[str, tuple[str, str | None, str | None, str]] = {
     "weights": ("--weights -w", None, "FILE", "A network (.onnx); `relight export` writes one of a training."),
     "jobs": ("--jobs -j", None, "N", "For a folder: photos relit at the same time."),
     "seconds": ("--seconds", None, "SECONDS", "Length of the movie of a photo; by default 6."),
-    "fps": ("--fps", None, "N", "Frames per second; by default 25, or the clip's own."),
+    "fps": ("--fps", None, "N", "Frames per second, for a photo or a folder; by default 25."),
     "turns": ("--turns", None, "N", "Turns of the light; by default 1 for a photo, 0 for a clip."),
     "size": ("--size", None, "PIXELS", "Largest length of the longer side."),
 }
@@ -112,10 +112,13 @@ class Words:
         light = named_light(network, text, self.mask_model, self.white_balance)
         return Look(light, self.mode, background, self.turn, self.stops, not self.absolute)
 
-    def scene(self, together: bool = False) -> "SceneOptions":
-        """The options of `Scene.of`."""
+    def scene(self, network: "PhotoNetwork", together: bool = False) -> "SceneOptions":
+        """Reads the photo's own light, and returns the options of `Scene.of`."""
+        from relight.photos.scene import known_light
+
+        lit_by = known_light(network, self.lit_by, self.mask_model, self.white_balance)
         words: SceneOptions = {"mask_model": self.mask_model, "white_balance": self.white_balance}
-        return {**words, "split": not together, "lit_by": self.lit_by}
+        return {**words, "split": not together, "lit_by": lit_by}
 
 
 def with_options(examples: str) -> Callable[[Callable], Callable]:
@@ -190,7 +193,9 @@ def photo(
         out = Path("relit") if several else named.with_name(f"{named.stem if path.is_file() else named.name}_relit")
     picture = out if out.suffix.lower() in (*PHOTO_SUFFIXES, ".exr", ".psd") and not out.is_dir() else None  # alone
     network = read_network(weights)
-    look, options = words.look(network), words.scene(together)
+    look, options = words.look(network), words.scene(network, together)
+    if maps and picture:
+        raise UserError(f"--maps writes several files, and --out {out} is one picture: give a folder")
     if several or path.is_dir():
         if picture:
             raise UserError(f"--out {out} is one picture, and there are several photos: give a folder")
@@ -247,13 +252,14 @@ def movie(
     writable_video(out)
     if not path.exists():
         raise UserError(f"movie: there is no file or folder {path}")
-    if out.exists() and out.samefile(path):
-        raise UserError(f"movie {out} would overwrite the clip: give another --out")
+    from relight.photos.folder import require_unused
     from relight.photos.movie import write_movie
     from relight.photos.network import read_network
 
     network = read_network(weights)
-    notes = write_movie(network, path, mask, out, words.look(network), seconds, fps, turns, size, **words.scene())
+    look, options = words.look(network), words.scene(network)
+    require_unused(out, path, mask, look, options["lit_by"])
+    notes = write_movie(network, path, mask, out, look, seconds, fps, turns, size, **options)
     print("\n".join([str(out), *(f"note: {note}" for note in notes)]))
 
 

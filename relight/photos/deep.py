@@ -20,12 +20,13 @@ def is_exr(path: Path) -> bool:
         return file.read(4) == EXR_MAGIC
 
 
-def read_16_bits(path: Path, what: str) -> tuple[np.ndarray, np.ndarray | None]:
+def read_16_bits(path: Path, what: str, page: int = 0) -> tuple[np.ndarray, np.ndarray | None]:
     """Reads a PNG or TIFF of 16 bits per channel, of which Pillow keeps the upper half.
 
     Args:
         path: of the file.
         what: its name in errors.
+        page: of a TIFF.
 
     Returns:
         (H,W,3) uint16, as stored; alpha (H,W) uint16, or None.
@@ -37,8 +38,8 @@ def read_16_bits(path: Path, what: str) -> tuple[np.ndarray, np.ndarray | None]:
 
     wanted = oiio.ImageSpec()
     wanted[UNASSOCIATED] = 1
-    image = oiio.ImageBuf(str(path), 0, 0, wanted)
-    if not image.read(force=True, convert=oiio.UINT16):
+    image = oiio.ImageBuf(str(path), page, 0, wanted)
+    if not image.read(page, force=True, convert=oiio.UINT16):
         raise UserError(f"{what} is damaged or cut short ({image.geterror().splitlines()[0]})")
     spec = image.spec()
     alpha_channel, is_multiplied = spec.alpha_channel, not spec.get_int_attribute(UNASSOCIATED)

@@ -23,11 +23,14 @@ from relight.core.files import atomic_write, writable_file, writable_folder, wri
 from relight.core.processes import has_semaphores
 from relight.core.progress import progress
 from relight.core.version import __version__
+from relight.lights import Light
+from relight.lights.light import parts_of
 from relight.photos.color import DISPLAY_STOPS, KNEE, on_white
 from relight.photos.look import Look
 from relight.photos.mask.find import automatic_model
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.opening import list_photos, list_pictures, mask_beside, mask_in
+from relight.photos.place import split_place
 from relight.photos.scene import Scene, SceneOptions, require_white_balance
 from relight.photos.write import (
     write_before_after,
@@ -74,8 +77,8 @@ def relight_file(
         UserError: if an input is wrong, or the folder cannot be written.
     """
     out = writable_folder(out, "--out")
-    for given in (path, mask, look.words["light"], look.background.name):
-        if given and Path(given).is_file() and Path(given).resolve().parent == out.resolve() and is_result(given):
+    for given in _inputs(path, mask, look, options.get("lit_by")):
+        if given.is_file() and given.resolve().parent == out.resolve() and is_result(given):
             raise UserError(f"{given} is in the folder of results and would be overwritten: give another --out")
     scene = Scene.of(path, mask, network, **options)
     picture, people = scene.picture, scene.people
@@ -83,6 +86,7 @@ def relight_file(
     name = look.light.source if look.light else scene.lamp
     light, background = scene.exposed(look)
     relit = next(scene.turned(look, light, background))
+    (out / RECORD).unlink(missing_ok=True)  # until all results are of this look
     write_picture(out / f"relit{picture.suffix}", relit)
     write_before_after(out / BEFORE_AFTER, picture.rgba, relit)
     if maps:
@@ -140,10 +144,10 @@ def relight_to(
         UserError: if an input is wrong, or the file cannot be written, or is one of the inputs.
     """
     writable_file(out, "--out")
-    for given in (path, mask, look.words["light"], look.background.name):
-        if given and Path(given).resolve() == out.resolve():
-            raise UserError(f"{given} would be overwritten: give another --out")
+    require_unused(out, path, mask, look, options.get("lit_by"))
     scene = Scene.of(path, mask, network, **options)
+    if look.background.kind == "none" and out.suffix.lower() == ".jpg":
+        raise UserError(f"--out {out}: a JPEG cannot be transparent, give a name that ends in {scene.picture.suffix}")
     if (suffix := out.suffix.lower()) not in (".jpg", scene.picture.suffix):
         raise UserError(f"--out {out}: give a folder, or a picture ending in .jpg or {scene.picture.suffix}")
     relit = scene.relit(look)
@@ -153,6 +157,21 @@ def relight_to(
     else:
         write_picture(out, relit)
     return scene.notes + scene.notes_on(look)
+
+
+def require_unused(
+    out: Path, path: Path | str, mask: Path | str | None, look: Look, lit_by: Light | str | None
+) -> None:
+    """Raises UserError if writing `out` would overwrite a file that relighting `path` reads."""
+    for given in _inputs(path, mask, look, lit_by):
+        if out.exists() and given.exists() and out.samefile(given):
+            raise UserError(f"{given} would be overwritten: give another --out")
+
+
+def _inputs(path: Path | str, mask: Path | str | None, look: Look, lit_by: Light | str | None) -> list[Path]:
+    """Returns what may be files among the words that say how a photo is relit."""
+    lights = [split_place(part)[0] for text in (look.words["light"], str(lit_by)) for part in parts_of(text)]
+    return [Path(given) for given in (path, mask or mask_beside(path), look.background.name, *lights) if given]
 
 
 def is_result(path: Path | str) -> bool:

@@ -177,6 +177,8 @@ def _lift(solid: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Returns, for each of `columns`, by how many rows the nearest foot ends above the lowest row."""
     first = int((1 - FEET) * len(solid))
     parts, count = label(solid[first:])
+    if not count:  # only what is too thin for this size reaches so low
+        return np.zeros(len(columns))
     feet = [np.nonzero(parts == i) for i in range(1, count + 1)]
     middle = np.array([columns_.mean() for _, columns_ in feet])
     lift = np.array([len(solid) - first - 1 - rows.max() for rows, _ in feet])

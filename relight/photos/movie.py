@@ -60,7 +60,7 @@ def write_movie(
         out: the video file.
         look: at the start.
         seconds: length, for a photo; by default SECONDS.
-        fps: frames per second; by default the clip's own, or FPS.
+        fps: frames per second of the movie of a photo or a folder; by default FPS. A video keeps its own.
         turns: of the light; by default 1 for a photo and 0 for a clip.
         size: the longer side is scaled down to it, pixels.
         **options: of `Scene.of`; in a clip, the whole mask of a frame is one person.
@@ -76,11 +76,11 @@ def write_movie(
         raise UserError("a movie cannot be transparent: give another --background")
     light_notes = look.light.notes if look.light else []
     if path.is_dir() or is_video(path):
-        if seconds is not None:
-            raise UserError(f"{path} is a clip and keeps its length: --seconds has an effect on a photo only")
+        if seconds is not None or (fps is not None and path.is_file()):
+            raise UserError(f"{path} is a clip and keeps its length: --seconds and --fps are for photos")
         notes: Counter[str] = Counter()
         frames, count, clip_fps = _relight_clip(network, path, mask, look, size, turns or 0.0, notes, **options)
-        sound = path if path.is_file() and fps is None else None
+        sound = path if path.is_file() else None
         write_video(out, progress(frames, "frames", total=count), fps or clip_fps, sound)
         return light_notes + [f"{note} (frames: {number})" for note, number in notes.most_common()]
     scene, fps = Scene.of(path, mask, network, size=size, **options), fps or FPS

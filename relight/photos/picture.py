@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Union
 
 import numpy as np
-from PIL import Image
+from PIL import Image, TiffImagePlugin
 
 from relight.core.errors import UserError
 from relight.core.files import existing_file
@@ -140,10 +140,12 @@ def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Pictur
         raise UserError(f"{what} has more than 16 bits per channel: save it in 16 bits, or as OpenEXR if it is linear")
     stored, alpha = image, None
     if bits == 16 and file is not None and not is_deep_grey:
-        pixels, alpha = read_16_bits(file, what)
+        pixels, alpha = read_16_bits(file, what, stored.tell())
         alpha = None if alpha is None else np.round(alpha / np.float32(257)).astype(np.uint8)
     elif is_deep_grey:
-        pixels = np.repeat(np.asarray(image, np.uint16)[..., None], 3, axis=2)
+        grey = np.asarray(image, np.uint16)
+        is_negative = isinstance(image, TiffImagePlugin.TiffImageFile) and image.tag_v2.get(262) == 0  # white is zero
+        pixels = np.repeat((65535 - grey if is_negative else grey)[..., None], 3, axis=2)
     else:
         if "A" in image.getbands() or "transparency" in image.info:
             image = image.convert("RGBA")

@@ -94,12 +94,14 @@ class Scene:
         assert picture.coverage is not None  # it is `masked`
         network = network or read_network()
         coverages = split_people(picture.coverage) if split else [picture.coverage]
-        people, notes = [infer_person(network, picture.pixels, coverage) for coverage in coverages], []
-        if light := named_light(network, lit_by) if isinstance(lit_by, str) else lit_by:
+        people = [infer_person(network, picture.pixels, coverage) for coverage in coverages]
+        notes: list[str] = []
+        if light := known_light(network, lit_by, mask_model, white_balance):
             known = deringed(light.at_order(network.order).coefficients).astype(np.float32)
+            notes = list(light.notes)
             if np.any(known[1:4]):  # it has a direction
                 apart = np.mean([degrees_apart(person.light, known) for person in people])
-                notes = [f"the photo's light as given, {light.source}, is {apart:.0f} degrees from the inferred one"]
+                notes += [f"the photo's light as given, {light.source}, is {apart:.0f} degrees from the inferred one"]
             people = [with_light(person, known) for person in people]
         return cls(picture, balanced(people) if white_balance == "keep" else people, network, notes)
 
@@ -225,3 +227,17 @@ def named_light(
     if AUTOMATIC in scene.picture.notes:
         notes.append(f"{text} is taken for a photo of somebody; the light of a place is {PREFIX}{text}")
     return Light(scene.light, text, notes=notes)
+
+
+def known_light(
+    network: PhotoNetwork, given: Light | str | None, mask_model: Path | str | None, white_balance: str
+) -> Light | None:
+    """Returns the light of a picture that its user knows, as it is or by its name (`named_light`), if it is given.
+
+    Raises:
+        UserError: if it is no light, or `auto`.
+    """
+    light = named_light(network, given, mask_model, white_balance) if isinstance(given, str) else given
+    if light is None and given is not None:
+        raise UserError(f"lit by {given}: name the light, or leave it out, since it is inferred by default")
+    return light

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
-from itertools import pairwise, repeat
+from itertools import islice, pairwise, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -110,8 +110,14 @@ def _add_sound(path: Path, source: Path) -> None:
             streams = {
                 id(one): out.add_stream_from_template(one) for one in (shown.streams.video[0], spoken.streams.audio[0])
             }
+            first = spoken.streams.video[0]
+            late = (first.start_time or 0) * (first.time_base or 0)  # seconds: a film may begin after its sound
             packets: list[Any] = [*shown.demux(video=0), *spoken.demux(audio=0)]
-            for packet in sorted((p for p in packets if p.dts is not None), key=lambda p: float(p.dts * p.time_base)):
+            packets = [packet for packet in packets if packet.dts is not None]
+            for packet in packets:
+                if packet.stream in shown.streams:
+                    packet.pts, packet.dts = (t + round(late / packet.time_base) for t in (packet.pts, packet.dts))
+            for packet in sorted(packets, key=lambda p: float(p.dts * p.time_base)):
                 packet.stream = streams[id(packet.stream)]
                 out.mux(packet)
         with_sound.replace(path)
@@ -126,14 +132,15 @@ def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
 
     Frames are (H,W,3) uint8 sRGB. Raises UserError if there is none.
     """
-    images = [Image.fromarray(np.ascontiguousarray(f)) for f in frames]
+    step = int(np.ceil(fps * MIN_GIF_TICKS / 100))  # faster ones are left out
+    images, fps = [Image.fromarray(np.ascontiguousarray(f)) for f in islice(frames, 0, None, step)], fps / step
     if not images:
         raise UserError("the movie has no frames")
     samples = [np.asarray(images[i]) for i in sorted({0, len(images) // 4, len(images) // 2, len(images) - 1})]
     palette = Image.fromarray(np.concatenate(samples)).quantize(256, method=Image.Quantize.MEDIANCUT)
     first, *rest = [image.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG) for image in images]
     ends = [round(100 * (i + 1) / fps) for i in range(len(images))]  # GIF counts hundredths of a second
-    durations = [10 * max(MIN_GIF_TICKS, end - begin) for begin, end in pairwise([0, *ends])]
+    durations = [10 * (end - begin) for begin, end in pairwise([0, *ends])]
     first.save(path, format="GIF", save_all=True, append_images=rest, duration=durations, loop=0, disposal=1)
 
 
@@ -174,7 +181,8 @@ def read_frames(path: Path | str) -> tuple[Iterator[Picture], int | None, float]
     steps = np.diff(times)
     if len(steps) == 0 or np.abs(steps - np.median(steps)).max() < 0.5 / average:
         return _decoded(path), len(times) or None, average
-    fps = float(min(MAX_FPS, round(1 / np.quantile(steps, 0.25))))
+    rate = 1 / np.quantile(steps, 0.25)  # rounded up where it is slow, so that no frame is left out
+    fps = float(min(MAX_FPS, round(rate) if rate > 10 else np.ceil(rate - 0.05)))
     shown = np.round((np.array(times) - times[0]) * fps).astype(int)
     return _repeated(_decoded(path), shown), int(shown[-1]) + 1, fps
 

@@ -178,6 +178,7 @@ def test_a_pickle_is_never_opened(tmp_path):
 def test_normalised_scales_the_front_to_the_target_and_limits_back_lit_lights():
     light = load_light("room:7").normalised(0.8)
     assert float(reference_brightness(light.coefficients)) == pytest.approx(0.8)
+    np.testing.assert_allclose(project(light.panorama), light.coefficients, atol=1e-5)
     behind = load_light("key:ffffff@180,0,0.01").normalised(0.8)
     assert irradiance(behind.coefficients, np.eye(3)).max() < 4
     with pytest.raises(UserError, match="is black"):

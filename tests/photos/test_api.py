@@ -173,6 +173,10 @@ def test_a_known_light_takes_the_place_of_the_inferred_one(relighter, photo_file
     np.testing.assert_allclose(*products, rtol=0.02)
     assert re.match(r"the photo's light as given, key:#ffffff@40,30,0\.4, is \d+ degrees from", scene.notes[0])
     assert not any("degrees" in note for note in relighter.scene(me, lit_by="even").notes)
+    with pytest.raises(UserError, match="lit by auto: name the light"):
+        relighter.scene(me, lit_by="auto")
+    impossible = Light(np.eye(9, 3) * [1, 5, 5], "impossible").checked()
+    assert impossible.notes[0] in relighter.scene(me, lit_by=impossible).notes
     again = scene.relit(Look(Light(person.light, "its own"), match=False))
     assert np.abs(again.astype(int) - inferred.picture.pixels).max() <= 1
 

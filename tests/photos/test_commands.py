@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import OpenEXR
@@ -116,6 +117,15 @@ def bad(tmp_path, weights):
     yield [me, "--weights", tmp_path / "old.pt"], "no network of relight"
     yield [me, "--weights", tmp_path / "mine.safetensors"], "`relight export mine.safetensors mine.onnx` writes"
     yield [me, "--out", me], "would be overwritten"
+    yield [me, "--out", tmp_path / "me_mask.png"], "me_mask.png would be overwritten"
+    for flag, name in (("--light", "place:{}@30"), ("--lit-by", "even + place:{}"), ("--background", "{}")):
+        yield (
+            [me, flag, name.format(tmp_path / "me_mask.png"), "--mask", me, "--out", tmp_path / "me_mask.png"],
+            "be overwr",
+        )
+    yield [me, "--maps", "--out", "one.png"], "--maps writes several files, and --out one.png is one picture"
+    yield [me, "--background", "none", "--out", "one.jpg"], "a JPEG cannot be transparent"
+    yield [me, "--lit-by", "auto"], "lit by auto: name the light, or leave it out"
     yield [me, "--out", me / "sub"], "nothing can be written there"
     yield [me, me, "--out", "two.png"], "two.png is one picture, and there are several photos: give a folder"
     yield [me, "--out", "out.psd"], "give a folder, or a picture ending in .jpg or .png"
@@ -165,7 +175,9 @@ def test_a_folder_goes_on_after_failures_and_resumes(run, weights, tmp_path, dra
     before = {p: p.stat().st_mtime_ns for p in out.glob("*/relit.png")}
     assert len(before) == 3
     (folder / "broken.jpg").unlink()
-    (out / "p1.png" / "photo.json").unlink()  # as if it had been killed before the end
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(RuntimeError):  # killed before the end
+        patch.setattr("relight.photos.folder.write_light_files", Mock(side_effect=RuntimeError))
+        run("photo", folder / "p1.png", "--light", "even", "--out", out / "p1.png", "--weights", weights)
     monkeypatch.setattr("relight.photos.folder.has_semaphores", lambda: False)  # then this process does it
     again = run(*words)
     assert "1 relit, 2 already there, 0 failed" in again

@@ -95,6 +95,13 @@ def test_each_foot_stands_where_it_is_seen():
     assert -right[:, 2].mean() == pytest.approx(300 / 130, rel=0.02)
 
 
+def test_what_is_too_thin_to_be_filled_is_no_foot():
+    coverage = standing()
+    coverage[240:281] = 0
+    coverage[240:281, 130] = 255  # of a cane
+    assert np.isfinite(_fill_with_balls(coverage, box_of(coverage), Camera(300.0, 150.0, 130.0))).all()
+
+
 def test_shadows_fall_away_from_the_light_and_end():
     ground = ground_under([standing()])
     h, w, _ = ground.occluded.shape

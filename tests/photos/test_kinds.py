@@ -469,6 +469,20 @@ def test_read_photo_keeps_16_bits_of_tiff(tmp_path, name):
     assert photo.suffix == ".tif" and photo.codes.dtype == np.uint8
 
 
+def test_read_photo_of_16_bits_takes_the_picture_behind_its_preview(tmp_path):
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        file.write(RGB[::2, ::2].copy(), photometric="rgb", subfiletype=1)
+        file.write(DEEP, photometric="rgb", subfiletype=0)
+    np.testing.assert_array_equal(Picture.of(tmp_path / "a.tif").pixels, DEEP)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_read_photo_where_0_is_white(tmp_path, kind):
+    stored = DEEP[..., 0].astype(kind)
+    tifffile.imwrite(tmp_path / "a.tif", np.iinfo(kind).max - stored, photometric="miniswhite")
+    np.testing.assert_array_equal(Picture.of(tmp_path / "a.tif").pixels[..., 0], stored)
+
+
 def test_read_photo_of_16_bits_without_its_package_blames_no_file(tmp_path, monkeypatch):
     """The command then names the extra to install (`relight.cli`)."""
     tifffile.imwrite(tmp_path / "a.tif", np.full((12, 12, 3), 40000, np.uint16), photometric="rgb")

@@ -6,6 +6,7 @@ from fractions import Fraction
 import av
 import numpy as np
 import pytest
+from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.srgb import decode, encode
@@ -126,7 +127,15 @@ def test_pixels_are_square(tmp_path):
     assert next(read_frames(tmp_path / "a.mp4")[0]).pixels.shape == (108, 192, 3)
 
 
-@pytest.mark.parametrize("times", [[*range(30), *range(30, 90, 3), *range(90, 120)], [0, 1, 2, 150, 151]])
+@pytest.mark.parametrize(
+    "times",
+    [
+        [*range(30), *range(30, 90, 3), *range(90, 120)],
+        [0, 1, 2, 150, 151],
+        [0, 90, 180, 480, 570],
+        [0, 21, 42, 63, 153, 174],
+    ],
+)
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
 def test_each_frame_is_seen_at_its_time(tmp_path, times, suffix):
     write(tmp_path / f"a{suffix}", WIDE, times=times)
@@ -134,8 +143,8 @@ def test_each_frame_is_seen_at_its_time(tmp_path, times, suffix):
     read = list(frames)
     assert len(read) == count
     begins = [i / fps for i, frame in enumerate(read) if i == 0 or frame is not read[i - 1]]
-    np.testing.assert_allclose(begins, np.array(times) / 30, atol=0.5 / 30 + 1e-3)
-    assert count / fps == pytest.approx((times[-1] + 1) / 30, abs=0.5 / 30)
+    np.testing.assert_allclose(begins, np.array(times) / 30, atol=0.5 / fps + 1e-3)
+    assert count / fps == pytest.approx(times[-1] / 30 + 1 / fps, abs=0.5 / fps)
 
 
 def test_a_clip_that_changes_its_size_is_refused(tmp_path):
@@ -149,7 +158,17 @@ def test_a_clip_that_changes_its_size_is_refused(tmp_path):
         list(read_frames(joined)[0])
 
 
-def test_the_movie_has_the_sound_of_its_clip(tmp_path, capsys):
+@pytest.mark.parametrize("fps", [12.5, 30, 60, 120])
+def test_a_gif_is_as_long_as_its_movie(tmp_path, fps):
+    frames = (np.full((8, 8, 3), i % 2 * 255, np.uint8) for i in range(int(2 * fps)))
+    write_video(tmp_path / "a.gif", frames, fps)
+    with Image.open(tmp_path / "a.gif") as movie:
+        durations = [movie.info["duration"] for i in range(movie.n_frames) if movie.seek(i) is None]
+    assert sum(durations) == pytest.approx(2000, abs=10) and min(durations) >= 20
+
+
+@pytest.mark.parametrize("late", [0, 1])
+def test_the_movie_has_the_sound_of_its_clip(tmp_path, capsys, late):
     clip, rate = tmp_path / "clip.mp4", 44100
     write(tmp_path / "silent.mp4", WIDE, times=range(60))
     wave = 0.5 * np.sin(2 * np.pi * 440 * np.arange(2 * rate) / rate, dtype=np.float32)
@@ -161,6 +180,7 @@ def test_the_movie_has_the_sound_of_its_clip(tmp_path, capsys):
         for packet in silent.demux(video=0):
             if packet.dts is not None:
                 packet.stream = video
+                packet.pts, packet.dts = (t + round(late / packet.time_base) for t in (packet.pts, packet.dts))
                 file.mux(packet)
         for start in range(0, len(wave) - 1023, 1024):
             frame = av.AudioFrame.from_ndarray(wave[None, start : start + 1024], "fltp", "mono")
@@ -172,6 +192,8 @@ def test_the_movie_has_the_sound_of_its_clip(tmp_path, capsys):
         write_video(tmp_path / name, (frame.pixels for frame in frames), fps, sound=clip)
     with av.open(str(tmp_path / "out.mp4")) as movie:
         heard = np.concatenate([frame.to_ndarray()[0] for frame in movie.decode(audio=0)])
+        shown = movie.streams.video[0]
+        assert shown.start_time * shown.time_base == pytest.approx(late, abs=0.04)
     assert np.abs(np.fft.rfft(heard[rate // 2 : rate // 2 + rate])).argmax() == 440
     assert "its sound is left out: .webm does not take it" in capsys.readouterr().err
     assert not list(tmp_path.glob("*-sound*"))
