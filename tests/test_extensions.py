@@ -30,7 +30,8 @@ from relight.lights import load_light
 from relight.figures.draw import draw
 from omegaconf import OmegaConf
 
-config = resolved(composed(["scale=smoke", "model.name=mine", "+loss.extra.mine=0.5", "figures.source=mine"]))
+words = ["scale=smoke", "model.name=mine", "+loss.extra.mine=0.5", "figures.source=mine", "figures.per_subject=4"]
+config = resolved(composed(words))
 check(config)
 settings = OmegaConf.to_object(config)
 torch.manual_seed(0)
@@ -53,7 +54,7 @@ assert settings.loss.extra == {"mine": 0.5}
 draw("g0007", settings.figures, Path("g0007.npz"))
 from relight.meshes import Mesh
 mesh = Mesh.load(Path("g0007.npz"))
-assert len(mesh.faces) == 4 and mesh.info["name"] == "g0007"
+assert len(mesh.faces) == 4 and (mesh.info["name"], mesh.info["subject"]) == ("g0007", "s0001")
 """
 
 

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from relight.core.errors import UserError
-from relight.core.files import atomic_folder, atomic_write, writable_file, writable_folder
+from relight.core.files import atomic_folder, atomic_write, writable_file, writable_folder, write_text
 
 
 def test_a_folder_that_can_be_made_is_left_unmade(tmp_path):
@@ -38,6 +38,13 @@ def test_what_cannot_be_written_is_one_sentence(tmp_path):
     with pytest.raises(UserError, match=r"up to 1000000000000 MB are needed, \d+ MB are free"):
         writable_folder(tmp_path / "large", "--out", 10**18)
     assert [path.name for path in tmp_path.iterdir() if path.name != "locked"] == ["file"]
+
+
+def test_nothing_is_written_below_a_file(tmp_path):
+    (tmp_path / "file").write_text("")
+    for name, says in (("a.json", "file is a file"), ("sub/a.json", "not a directory")):
+        with pytest.raises(UserError, match=f"{name} cannot be written: .*{says}"):
+            write_text(tmp_path / "file" / name, "")
 
 
 def test_the_folder_of_a_file_is_not_made(tmp_path):

@@ -115,6 +115,9 @@ def read_maps(path):
     missing = [name for name in needed if name not in place]
     if pixels is None or missing:
         raise Problem(f"{path} holds no maps of relight: it lacks {', '.join(missing) or 'pixels'}")
+    for name in NAMES:  # with the mean of what surfaces reflect onto each other: the shader has no color for it
+        if bounced := [place[rgb] for c in "RGB" if (rgb := f"bounced{name[9:-1]}{c}") in place]:
+            pixels[..., place[name]] += pixels[..., bounced].mean(axis=-1)
     whole = np.zeros((spec.full_height, spec.full_width, len(needed)), np.float32)
     top, left = spec.y - spec.full_y, spec.x - spec.full_x
     whole[top : top + spec.height, left : left + spec.width] = pixels[..., [place[name] for name in needed]]

@@ -17,13 +17,14 @@ import torch
 from relight.core import srgb
 from relight.core.errors import UserError
 from relight.lights import Light
+from relight.lights.light import parts_of
 from relight.maps.square import tiles
 from relight.panoramas import Panorama, project
 from relight.photos.api import load
 from relight.photos.look import Look
 from relight.photos.mask.find import NobodyFound, masked
 from relight.photos.picture import Picture
-from relight.photos.place import is_of_person
+from relight.photos.place import is_of_person, split_place
 from relight.photos.shading import shading
 from relight.photos.write import placed_maps
 from relight.sh import mean_direction
@@ -140,9 +141,9 @@ def named_light(self, light):
 
 
 def changed(cls, light):
-    """Returns a value that differs when the light does: its name, and for a file its time of change."""
-    path = Path(light)
-    return light, path.stat().st_mtime_ns if path.is_file() else 0
+    """Returns a value that differs when the light does: its name, and when the files in it changed."""
+    names = [name for part in parts_of(light) for name in (split_place(part)[0], part.rpartition(":")[0])]  # a.npz:12
+    return light, *(path.stat().st_mtime_ns for path in map(Path, names) if path.is_file())
 
 
 @lru_cache(64)

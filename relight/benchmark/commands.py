@@ -80,7 +80,8 @@ def report(
     from relight.benchmark.score import read_scores
     from relight.evaluation.report.formats import write_tables
 
-    for name, table in show([read_scores(folder) for folder in answers]).items():
+    folders = [path for path in answers if not path.is_file()] or answers  # among `answers/*` are the tables, too
+    for name, table in show([read_scores(folder) for folder in folders]).items():
         write_tables((out or answers[0].parent) / name, table.title, table.note, table.grid)
 
 

@@ -38,11 +38,13 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
         The number of answers written.
 
     Raises:
-        UserError: for an unknown method, a missing set, a folder that cannot be written, or one that holds the answers
-            of another method, network or set.
+        UserError: for an unknown method, weights that it does not use, a missing set, a folder that cannot be written,
+            or one that holds the answers of another method, network or set.
     """
     if method != "network" and method not in BASELINES:
         raise UserError(f"--method {method}: must be one of network, {', '.join(BASELINES)}")
+    if method != "network" and weights:
+        raise UserError(f"--weights {weights} is for --method network, not {method}: omit one of them")
     benchmark, out = BenchmarkSet(folder), writable_folder(out, "--out")
     record = {"set": benchmark.hash, "method": method}
     if method == "network":

@@ -36,6 +36,8 @@ def _file_system_errors(path: Path) -> Iterator[None]:
         yield
     except UserError:
         raise
+    except FileExistsError as error:  # where a folder should be
+        raise UserError(f"{path} cannot be written: {error.filename} is a file") from None
     except Exception as error:
         if (number := system_errno(error)) is None:
             raise

@@ -21,7 +21,7 @@ def seeds_of(text: str) -> list[int]:
     seeds: list[int] = []
     for part in text.split(","):
         first, _, last = part.strip().partition("-")
-        if not first.isdigit() or (last and not last.isdigit()):
+        if not first.isdecimal() or (last and not last.isdecimal()):
             raise UserError(f"--seeds {text}: it must be integers and ranges such as 7, 0-47 or 1,4,10-12")
         if last and int(last) < int(first):
             raise UserError(f"--seeds {text}: the range {part.strip()} must not run backwards")
@@ -85,6 +85,7 @@ def figures(
     import multiprocessing
 
     from relight.core.errors import UserError
+    from relight.core.files import writable_folder
     from relight.core.processes import has_semaphores
     from relight.core.progress import progress
     from relight.figures.constraints import Constraints
@@ -95,6 +96,7 @@ def figures(
             typer.echo("\n".join(f"--{kind.split()[0]} {shlex.quote(name)}" for name in known))
         return
     numbers = seeds_of(seeds)
+    writable_folder(out, "--out")
     settings = {
         "detail": detail,
         "texture": texture,

@@ -44,6 +44,8 @@ class Constraints:
         for (kind, known), chosen in zip(names().items(), (self.poses, self.garments, self.hair)):
             for name in chosen:
                 check_name(kind, name, known)
+        if self.sitting in (0, 1) and {poses()[name].sitting for name in self.poses} == {not self.sitting}:
+            raise UserError(f"sitting={self.sitting:g} contradicts the poses {', '.join(self.poses)}: omit one of them")
 
     def sample_person(self, rng: np.random.Generator) -> Person:
         """Draws people until one can have the hair and wear the garments.

@@ -36,6 +36,7 @@ def draw(name: str, figures: Figures, out: Path) -> None:
         else:
             mesh = extension(figures.source, "figure")(figures, seed)
         mesh.info.update(name=name, axes={"up": "+y", "front": "+z"})
+        mesh.info.setdefault("subject", subject)
         return mesh
 
     subject = subject_of(seed, figures.per_subject)

@@ -9,8 +9,7 @@ transport  (P,K) float16
 albedo     (P,3) uint8 sRGB codes
 normal     (P,2) int16, octahedral (Cigolle et al. 2014): a unit vector to 7e-5 in 4 bytes
 gloss      (P,2) uint8, roughness and specular times 255; absent if all surfaces are matt
-
-Ambient occlusion is not stored; it is T_00 / .8862.
+ao         (P,) float16, ambient occlusion; absent without bounces, where it is T_00 / .8862
 """
 
 import json
@@ -74,6 +73,8 @@ def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
     }
     if any(info.get("gloss") for _, info in included):
         tensors["gloss"] = (np.uint8, (pixels, 2))
+    if any(info.get("bounces") for _, info in included):
+        tensors["ao"] = (np.float16, (pixels,))
     metadata = {"names": names, "subjects": subjects, "size": size, "order": order}
     if any("figure" in info for _, info in included):
         metadata["figures"] = [info.get("figure", name) for name, (_, info) in zip(names, included)]
@@ -91,6 +92,8 @@ def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
             arrays["normal"][part] = encode_normals(maps.normal[mask])
             if "gloss" in arrays:
                 arrays["gloss"][part] = (255, 0) if maps.gloss is None else np.round(255 * maps.gloss[mask])
+            if "ao" in arrays:
+                arrays["ao"][part] = maps.ao[mask]
         for array in arrays.values():
             array.flush()
     return names
@@ -156,6 +159,7 @@ class PackedMaps:
             self.size: int = metadata["size"]
             self.order: int = metadata["order"]
             self.glossy: bool = "gloss" in self._file.keys()
+            self._has_ao = "ao" in self._file.keys()
             self.offset: np.ndarray = self._file.get_tensor("offset")
             self._check()
         except UserError:
@@ -175,6 +179,8 @@ class PackedMaps:
         }
         if self.glossy:
             expected_shapes["gloss"] = [pixels, 2]
+        if self._has_ao:
+            expected_shapes["ao"] = [pixels]
         for name, expected in expected_shapes.items():
             shape = self._file.get_slice(name).get_shape()
             if shape != expected:
@@ -216,10 +222,10 @@ class PackedMaps:
     def _read(self, begin: int, end: int) -> dict[str, np.ndarray]:
         """Reads and decodes the foreground pixels of maps `begin` to `end`, without the last; arrays as of `figure`."""
         part = slice(int(self.offset[begin]), int(self.offset[end]))
-        names = ("transport", "albedo", "normal", *(("gloss",) if self.glossy else ()))
+        names = {"transport", "albedo", "normal", "gloss", "ao"}.intersection(self._file.keys())
         stored = {name: self._file.get_slice(name)[part] for name in names}
         bits = np.unpackbits(self._file.get_slice("mask")[begin:end], axis=1, count=self.size**2)
-        ao = stored["transport"][:, 0].astype(np.float32) / np.float32(UNOCCLUDED_T00)
+        ao = stored["ao"] if self._has_ao else stored["transport"][:, 0].astype(np.float32) / np.float32(UNOCCLUDED_T00)
         gloss = {"gloss": (stored["gloss"] / np.float32(255)).astype(np.float16)} if self.glossy else {}
         return {
             "pixel": np.concatenate([np.flatnonzero(row) for row in bits]).astype(np.int32),

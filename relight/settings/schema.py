@@ -48,7 +48,7 @@ class Figures:
     first: int = setting("first seed", 0, least=0)
     count: int = setting("number of seeds", 1, least=1)
     detail: str = setting("resolution of the drape", choices=("draft", "full"))
-    texture: int = setting("side of the largest texture, pixels", least=16)
+    texture: int = setting("side of the largest texture, pixels", least=64)
     per_subject: int = setting("number of consecutive seeds that show one person in one outfit, posed anew", least=1)
     outfits: int = setting("number of sets of fabrics of each figure, with the same shape and transport", least=1)
     sitting: float = setting("share of the figures that sit", least=0, most=1)

@@ -66,6 +66,7 @@ def bake(
     frame and order of vertices. Formats and conventions: docs/transport.md and docs/conventions.md.
     """
     from relight.core.errors import UserError
+    from relight.core.files import writable_folder
 
     targets = out or [Path(mesh.stem + ".exr")]
     for target in targets:
@@ -73,6 +74,7 @@ def bake(
             raise UserError(f"{target}: maps are written as .exr or .png, transport per vertex as .ply, .npz or .glb")
         if target.resolve() == mesh.resolve():
             raise UserError(f"--out {target} is the mesh itself: choose another file")
+        writable_folder(target.parent, "--out")
     of_maps = [target for target in targets if target.suffix.lower() in (".exr", ".png")]
     of_vertices = [target for target in targets if target not in of_maps]
     alignment = ("up", "front", "padding")

@@ -145,6 +145,8 @@ def test_score_and_answer_refuse(drawn, truth, tmp_path):
         score(tmp_path, truth)
     with pytest.raises(UserError, match="--method best: must be one of network, as_it_is, mean_light, true_maps"):
         answer(drawn, tmp_path / "best", "best")
+    with pytest.raises(UserError, match=r"--weights no\.onnx is for --method network, not as_it_is"):
+        answer(drawn, tmp_path / "best", "as_it_is", Path("no.onnx"))
 
 
 def test_score_refuses_a_changed_set(drawn, truth, tmp_path):
@@ -204,8 +206,9 @@ def test_comparison_tables_and_command(drawn, truth, tmp_path):
         f"benchmark_{name}.{suffix}" for name in ("pictures", "maps", "invariance") for suffix in ("csv", "md")
     }
     before = {path.name for path in Path.cwd().iterdir()}
-    assert CliRunner().invoke(app, ["benchmark", "report", str(tmp_path / "as_it_is")]).exit_code == 0
-    assert (tmp_path / "benchmark_pictures.csv").is_file()  # beside the answers
+    for more in ([], [str(tmp_path / "benchmark_pictures.csv")]):  # beside the answers, where `*` finds it again
+        assert CliRunner().invoke(app, ["benchmark", "report", str(tmp_path / "as_it_is"), *more]).exit_code == 0
+        assert (tmp_path / "benchmark_pictures.csv").is_file()
     assert {path.name for path in Path.cwd().iterdir()} == before
     rows = [read_scores(truth), read_scores(tmp_path / "as_it_is")]
     made = MethodComparison(rows).tables()

@@ -341,7 +341,7 @@ def test_clean_of_an_exported_figure_repairs_next_to_nothing(figure, tmp_path):
 def test_seeds_of_lists_and_ranges():
     for text, want in {"7": [7], "0-3": [0, 1, 2, 3], "1,4,2-5": [1, 4, 2, 3, 5]}.items():
         assert seeds_of(text) == want
-    for text in ("", "a", "5-2", "-1", "1..3", "1,,2"):
+    for text in ("", "a", "5-2", "-1", "1..3", "1,,2", "²"):
         with pytest.raises(UserError, match="--seeds"):
             seeds_of(text)
 
@@ -398,6 +398,7 @@ def test_figures_command_names_are_options_to_copy():
         ({"garments": ("toga",)}, "no garment is called 'toga'; .*robe"),
         ({"hair": ("bob", "bald ")}, "'bald'"),
         ({"sitting": 1.1}, "1.1"),
+        ({"sitting": 1, "poses": ("waving",)}, "sitting=1 contradicts the poses waving"),
     ],
 )
 def test_constraints_refuse_unknown_names_in_one_sentence(fixed, message):

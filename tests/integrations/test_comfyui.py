@@ -287,9 +287,14 @@ def test_a_changed_file_is_a_changed_light(nodes, tmp_path):
     path = tmp_path / "light.npy"
     np.save(path, np.eye(9, 3))
     node = nodes["RelightNamedLight"]
-    before = node.IS_CHANGED(str(path))
-    os.utime(path, ns=(1, 1))
-    assert node.IS_CHANGED(str(path)) != before and node.IS_CHANGED("room:7") == node.IS_CHANGED("room:7")
+    sheet, place = tmp_path / "set.csv", tmp_path / "street.png"
+    sheet.touch()
+    place.touch()
+    lights = ["room:7", str(path), f"even + place:{place}", f"place:{place}@-60,40", f"{sheet}:3"]
+    before = [*map(node.IS_CHANGED, lights)]
+    for file in (path, sheet, place):
+        os.utime(file, ns=(1, 1))
+    assert [node.IS_CHANGED(light) != was for light, was in zip(lights, before)] == [False, True, True, True, True]
 
 
 def test_the_example_workflow_runs(nodes, portrait):

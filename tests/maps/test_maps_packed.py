@@ -68,10 +68,13 @@ def test_gloss_is_packed_and_matt_figures_have_none(folder):
 
 def test_bounces_are_averaged_into_the_transport(tmp_path):
     maps = random_maps("a", bounced=True)
+    maps.info["bounces"] = 1
     write_maps(tmp_path / "a.exr", maps)
     pack_maps([tmp_path / "a.exr"], tmp_path / "packed.safetensors")
     expected = (maps.transport + maps.bounced.mean(-1))[maps.mask]
-    np.testing.assert_allclose(PackedMaps(tmp_path / "packed.safetensors").figure(0)["transport"], expected, atol=3e-3)
+    figure = PackedMaps(tmp_path / "packed.safetensors").figure(0)
+    np.testing.assert_allclose(figure["transport"], expected, atol=3e-3)
+    np.testing.assert_array_equal(figure["ao"], maps.ao[maps.mask].astype(np.float16))  # of the mesh alone
 
 
 def test_too_few_usable_figures_are_refused(folder):

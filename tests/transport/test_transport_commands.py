@@ -69,6 +69,7 @@ def test_errors_name_their_cause(mesh, tmp_path):
     for arguments, words in (
         ((tmp_path / "none.obj",), "none.obj"),
         ((mesh, "-o", "a.tif"), "a.tif"),
+        ((mesh, "-o", tmp_path / "thread.ply" / "a.exr"), "thread.ply is a file: give a folder"),
         ((mesh, "-o", "a.npz", "--yaw", "5"), "--yaw is for maps"),
         ((mesh, "--as-is", "--front", "+x"), "--front aligns the mesh, which --as-is leaves"),
         ((tmp_path / "far.ply", "--as-is"), "sees nothing.*align it first"),
