@@ -133,12 +133,10 @@ def _mesh_files(folder: Path) -> list[Path]:
     files: list[Path] = []
     seen: set[str] = set()  # a link may lead to a folder around it
     for root, folders, names in os.walk(folder, followlinks=True):
-        if (real := os.path.realpath(root)) in seen:
-            folders.clear()
-            continue
+        is_new = (real := os.path.realpath(root)) not in seen
         seen.add(real)
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
-        files += [Path(root, name) for name in names if not name.startswith(".")]
+        folders[:] = sorted(name for name in folders if is_new and not name.startswith("."))
+        files += [Path(root, name) for name in names if is_new and not name.startswith(".")]
     return [path for path in files if path.suffix.lower() in READERS and path.is_file()]
 
 

@@ -87,13 +87,22 @@ def bake(
         if as_is and name in alignment:
             raise UserError(f"--{name} aligns the mesh, which --as-is leaves as it is: omit one of them")
 
+    import numpy as np
+
     from relight.meshes import read_mesh
     from relight.meshes.cleaning import count_opposed_faces
+    from relight.meshes.raw import read_texture
     from relight.transport.view import View
 
     view = View(yaw, pitch, focal)
 
     source = read_mesh(mesh)
+    textures = [material.texture for material in source.materials if material.texture is not None]
+    for target in of_maps:
+        if textures and target.suffix.lower() == ".png" and target.is_file():
+            picture = read_texture(target, f"--out {target}")
+            if any(np.array_equal(picture, texture) for texture in textures):
+                raise UserError(f"--out {target} is a texture of the mesh: choose another file")
     for note in source.info.get("warnings", []):
         typer.echo(f"{mesh.name}: {note}", err=True)
     if (as_is or of_vertices) and (count := count_opposed_faces(source)):

@@ -162,8 +162,8 @@ def test_the_record_inverts_the_alignment(person):
 
 def test_a_table_overrides_single_figures(tmp_path, person):
     table = tmp_path / "axes.csv"
-    rows = "person,,,-z,\nother,,+x,+y,3\nZoë Groß,,+y,+z,90\n,x\\turned.obj,+y,+z,90\n"
-    table.write_text(f"\ufeffname,path,up,front,turn\n{rows}", encoding="utf-8")
+    rows = "person;;;-z;\nother;;+x;+y;3\nZoë Groß;;+y;+z;90,0\n;x\\turned.obj;+y;+z;90.0\n"
+    table.write_text(f"\ufeffname;path;up;front;turn\n{rows}", encoding="utf-8")
     settings = Align(up="+y", front="+z", table=str(table))
     got = align(person(), settings)
     assert got.info["align"]["front"] == "-z"

@@ -11,7 +11,7 @@ from PIL import Image
 from samples import encoded, glb_of
 
 from relight.core.errors import UserError
-from relight.meshes import Mesh, align, list_scans, read_mesh
+from relight.meshes import Mesh, list_scans, read_mesh
 from relight.meshes.gltf_file import READ, WITHOUT_EFFECT
 from relight.meshes.polygons import clip_ears, triangulate
 from relight.transport.surface import sample_albedo
@@ -739,17 +739,6 @@ def test_scans_table_without_paths_or_a_use_is_refused(tmp_path, text, says):
     write(tmp_path, {"scans.csv": text, "a.obj": b"", "a b.obj": b""})
     with pytest.raises(UserError, match=says):
         list_scans(tmp_path)
-
-
-def test_align_table_with_a_decimal_comma(tmp_path, person):
-    from relight.settings import Align
-
-    meshes = []
-    for text in ("name;turn\nperson;22,5\n", "name,turn\nperson,22.5\n"):
-        (tmp_path / "axes.csv").write_text(text)
-        settings = Align(up="+y", front="+z", table=str(tmp_path / "axes.csv"))
-        meshes.append(align(person(), settings).vertices)
-    np.testing.assert_array_equal(*meshes)
 
 
 def test_a_cube_of_stl_is_one_surface_in_both_forms(tmp_path):

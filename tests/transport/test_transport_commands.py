@@ -80,12 +80,17 @@ def test_errors_name_their_cause(mesh, tmp_path):
     ):
         with pytest.raises(UserError, match=words):
             run(*arguments)
-    ply = tmp_path / "mesh.ply"
-    trimesh.creation.box().export(ply)
-    before = ply.read_bytes()
-    with pytest.raises(UserError, match="is the mesh itself"):
-        run(ply, "-o", ply)
-    assert ply.read_bytes() == before
+    ply, look = tmp_path / "textured.ply", tmp_path / "look.png"
+    floats = "".join(f"property float {name}\n" for name in "xyzst")
+    header = f"ply\nformat ascii 1.0\ncomment TextureFile look.png\nelement vertex 3\n{floats}element face 1\n"
+    rows = "0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n"
+    ply.write_text(f"{header}property list uchar int vertex_indices\nend_header\n{rows}")
+    Image.new("RGB", (2, 2), "red").save(look)
+    before = ply.read_bytes(), look.read_bytes()
+    for target, what in ((ply, "the mesh itself"), (look, "a texture of the mesh")):
+        with pytest.raises(UserError, match=f"is {what}"):
+            run(ply, "-o", target)
+    assert (ply.read_bytes(), look.read_bytes()) == before
 
 
 def test_faces_turned_both_ways_are_told_of(tmp_path):
