@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from relight.core.errors import UserError
-from relight.core.files import is_unsafe_name, write_text
+from relight.core.files import PHOTO_SUFFIXES, is_unsafe_name, write_text
 from relight.core.processes import git
 from relight.lab.record import Record, read_record
 from relight.learning.training_name import TrainingName
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 BATCH = 10  # generated figures that share a process, since one takes as long to start as to draw a figure
 # What other runs take of a run -> the groups of settings that decide it.
 DATA = {"packed.safetensors": ("figures", "align", "bake"), "lights/lights.npz": ("panoramas", "lights")}
+BESIDE = (*PHOTO_SUFFIXES, ".mtl", ".bin", ".dds", ".tga")  # suffixes of what meshes refer to
 MAX_TAG = 5000  # characters of a tag in MLflow
 
 
@@ -73,7 +74,8 @@ class Plan:
         apart = selected - {row for fields in self.shared["experiments"].values() for row in fields["rows"]}
         if apart and self.shared["sweep"]["only"]:
             row = min(apart)
-            raise UserError(f"sweep.only: {row} is in no experiment: +experiments.{row}.rows=[{row}] makes one of it")
+            advice = f'"++experiments={{{row}: {{rows: [{row}]}}}}"'
+            raise UserError(f"sweep.only: {row} is in no experiment: {advice} makes one of it")
         return experiments
 
     # Figures and lights
@@ -86,6 +88,26 @@ class Plan:
         from relight.meshes import list_scans
 
         return list_scans(self.shared["figures"]["folder"])
+
+    @cached_property
+    def beside(self) -> dict[str, list[tuple[str, int, int]]]:
+        """The files of each scan beside its mesh, BESIDE: path, bytes and date.
+
+        A file belongs to the meshes of its folder, or of the nearest one above that has some: to that mesh alone with
+        whose name its own begins, or else to all.
+        """
+        owners: dict[tuple[Path, str], list[str]] = {}
+        for name, scan in self.scans.items():
+            for begin in ("", scan.path.stem):
+                owners.setdefault((scan.path.parent, begin), []).append(name)
+        folders = {folder for folder, _ in owners}
+        files = {path for folder in folders for path in folder.rglob("*") if path.suffix.lower() in BESIDE}
+        found: dict[str, list[tuple[str, int, int]]] = {name: [] for name in self.scans}
+        for path in sorted(path for path in files if path.is_file()):
+            keys = ((folder, path.name[:end]) for folder in path.parents for end in range(len(path.name), -1, -1))
+            for name in next(owners[key] for key in keys if key in owners):
+                found[name].append((str(path), path.stat().st_size, path.stat().st_mtime_ns))
+        return found
 
     @property
     def table(self) -> list[str]:
@@ -175,8 +197,7 @@ class Plan:
 
     def first_trainings(self, experiment: str) -> dict[str, str]:
         """Returns the first training of each row of an experiment, by row."""
-        rows = self.experiments[experiment].rows if experiment in self.experiments else []
-        return {row: self.trainings_of(row)[0] for row in rows}
+        return {row: self.trainings_of(row)[0] for row in self.experiments[experiment].rows}
 
     def extensions(self, training: str) -> list[str]:
         """Returns what a training names where extensions may be named: its network and losses."""
@@ -217,7 +238,7 @@ class Plan:
 
     def networks(self, experiment: str) -> dict[str, str]:
         """Returns the networks of all trainings of an experiment's rows, by training."""
-        rows = self.experiments[experiment].rows if experiment in self.experiments else []
+        rows = self.experiments[experiment].rows
         return {training: self.network(training) for row in rows for training in self.trainings_of(row)}
 
     def condition(self, experiment: str) -> str:

@@ -19,6 +19,7 @@ from relight.settings.composition import quoted
 
 ROW_GROUPS = ("model", "loss", "train", "augment")  # that rows may change
 Record = dict[str, Any]
+PARTS = ("overrides", "settings", "rows", "code", "failed")  # of a record
 
 
 def compose_run(overrides: list[str], rows: Mapping[str, list[str]] | None = None) -> Record:
@@ -55,10 +56,12 @@ def from_config(config: dict[str, Any]) -> Record:
             as in `--config scale=smoke`.
 
     Raises:
-        UserError: if a setting is invalid.
+        UserError: if a setting is invalid, or given beside a record.
     """
     if "settings" in config:
-        return config
+        for key in config.keys() - {*PARTS, "process", "tracking"}:  # which the Snakefile adds for jobs
+            raise UserError(f"{key} is given beside the record of a run, which has all settings: give one of the two")
+        return {key: config[key] for key in PARTS if key in config}
     if sum(word.startswith("hydra=") for word in sys.argv) > 1:
         raise UserError('--config takes hydra once: write --config hydra="scale=smoke name=mine"')
     words = config.get("hydra") or []

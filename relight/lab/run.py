@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -11,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
+from shutil import which
 
 from relight.core.errors import UserError
 from relight.core.processes import end_with_parent
@@ -48,29 +50,33 @@ def run(
     given, overrides = overrides, with_remembered(overrides)
     if kept := overrides[: len(overrides) - len(given)]:
         print(f"goes on with {shlex.join(kept)}")
-    if multirun:
-        fixed, rows = expand_sweep(overrides)
+    fixed, rows = expand_sweep(overrides) if multirun else (overrides, rows_of_sweep(given))
+    if rows:
         for word in (word for word in overrides if word.startswith("experiment=")):
             print(f"{word} gives its settings, and none of its rows: the sweep has its own")
         for row, words in rows.items():
             print(f"{row}: {' '.join(words)}")
-    plan = Plan(compose_run(fixed, rows) if multirun else compose_run(overrides))
+    plan = Plan(compose_run(fixed, rows))
     check(plan, ROOT)
     if targets == ["all"]:
         check_figures(plan)
-    if plan.gpus and not extra:  # those of a cluster are elsewhere
+    device, gpu = plan.shared["train"]["device"], []
+    apart = any(word.startswith(("--profile", "--executor", "-e", "--resources")) for word in extra)  # as of a cluster
+    if not apart and (plan.gpus or (device == "auto" and which("nvidia-smi"))):
         from relight.learning.data import choose_device
 
-        choose_device("cuda")
+        if choose_device(device).type == "cuda":  # one job at a time on it
+            gpu = ["--resources", "gpu=1", "--set-resources", "train:gpu=1", "evaluate:gpu=1", "light_transfer:gpu=1"]
     if any("slurm" in word for word in extra):
         import_module("snakemake_executor_plugin_slurm")  # without it Snakemake prints its whole usage
     for line in change_lines(plan):
         print(line)
-    words = ["--quiet", "rules", "reason", "host", "--nolock", "--cores", str(cores or "all"), *extra]
+    words = ["--quiet", "rules", "reason", "host", "--nolock", *gpu, "--cores", str(cores or "all"), *extra]
     rules = [target for target in targets if "/" not in target and target != "all"]
-    known = sorted(path.stem for path in SCRIPTS.glob("*.py"))
+    absent = {"figure" if plan.scans else "scan", *{"light_transfer"} - plan.experiments.keys()}
+    known = sorted({path.stem for path in SCRIPTS.glob("*.py")} - absent)
     if unknown := [rule for rule in rules if rule not in known]:
-        raise UserError(f"--target {unknown[0]} is neither a file nor a rule; those are {', '.join(known)}")
+        raise UserError(f"--target {unknown[0]} is neither a file nor a rule of this run; those are {', '.join(known)}")
     files = [target for target in targets if target not in rules] or ["all"]
     words += ["--until", *rules] if rules else []  # of each figure or training, too
     command = [sys.executable, "-m", "snakemake", *files, *words]
@@ -96,6 +102,8 @@ def run(
         plan.record["failed"] = failed
         plan.write_record(ROOT)
         snakemake(command)
+        del plan.record["failed"]  # the next run tries them again
+        plan.write_record(ROOT)
     return code
 
 
@@ -109,6 +117,14 @@ def with_remembered(overrides: list[str]) -> list[str]:
     same = {(key, os.path.realpath(ROOT / path)): word for word in before for key, _, path in [word.partition("=")]}
     keys = [(key, os.path.realpath(path)) for key, _, path in (word.partition("=") for word in overrides)]
     return [*kept, *(same.get(key, word) for key, word in zip(keys, overrides))]
+
+
+def rows_of_sweep(given: list[str]) -> dict[str, list[str]] | None:
+    """Returns the rows of the run that overrides name if it is a sweep, and they give no other experiment or rows."""
+    name = dict(word.partition("=")[::2] for word in given).get("name", "")
+    settings = read_record(ROOT / "results" / name)["settings"]
+    others = any(re.match(r"\+*(experiment|sweep\.rows)", word) for word in given)
+    return settings["sweep"]["rows"] if "sweep" in settings.get("experiments", {}) and not others else None
 
 
 def change_lines(plan: Plan) -> Iterator[str]:

@@ -144,7 +144,7 @@ def test_experiment_without_pairs_compares_the_best_row(tmp_path):
     errors = {row: {"shading_rmse": 0.5} for row in ("no_tv", "no_shading", "ours_full")}
     errors["no_reconstruction"] = {"shading_rmse": 0.3}
     made = results(tmp_path, "table2", errors)
-    made.experiments["table2"] |= {"compare": {}, "shows": ["shading", "normal"]}
+    made.experiments["table2"] |= {"compare": {"nobody against ours_full": "no row"}, "shows": ["shading", "normal"]}
     for file in (tmp_path / "evaluate" / "test-test").glob("*.s0.csv"):
         table = pd.read_csv(file)
         table.drop(columns=[column for column in table if column.startswith("normal")]).to_csv(file, index=False)

@@ -39,10 +39,14 @@ def test_snakemake_config_is_overrides(config, overrides):
 
 
 def test_settings_that_snakemake_would_drop_are_refused(monkeypatch):
-    """Of two words with one key Snakemake keeps the second."""
+    """Of two words with one key Snakemake keeps the second, and nothing beside a record."""
     monkeypatch.setattr(sys, "argv", ["snakemake", "--config", "hydra=scale=smoke", "hydra=name=x"])
     with pytest.raises(UserError, match=r'--config takes hydra once: write --config hydra="scale=smoke name=mine"'):
         from_config({"hydra": "name=x"})
+    record = compose_run(["scale=smoke"])
+    assert from_config({**record, "process": 1}) == record
+    with pytest.raises(UserError, match="hydra is given beside the record of a run, which has all settings"):
+        from_config({**record, "hydra": "name=x"})
 
 
 def test_runs_are_rows_times_seeds():
@@ -121,7 +125,7 @@ def test_the_weights_for_photos_are_trained_at_half_the_size_and_then_at_the_ful
     ("hydra", "message"),
     [
         ("sweep.only=[nobody]", "no row nobody"),
-        ("sweep.only=[wide]", r"wide is in no experiment: \+experiments\.wide\.rows=\[wide\] makes one of it"),
+        ("sweep.only=[wide]", r'wide is in no experiment: "\+\+experiments=.*" makes one of it'),
         ("+sweep.rows.wide=['bake.rays=9']", "changes bake"),
         ("+sweep.rows.wide=['train.start=wide']", "is the row itself"),
         ("+sweep.rows.wide=['split.test=.5']", "changes split"),
@@ -130,8 +134,11 @@ def test_the_weights_for_photos_are_trained_at_half_the_size_and_then_at_the_ful
     ],
 )
 def test_impossible_plans(hydra, message):
-    with pytest.raises(UserError, match=message):
-        Plan(compose_run(["scale=smoke", "+sweep.rows.wide=[]", hydra.replace("+sweep", "sweep")]))
+    words = ["scale=smoke", "+sweep.rows.wide=[]", hydra.replace("+sweep", "sweep")]
+    with pytest.raises(UserError, match=message) as error:
+        Plan(compose_run(words))
+    if advice := re.search('"(.*)"', str(error.value)):
+        assert list(Plan(compose_run([*words, advice[1]])).experiments) == ["wide"]
 
 
 def test_sweep_is_the_product():
@@ -246,6 +253,15 @@ def test_data_of_another_run(tmp_path):
     assert [file.exists() for file in files] == [False, True]
     with pytest.raises(UserError, match="has no data set yet"):
         check(plan_of("scale=smoke data=a name=b bake.rays=33"), tmp_path)
+
+
+def test_files_beside_a_mesh_are_of_the_mesh_that_they_are_named_after_or_of_its_folder(tmp_path):
+    for name in "a.obj a2.obj a.mtl a2_skin.PNG tex/wood.jpg notes.txt eve/b.obj eve/tex/b.png".split():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    beside = Plan(compose_run(["figures=scans", f"figures.folder={tmp_path}"])).beside
+    found = {scan: [os.path.basename(path) for path, *_ in files] for scan, files in beside.items()}
+    assert found == {"a": ["a.mtl", "wood.jpg"], "a2": ["a2_skin.PNG", "wood.jpg"], "b": ["b.png"]}
 
 
 def test_a_table_of_scans_belongs_to_scans(tmp_path, monkeypatch):

@@ -82,8 +82,9 @@ def test_a_target_is_a_rule_or_a_file(calls):
     module.run(WORDS, False, None, False, ["bake", "results/smoke/lights/lights.npz"], [])
     assert " ".join(calls[0][0]).split("snakemake ")[1].startswith("results/smoke/lights/lights.npz --quiet")
     assert "--until bake --configfile" in " ".join(calls[0][0])
-    with pytest.raises(UserError, match="--target bakee is neither a file nor a rule; those are align, bake"):
-        module.run(WORDS, False, None, False, ["bakee"], [])
+    for rule in ("bakee", "light_transfer", "scan"):
+        with pytest.raises(UserError, match=f"{rule} is neither a file nor a rule of this run; those are align"):
+            module.run(WORDS, False, None, False, [rule], [])
 
 
 def test_a_gpu_that_is_not_there_is_told_before_the_figures(calls, monkeypatch):
@@ -96,7 +97,18 @@ def test_a_gpu_that_is_not_there_is_told_before_the_figures(calls, monkeypatch):
         module.run(*cluster)
     monkeypatch.setitem(sys.modules, "snakemake_executor_plugin_slurm", module)
     module.run(*cluster)
-    assert len(calls) == 1
+    assert len(calls) == 1 and "gpu=1" not in calls[0][0]
+
+
+@pytest.mark.parametrize("device", ["cuda", "auto"])
+def test_a_gpu_trains_one_network_at_a_time(calls, monkeypatch, device):
+    monkeypatch.setattr("torch.cuda.is_available", lambda: True)
+    monkeypatch.setattr(module, "which", str)
+    run(f"train.device={device}")
+    run("train.device=cpu")
+    module.run([*WORDS, f"train.device={device}"], False, None, False, ["all"], ["--resources", "gpu=2"])
+    resources = ["--resources gpu=1 --set-resources train:gpu=1" in " ".join(c[0]) for c in calls]
+    assert resources == [True, False, False]
 
 
 def test_changed_settings_are_told_with_the_way_to_keep_both(calls, capsys):
@@ -123,6 +135,14 @@ def test_a_name_remembers_its_run(calls, capsys):
     module.run(["name=mine", "panoramas.count=26"], False, None, False, ["all"], [])
     told = "scale=smoke experiment=one train.lr=0.1 name=mine panoramas.count=26"
     assert calls[-1][1]["overrides"] == told.split()
+
+
+def test_a_name_remembers_its_sweep(calls):
+    module.run([*WORDS, "name=mine", "train.lr=1e-4,2e-4"], True, None, False, ["all"], [])
+    for words in (["train.steps=7"], ["experiment=one"]):
+        module.run(["name=mine", *words], False, None, True, ["all"], [])
+    assert [[*rows] for rows in (call[1]["rows"] for call in calls)] == [["lr_0.0001", "lr_0.0002"]] * 2 + [["run"]]
+    assert calls[1][1]["rows"]["lr_0.0002"]["train"]["steps"] == 7
 
 
 def test_results_of_other_people_are_not_mixed(calls, tmp_path):
@@ -190,6 +210,7 @@ def test_what_failed_leaves_the_report_of_the_others(calls, tmp_path, capsys):
     failed = {"light_transfer": [f"{plan.out}/light_transfer/{name}" for name in ("scores.csv", "plate.png")]}
     assert "failed" not in calls[1][1] and calls[2][1]["failed"] == failed and len(calls) == 3
     assert "failed: light_transfer" in capsys.readouterr().err
+    assert "failed" not in yaml.safe_load(calls[2][2].read_text()), "all is tried again"
     without = Plan(calls[2][1])
     assert list(without.experiments) == ["table1"] and without.tables == ["table1"]
     found = without.described()

@@ -24,6 +24,7 @@ def test_three_meshes_and_two_panoramas_give_a_data_set(tmp_path):
         write_pfm(panoramas / f"room{seed}.pfm", generate_room(seed))
     table = repo / "axes.csv"
     table.write_text("name,turn\nplain,0\n")
+    (scans / "plain.mtl").touch()
     words = [*WORDS, "figures=scans", f"figures.folder={scans}", "panoramas=folder", f"panoramas.folder={panoramas}"]
     words += ["bake.views=1", f"align.table={table}"]
     targets = [f"--target=results/mine/{name}" for name in ("packed.safetensors", "lights/lights.npz")]
@@ -36,5 +37,6 @@ def test_three_meshes_and_two_panoramas_give_a_data_set(tmp_path):
 
     table.write_text("name,turn\nplain,9\n")
     shutil.copy(scans / "colored.ply", scans / "another.ply")
-    (jobs,) = planned(repo, words)
+    jobs, edited = planned(repo, words, words, edits=[None, (str(scans / "plain.mtl"), "#")])
     assert (jobs["scan"], jobs["align"], jobs["bake"], jobs["pack"]) == (1, 5, 5, 1) and "lights" not in jobs
+    assert edited["scan"] == 2

@@ -18,6 +18,7 @@ if PLAN.scans:
         params:
             mesh=lambda wildcards: str(PLAN.scans[wildcards.batch].path),
             subject=lambda wildcards: PLAN.scans[wildcards.batch].subject,
+            beside=lambda wildcards: PLAN.beside[wildcards.batch],
             code=code_hash("scan"),
         script:
             "../scripts/scan.py"

@@ -81,7 +81,8 @@ def _compare_pairs(table: Table, settings: dict[str, Any], usual: Table | None =
     Without pairs, as in a sweep, the best network in the first column is compared with the others. If there is a table
     on the `usual` figures and lights, the pairs are compared there, too, and each network with itself.
     """
-    columns, compared, pairs = tuple(settings["compare_in"]), {}, settings["compare"]
+    columns, compared, asked = tuple(settings["compare_in"]), {}, settings["compare"]
+    pairs = {pair: asked[pair] for pair in asked if table.rows.keys() >= {*pair.split(" against ")}}
     if not pairs and columns:
         columns, rows = columns[:1], table.networks
         best = next((row for row in rows if (cell := table.rows[row].get(columns[0])) and cell.best), "")
