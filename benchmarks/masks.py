@@ -121,7 +121,7 @@ def main() -> None:
     torch.set_num_threads(1)
     rows: dict[str, list] = {}  # by step, the measures of `compare` for each picture
     strips, seconds = [], []
-    for number, path in enumerate(sorted(args.folder.glob("*.exr"))[: args.count]):
+    for number, path in enumerate(sorted(args.folder.rglob("*.exr"))[: args.count]):
         pixels, true = render_picture(path, number)
         start = time.process_time()
         selfie.segment(pixels)

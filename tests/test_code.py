@@ -103,9 +103,14 @@ def test_code_hash_includes_the_extension_that_the_settings_name(tmp_path, monke
     without, first = code.code_hash("split"), code.code_hash("split", ["mine"])
     assert without != first
     forget()
-    (tmp_path / "mine.py").write_text("def loss(outputs, batch): return 22\n")
-    assert code.code_hash("split", ["mine"]) != first
-    forget()
+    hashes = {without, first}
+    for words in ("from .helper import x", "from . import helper"):
+        for value in (1, 2):
+            (tmp_path / "mine.py").write_text(words)
+            (tmp_path / "helper.py").write_text(f"x = {value}")
+            hashes.add(code.code_hash("split", ["mine"]))
+            forget()
+    assert len(hashes) == 6
 
 
 @pytest.mark.slow

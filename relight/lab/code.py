@@ -63,7 +63,7 @@ def source(path: Path) -> Source:
     if path.suffix != ".py":
         return Source(hashlib.sha256(content).hexdigest(), [])
     tree = ast.parse(content)
-    modules = filter(None, map(path_of, _imported(tree)))
+    modules = [*filter(None, map(path_of, _imported(tree))), *filter(Path.is_file, _relative(tree, path))]
     code = ast.dump(without_docstrings(tree)).encode()
     return Source(hashlib.sha256(code).hexdigest(), [*modules, *_data(path.parent)])
 
@@ -78,6 +78,14 @@ def _imported(tree: ast.AST) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom) and node.module:
             yield from (_defining_module(node.module, alias.name) for alias in node.names)
         yield from _imported(node)
+
+
+def _relative(tree: ast.AST, path: Path) -> Iterator[Path]:
+    """Yields where the modules may be that a file imports relatively, as extensions import theirs."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+            yield from (base.with_suffix(".py"), base / "__init__.py", *(base / f"{a.name}.py" for a in node.names))
 
 
 def _defining_module(module: str, name: str) -> str:

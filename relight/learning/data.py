@@ -159,7 +159,7 @@ class RelitSet:
     There are F maps of figures with P pixels in all, N lights, and K coefficients of `order`.
 
     Attributes:
-        names, figure_of: of each map, its name and that of the frontal view of its figure.
+        names, figure_of, subject_of: of each map, its name, that of the frontal view of its figure, and the person.
         size: S of the square images, pixels.
         color: color model, `paper` or `photo`.
         coefficients: K' that a batch has, up to the order of the network.
@@ -204,7 +204,7 @@ class RelitSet:
                     f"{path} has harmonics up to order {file_order}: model.order={order} needs bake.order={order}"
                 )
         self.names, self.size, self.color = list(figures.names), figures.size, color
-        self.figure_of = list(figures.figures)
+        self.figure_of, self.subject_of = list(figures.figures), list(figures.subjects)
         self.light_split = np.asarray(table["split"])
         self.order = min(figures.order, bands)
         all_bands = (self.order + 1) ** 2

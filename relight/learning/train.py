@@ -36,6 +36,8 @@ from relight.learning.networks import STRIDE, Network, UNet, build
 from relight.learning.optimizers import make_optimizers
 from relight.learning.validation import Validation
 from relight.settings import Augment, Loss, Model, Train
+from relight.settings.schema import fields_by_key
+from relight.settings.setting import setting_of
 
 # Purposes of random numbers, as for `data.generator`; purpose 0 is the order of the pairs.
 STEP_DRAWS = 1
@@ -146,7 +148,9 @@ def train(
 
         forward: Callable[..., dict[str, Tensor]] = network
         if world > 1:
-            forward = DistributedDataParallel(network)
+            taught = (setting_of(field).teaches for key, field in fields_by_key(Loss) if getattr(recipe.loss, key))
+            some_unused = bool({"albedo", "transport", "light"}.difference(*taught))
+            forward = DistributedDataParallel(network, find_unused_parameters=some_unused)
         if settings.compile:
             forward = torch.compile(forward)
         autocast = torch.autocast(device.type, torch.bfloat16) if settings.precision == "bf16" else nullcontext()

@@ -1,7 +1,7 @@
 """Tables and sections of the experiments that are no table of trainings."""
 
 import csv
-from types import SimpleNamespace
+import json
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from PIL import Image
 
 from relight.evaluation.experiments.transfer import BASELINES, VARIANTS
 from relight.evaluation.report import own, page
+from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import Verdict
 from relight.evaluation.scoring.scores import Scores, write_scores
 
@@ -19,7 +20,9 @@ def results(tmp_path):
     experiments = {"light_transfer": {"trainings": runs, "title": "", "question": "How?", "about": "So."}}
     (tmp_path / "light_transfer").mkdir()
     Image.new("RGB", (9, 9)).save(tmp_path / "light_transfer" / "plate.png")
-    return SimpleNamespace(folder=tmp_path, report=tmp_path, experiments=experiments, title=str)
+    (tmp_path / "report").mkdir()
+    (tmp_path / "figures.json").write_text('{"figures": {}}')
+    return Results(tmp_path, experiments, tmp_path)
 
 
 def test_light_transfer_section(results):
@@ -43,7 +46,11 @@ def test_light_transfer_section(results):
     assert verdicts[1] not in (Verdict.BETTER, Verdict.WORSE)
     assert list(made["comparisons"].frame.index) == [f"Ours (full) {what}" for what in own.SWAPS]
     assert page.section("sections/experiment.md", **made).count("<table") == 2
-    with open(results.folder / "light_transfer.csv", newline="") as file:
+    with open(results.report / "light_transfer.csv", newline="") as file:
         table = list(csv.DictReader(file))
     assert len(table) == len(VARIANTS) + len(BASELINES)
     assert float(table[1]["relit, RMSE"]) == pytest.approx(0.09 + hard.mean(), abs=1e-3)
+    two = {f"{person}{i}": {"subject": person} for person in "ab" for i in range(8)}
+    (results.folder / "figures.json").write_text(json.dumps({"figures": two}))
+    made = own.light_transfer(Results(results.folder, results.experiments, results.data), "light_transfer")
+    assert set(made["comparisons"].frame["the first is"]) == {Verdict.OPEN} and "1 pair of people" in made["note"]

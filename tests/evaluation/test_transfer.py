@@ -94,9 +94,18 @@ def test_evaluate_transfer_and_transfer_plate(world, small_network, tmp_path):
     assert (tmp_path / "plate.png").read_bytes() == first
 
 
+@pytest.mark.parametrize(
+    ("people", "pairs"),
+    [("abcde", "ab cd"), ("aabb", "ab ab"), ("ababcc", "ab ab"), ("aaabcccd", "ab cd"), ("aaaaa", "aa aa")],
+)
+def test_pairs_are_of_two_people_where_there_are_two(people, pairs):
+    found = pair_up(np.arange(len(people)), list(people))
+    assert [people[a] + people[b] for a, b in found] == pairs.split() and len({*sum(found, ())}) == 2 * len(found)
+
+
 def test_score_swaps_without_a_pair(world, data):
     with pytest.raises(UserError, match="two test figures"):
-        pair_up(np.array([3]))
+        pair_up(np.array([3]), list("abcd"))
     data = RelitSet(world.packed, world.lights, 2, "paper")
     data.light_split = np.array(["train"] * 5 + ["test"])
     with pytest.raises(UserError, match="two test lights"):

@@ -293,9 +293,11 @@ def test_a_batch_of_one_is_relit_under_another_light(run, world):
 
 
 @pytest.mark.slow
-def test_two_processes_train_the_network_that_one_does(run, tmp_path):
+@pytest.mark.parametrize("without", ["", "albedo light tv_albedo shading reconstruction reconstruction_full"])
+def test_two_processes_train_the_network_that_one_does(run, tmp_path, without):
     """torchrun with gloo. Without dropout and with instance statistics the averaged gradient is that of the batch."""
-    changes = {"norm": "instance", "dropout": 0.0}, {"reduction": "mask"}, {"framing": 1.0}
+    loss = {"reduction": "mask", **dict.fromkeys(without.split(), 0.0)}
+    changes = {"norm": "instance", "dropout": 0.0}, loss, {"framing": 1.0}
     alone, pair = (run(name, *changes, steps=4, color="photo", optimizer="muon") for name in ("alone", "pair"))
     alone()
     script = tmp_path / "pair.py"

@@ -86,7 +86,7 @@ def score_swaps(predictor: Predictor, data: RelitSet, split: Path) -> dict[str, 
         Name of VARIANTS or BASELINES -> scores (F,L) of the F pairs, a+b, and the L swaps, by the index of a's light.
     """
     figures, test_lights = select_pairs(data, split)
-    pairs = pair_up(figures)
+    pairs = pair_up(figures, data.subject_of)
     if len(test_lights) < 2:
         raise UserError("light transfer needs two test lights at least, and the set has one: raise lights.test")
     mean = mean_light(data)
@@ -104,11 +104,19 @@ def score_swaps(predictor: Predictor, data: RelitSet, split: Path) -> dict[str, 
     return {variant: Scores.stack(names, test_lights, errors) for variant, errors in by_variant.items()}
 
 
-def pair_up(figures: np.ndarray) -> list[tuple[int, int]]:
-    """Pairs neighbouring figures (F,), without the last of an odd number. Raises UserError if there is no pair."""
+def pair_up(figures: np.ndarray, subject_of: list[str]) -> list[tuple[int, int]]:
+    """Pairs the figures (F,) of neighbouring people, each of whom is in pairs with one other person alone.
+
+    `subject_of` has the person of every map. Of an odd number the last is left out; one person is paired with itself.
+    Raises UserError if there is no pair.
+    """
     if len(figures) < 2:
         raise UserError("light transfer needs two test figures at least: raise split.test or figures.count")
-    return [(int(a), int(b)) for a, b in zip(figures[::2], figures[1::2])]
+    people: dict[str, list[int]] = {}
+    for figure in figures.tolist():
+        people.setdefault(subject_of[figure], []).append(figure)
+    groups = list(people.values()) if len(people) > 1 else [figures[::2].tolist(), figures[1::2].tolist()]
+    return [pair for a, b in zip(groups[::2], groups[1::2]) for pair in zip(a, b)]
 
 
 def mean_light(data: RelitSet) -> np.ndarray:
@@ -154,7 +162,7 @@ def transfer_plate(networks: dict[str, Path], packed: Path, lights: Path, split:
     for checkpoint in networks.values():
         network, data = load(checkpoint, packed, lights)
         figures, test_lights = select_pairs(data, split)
-        pairs = pair_up(figures)
+        pairs = pair_up(figures, data.subject_of)
         pairs = [pairs[i] for i in evenly_spaced(len(pairs), PLATE_FIGURES)]
         swaps = [test_lights[[i % len(test_lights), (i + 1) % len(test_lights)]] for i in range(len(pairs))]
         if not lines:  # two for each pair: the first figure is seen under the first light, the second under the second

@@ -7,7 +7,6 @@ from relight.evaluation.report.results import Results
 from relight.evaluation.report.sections import Numbers
 from relight.evaluation.scoring.comparisons import compare_estimates, correct
 from relight.evaluation.scoring.labels import label
-from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.tables import estimates
 
 # What light transfer compares for each network: two predictors, whose names follow that of the network.
@@ -24,7 +23,7 @@ def light_transfer(results: Results, name: str) -> Numbers:
     Returns:
         The context of templates/sections/experiment.md.
     """
-    rows = gather([results.folder / name / "scores.csv"])
+    rows = results.gather([f"{name}/scores.csv"])
     networks = {row: trainings for row, trainings in rows.items() if ":" not in row and row not in transfer.BASELINES}
     heads = {"reconstruction_rmse": "relit, RMSE", "reconstruction_ssim": "relit, SSIM", "light_rmse": "light, RMSE"}
     by_column = {column: estimates(rows, column, networks, transfer.BASELINES) for column in heads}

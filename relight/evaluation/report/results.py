@@ -79,12 +79,12 @@ class Results:
     def scores(self, name: str, usual: bool = False) -> Rows:
         """Returns the scores of each row, one per training; empty if the data set has no such figures or lights."""
         files = self._files(name, usual)
-        rows = self._gather(path for row, paths in files.items() if row for path in paths)
+        rows = self.gather(path for row, paths in files.items() if row for path in paths)
         return {row: rows[row] for row in files if row in rows}
 
     def baselines(self, name: str, usual: bool = False) -> Rows:
         """Returns the scores of an experiment's baselines."""
-        return self._gather(self._files(name, usual)[""])
+        return self.gather(self._files(name, usual)[""])
 
     def table(self, name: str, usual: bool = False) -> Table:
         """Returns the table of an experiment; the spread of trainings is pooled over all tables on the same pairs."""
@@ -113,7 +113,7 @@ class Results:
         """run.yaml: `overrides` as given, the `settings` that all rows share, and those of `rows`."""
         return yaml.safe_load((self.folder / "run.yaml").read_text(encoding="utf-8"))
 
-    def _gather(self, paths: Iterable[str]) -> Rows:
+    def gather(self, paths: Iterable[str]) -> Rows:
         """Reads the scores in files of the results, by person, each set of files once."""
         files = tuple(paths)
         if files not in self._scores:
