@@ -169,18 +169,22 @@ def agree(mine: np.ndarray, truth: np.ndarray, mean: float = 0.02, like: float =
 
 
 @in_blender
-def test_import_maps_shows_what_cycles_renders(addon, scene, tmp_path):
+@pytest.mark.parametrize("bounces", [0, 2])
+def test_import_maps_shows_what_cycles_renders(addon, scene, tmp_path, bounces):
     """Of the same head, baked by relight in its own frame: x to the right, y up, z toward the camera."""
     import bpy
 
     item = head()
     item.data.materials.append(white())
+    scene.cycles.max_bounces = bounces
     truth = rendered(scene, tmp_path / "truth.exr", 128)
+    scene.cycles.max_bounces = 0
     item.data.calc_loop_triangles()
     lines = [f"v {v.co.x} {v.co.z} {-v.co.y}" for v in item.data.vertices]
     lines += ["f " + " ".join(str(i + 1) for i in face.vertices) for face in item.data.loop_triangles]
     (tmp_path / "head.obj").write_text("\n".join(lines))
     words = ["bake", tmp_path / "head.obj", "--as-is", "--size", SIZE, "--rays", "256", "--out", tmp_path / "head.exr"]
+    words += ["--bounces", bounces] if bounces else []
     subprocess.run([shutil.which("relight"), *map(str, words)], check=True, capture_output=True)
     item.hide_render = True
     assert bpy.ops.relight.import_maps(filepath=str(tmp_path / "head.exr")) == {"FINISHED"}
