@@ -52,6 +52,7 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
         apply, record["weights"] = _inferred_by(network), network.digest
     else:
         apply = BASELINES[method]()
+        record |= {"weights": read_network().digest} if method == "mean_light" else {}
     problem = f"{out} holds answers of another method, network or set: give another folder"
     if not (out / RECORD).is_file() and any(out.glob("*.npz")):
         raise UserError(problem)

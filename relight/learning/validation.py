@@ -99,7 +99,7 @@ class Validation:
         for pair in range(min(self.pairs, MAX_DRAWN)):
             lines = []
             for (*panels, last), lights in rows:
-                cell = ball_cell(lights[pair], last.shape[1:3])
+                cell = ball_cell(lights[pair], last.shape[1:3], float(white[pair]), self.color == "photo")
                 lines.append([*(panel[pair] for panel in panels), cell, last[pair]])
             blocks.append(concatenated([concatenated(line, 1) for line in lines], 0))
         if len(blocks) > 1 and len(blocks) % 2:
@@ -123,12 +123,12 @@ class Validation:
         return pictures
 
 
-def ball_cell(light: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Returns a cell of a shape (h,w) with a ball under a light (K,3) in its middle, (h,w,3) float32."""
+def ball_cell(light: np.ndarray, shape: tuple[int, int], white: float, linear: bool) -> np.ndarray:
+    """Returns a cell (h,w,3) of a shape (h,w) with a ball under a light (K,3) in its middle, as `lit_ball` draws it."""
     from relight.lights import lit_ball
 
     height, width = shape
-    ball = lit_ball(light, min(height, width))
+    ball = lit_ball(light, min(height, width), white, linear)
     cell = np.full((height, width, 3), BACKGROUND, np.float32)
     top, left = (height - len(ball)) // 2, (width - len(ball)) // 2
     middle = cell[top : top + len(ball), left : left + len(ball)]

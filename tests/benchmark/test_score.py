@@ -18,6 +18,7 @@ from relight.benchmark.score import COLUMNS, read_scores, score
 from relight.benchmark.tables import MethodComparison
 from relight.cli import app
 from relight.core.errors import UserError
+from relight.photos.network import read_network
 from relight.photos.person import OPAQUE
 
 
@@ -225,6 +226,7 @@ def test_comparison_tables_and_command(drawn, truth, tmp_path):
     assert "Fewer than 6 figures decide nothing" in made["benchmark_pictures"].note
     assert "means over 0 pictures of 0 figures. The last" in made["benchmark_invariance"].note
     answer(drawn, tmp_path / "mean", "mean_light")
+    assert read_network().digest in (tmp_path / "mean" / "answers.json").read_text()
     other = read_scores(score(drawn, tmp_path / "mean").parent)
     difference = MethodComparison([rows[1], other]).tables()["benchmark_differences"].grid.frame["ratio: RMSE"]["mean"]
     gaps = other["ratio"].to_numpy() - values

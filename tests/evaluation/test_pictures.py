@@ -137,8 +137,10 @@ def test_shadings_are_under_the_true_light_with_their_errors_below(world, small_
         assert share_shown(error, heat(np.linalg.norm(shading - true, axis=-1), 0.5)) > 0.9
 
 
-def test_relit_by_several_lights(world, small_network, tmp_path):
+@pytest.mark.parametrize("unlearned", [frozenset(), frozenset({"light"})])
+def test_relit_by_several_lights(world, small_network, tmp_path, monkeypatch, unlearned):
     """The truth has the colors of each test light; a network, which sees the first alone, has others."""
+    monkeypatch.setattr("relight.evaluation.scoring.evaluate.unlearned", lambda loss: unlearned)
     networks = {"ours": tmp_path / "ours.safetensors"}
     small_network(networks["ours"], "ours", "photo")
     relit(Shown(networks, world.packed, world.lights, world.split, world.condition), tmp_path / "relit.png")

@@ -97,6 +97,10 @@ def test_check_compares(exported):
     assert 0 < check(network, path)
     with pytest.raises(RuntimeError, match="differs"):
         check(changed, path)
+    with torch.no_grad():
+        next(changed.parameters()).fill_(torch.nan)
+    with pytest.raises(RuntimeError, match="differs from torch by nan"):
+        check(changed, path)
 
 
 def test_export_refuses_other_suffixes(model, tmp_path):

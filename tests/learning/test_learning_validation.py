@@ -11,7 +11,8 @@ from torch import nn
 from relight.learning.data import RelitSet
 from relight.learning.losses import losses
 from relight.learning.networks import build
-from relight.learning.validation import GAP, Validation
+from relight.learning.validation import GAP, Validation, ball_cell
+from relight.sh import UNOCCLUDED_T00
 
 
 class Oracle(nn.Module):
@@ -83,3 +84,10 @@ def test_any_number_of_pairs_makes_a_picture(tmp_path, world, loss, count):
     _, picture = validation(Oracle(validation.batch), drawn=True)
     assert validation.pairs == count and picture.ndim == 3 and picture.shape[2] == 3
     assert picture.shape[0] <= 2 * (2 * 64 + GAP) + 4 * GAP, "no more than four are drawn"
+
+
+@pytest.mark.parametrize(("linear", "code"), [(False, 0.25), (True, 0.5371)])
+def test_the_ball_has_the_scale_of_the_panels(linear, code):
+    light = np.zeros((9, 3))
+    light[0] = 0.5 / UNOCCLUDED_T00  # an irradiance of 0.5
+    np.testing.assert_allclose(ball_cell(light, (20, 30), 2.0, linear)[10, 15], code, atol=1e-3)

@@ -138,9 +138,10 @@ def record(uri: str, losses: dict[str, float]) -> None:
             run.log({"loss": 0.5, "validation/loss": loss + 1}, 4)
             run.finish(network, curve)
             assert not run._warnings
-        means = {"shading_rmse": 0.5 - loss, "shading_ssim": 0.75}
         for condition in ("test", "sitting-test", "test"):
-            log_scores(tracking(uri), network, condition, means, curve)
+            for days, shading in enumerate((0.6, 0.5 - loss)):  # is scored again by better code
+                os.utime(curve, (1e9 + days, 1e9 + days))
+                log_scores(tracking(uri), network, condition, {"shading_rmse": shading, "shading_ssim": 0.75}, curve)
     for _ in range(2):
         log_report(tracking(uri), [Path(f"{name}.safetensors") for name in losses], [curve])
 
@@ -157,7 +158,8 @@ def check_record(address: str) -> None:
         assert run.info.status == "FINISHED" and run.data.params == {"train.color": "paper"}
         scores = {name for name in run.data.metrics if name.startswith("test")}
         assert scores == {"test_shading_rmse"}
-        assert len(client.get_metric_history(run.info.run_id, "test_shading_rmse")) == 1
+        assert run.data.metrics["test_shading_rmse"] == 0.5 - LOSSES[run.info.run_name]
+        assert len(client.get_metric_history(run.info.run_id, "test_shading_rmse")) == 2
         points = client.get_metric_history(run.info.run_id, "loss/train")
         assert [(point.step, point.value) for point in points] == [(4, 0.5), (8, 0.25)]
         folders = {f"scores/{name}" for name in ("test", "sitting-test")}

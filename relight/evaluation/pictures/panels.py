@@ -258,7 +258,7 @@ def relit(shown: Shown, out: Path) -> None:
         if not lines:
             pictures = [subject.picture(light) for light in range(len(subject.truth.lights))]
             lines.append(Line(f"truth {subject.name}", subject, pictures, first=True))
-        albedo, transport, (light,) = subject.truth.complete(inferred)
+        albedo, transport, (light, *_) = subject.truth.complete(inferred)  # or the true ones
         shadings = [shade(transport[0], each_light) for each_light in (light, *subject.truth.lights[1:])]
         lines.append(Line(label(row), subject, [Cell(albedo[0] * shading) for shading in shadings]))
     heads = ["picture", *(f"relit {light}" for light in range(1, LIGHTS))]

@@ -32,7 +32,7 @@ OUTCOMES = {  # of an ordering of the paper in this run
 }
 PLATES = {  # pictures of an experiment, by the ends of their files
     "plates": "Test figures: the truth, and the inference of each network.",
-    "relit": "One of them relit by test lights: the truth, and each network's result from the first picture alone.",
+    "relit": "A test figure relit by test lights: the truth, and each network's result from the first picture alone.",
 }
 Numbers = dict[str, Any]
 Comparisons = dict[str, dict[str, Comparison]]  # what is compared -> column -> comparison

@@ -231,8 +231,8 @@ def log_scores(tracking: dict, network: Path, condition: str, means: Mapping[str
         import mlflow
 
         training.open()
-        if condition == "test":  # MLflow draws a chart of each metric, and keeps one of two points that are the same
+        if condition == "test":  # MLflow keeps one of two points that are the same, and shows the latest
             rmse = {f"test_{name}": mean for name, mean in means.items() if name.endswith("_rmse")}
-            began = mlflow.get_run(training.id).info.start_time
-            mlflow.log_metrics(rmse, step=0, run_id=training.id, timestamp=began)
+            written = scores.stat().st_mtime_ns // 10**6
+            mlflow.log_metrics(rmse, step=0, run_id=training.id, timestamp=written)
         mlflow.log_artifact(str(scores), f"scores/{condition}", run_id=training.id)
