@@ -112,6 +112,8 @@ def test_catalogue_names_are_unique_and_every_target_exists():
     targets += [name for expression in expressions() for name in units(expression)]
     for name in targets:
         assert len(makehuman.target(name)[0]), name
+    with pytest.raises(UserError, match=r"a shape of MakeHuman: there is no file .*typo"):
+        makehuman.blended({"nose/typo": 1.0})
 
 
 def test_catalogue_shares_are_probabilities():

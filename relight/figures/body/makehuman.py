@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from relight.core.errors import UserError
+from relight.core.files import existing_file
 
 BODY = slice(0, 13380)
 EYES = {"L": slice(14598, 14670), "R": slice(14670, 14742)}
@@ -135,12 +136,17 @@ def target(name: str) -> tuple[np.ndarray, np.ndarray]:
 
     Returns:
         The vertices (n,) of the base mesh that it moves, and their offsets (n,3), metres.
+
+    Raises:
+        UserError: if there is no such file.
     """
-    if name.startswith("faceunits/"):
-        text = (folder() / "faceunits01/targets" / f"{name}.target").read_text()
-        text = "\n".join(line for line in text.splitlines() if not line.startswith("#"))
-    else:
-        text = gzip.decompress((folder() / "mpfb2/targets" / f"{name}.target.gz").read_bytes()).decode()
+    is_unit = name.startswith("faceunits/")
+    path = (
+        folder() / ("faceunits01/targets" if is_unit else "mpfb2/targets") / f"{name}.target{'' if is_unit else '.gz'}"
+    )
+    data = existing_file(path, "a shape of MakeHuman").read_bytes()
+    text = (data if is_unit else gzip.decompress(data)).decode()
+    text = "\n".join(line for line in text.splitlines() if not line.startswith("#"))
     table = np.fromstring(text, sep=" ").reshape(-1, 4)
     return table[:, 0].astype(int), table[:, 1:] * DECIMETRE
 
@@ -149,13 +155,11 @@ def blended(weights: dict[str, float]) -> np.ndarray:
     """Returns the vertices (19158,3) of the base mesh plus weighted targets, metres.
 
     Args:
-        weights: of the targets by name. Names that MakeHuman lacks are skipped: it has no targets for average
-            proportions, heights and breast sizes.
+        weights: of the targets by name. MakeHuman has none for average breasts, and they are skipped.
     """
     vertices = base().vertices.copy()
     for name, weight in weights.items():
-        path = folder() / "mpfb2/targets" / f"{name}.target.gz"  # faceunits, none of which is lacking, lie elsewhere
-        if weight and (name.startswith("faceunits/") or path.is_file()):
+        if weight and not name.endswith("averagecup-averagefirmness"):
             at, offsets = target(name)
             vertices[at] += weight * offsets
     return vertices

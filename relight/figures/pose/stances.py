@@ -60,7 +60,7 @@ class Pose:
         feet: goals of the left and the right foot.
         spine: rotation of the trunk, distributed over its bones.
         hips: rotation of the pelvis.
-        head: rotation of the head in the world.
+        head: rotation of the head, to which the trunk's yaw and half of its pitch are added.
         shift: displacement of the pelvis, in leg lengths.
         sitting: whether the figure sits.
         turn: degrees by which the whole figure is turned about the vertical, toward its left.
