@@ -42,9 +42,13 @@ def test_what_cannot_be_written_is_one_sentence(tmp_path):
 
 def test_nothing_is_written_below_a_file(tmp_path):
     (tmp_path / "file").write_text("")
-    for name, says in (("a.json", "file is a file"), ("sub/a.json", "not a directory")):
+    for name, says in (
+        ("file/a.json", "file is a file"),
+        ("file/sub/a.json", "not a directory"),
+        (300 * "a", "too long"),
+    ):
         with pytest.raises(UserError, match=f"{name} cannot be written: .*{says}"):
-            write_text(tmp_path / "file" / name, "")
+            write_text(tmp_path / name, "")
 
 
 def test_the_folder_of_a_file_is_not_made(tmp_path):

@@ -17,7 +17,7 @@ from relight.core.files import atomic_write
 from relight.core.srgb import encode, to_bytes
 from relight.lights.chain import GENERATORS
 from relight.lights.place import IRRADIANCE, SIDE, STATISTICS, features, lamp_parts, thumbnail, tint
-from relight.panoramas import Panorama, luminance, polyhaven, project
+from relight.panoramas import Panorama, luminance, polyhaven, project, read_panorama
 from relight.panoramas.lookup import lookup
 from relight.sh import rotate_y, rotation_about_y
 
@@ -129,7 +129,8 @@ def fit_lamp(groups: Sequence[Group]) -> np.ndarray:
 
 def main() -> None:
     """Writes what `relight.lights.place` reads."""
-    real = [take_views([polyhaven.read(name)], VIEWS, seed=100 + number) for number, name in enumerate(polyhaven.NAMES)]
+    panoramas = [read_panorama(polyhaven.panorama_file(name), repair=True) for name in polyhaven.NAMES]
+    real = [take_views([panorama], VIEWS, seed=100 + number) for number, panorama in enumerate(panoramas)]
     groups = [real, [take_views(generated(ROOM_SEED, ROOMS), 4 * ROOMS, seed=1)]]
     every = [views for group in groups for views in group]
     limits = np.percentile(np.concatenate([views.features for views in every]), (1, 99), axis=0)

@@ -7,9 +7,9 @@ import numpy as np
 from relight.learning.augment import RED_PER_BLUE
 from relight.lights.light import Light
 from relight.lights.load import GENERATORS
-from relight.panoramas import Panorama, polyhaven, project
+from relight.panoramas import Panorama, project, read_panorama
 from relight.panoramas.lookup import lookup
-from relight.panoramas.polyhaven import NAMES
+from relight.panoramas.polyhaven import NAMES, panorama_file
 from relight.panoramas.radiosity import HEIGHT, WIDTH, view_directions
 from relight.transport.tracer import sky_directions
 from relight.transport.view import View
@@ -60,7 +60,7 @@ def upright_pixels(light: Lamplight) -> np.ndarray:
     """
     if light.kind in GENERATORS:
         return GENERATORS[light.kind](light.seed)
-    pixels = polyhaven.read(NAMES[light.seed]).pixels
+    pixels = read_panorama(panorama_file(NAMES[light.seed]), repair=True).pixels
     rows, columns = (side // count for side, count in zip(pixels.shape, (HEIGHT, WIDTH)))
     return pixels.reshape(HEIGHT, rows, WIDTH, columns, 3).mean((1, 3))
 

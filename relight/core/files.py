@@ -16,9 +16,8 @@ from typing import Any
 
 from relight.core.errors import UserError
 
-FILE_SYSTEM_ERRORS = frozenset(
-    {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EIO}
-)
+NAMES = "ENOSPC EDQUOT EFBIG EROFS EACCES EPERM ENOTDIR EIO ENAMETOOLONG"
+FILE_SYSTEM_ERRORS = frozenset(getattr(errno, name) for name in NAMES.split())
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".avif", ".heic", ".heif")
 
 
@@ -164,20 +163,11 @@ def write_json(path: Path | str, record: Any, default: Callable[[Any], Any] | No
 
 @contextmanager
 def atomic_folder(path: Path | str) -> Iterator[Path]:
-    """Writes a folder atomically: yields an empty folder beside `path` that replaces it if the block succeeds."""
+    """Writes a folder atomically: yields an empty folder beside `path` that replaces it if the block succeeds.
+
+    The folders of killed writers of the same path are removed.
+    """
     path = Path(path).resolve()  # a link stays
-    with temporary_folder(path) as temporary:
-        yield temporary
-        temporary.chmod(0o755)  # mkdtemp creates private folders
-        if path.exists():
-            shutil.rmtree(path)
-        os.replace(temporary, path)
-
-
-@contextmanager
-def temporary_folder(path: Path | str) -> Iterator[Path]:
-    """Yields an empty folder beside `path`, and removes it at the end, as well as those of killed writers of `path`."""
-    path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_stale(path.parent, f".{path.name}.")
     temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
@@ -185,6 +175,10 @@ def temporary_folder(path: Path | str) -> Iterator[Path]:
     try:
         _try_lock(handle)
         yield temporary
+        temporary.chmod(0o755)  # mkdtemp creates private folders
+        if path.exists():
+            shutil.rmtree(path)
+        os.replace(temporary, path)
     finally:
         os.close(handle)
         shutil.rmtree(temporary, ignore_errors=True)

@@ -123,7 +123,7 @@ def _parse_table(text: str) -> Table:
     else:
         head_without_quoted = re.sub(r'"[^"]*"', "", text.lstrip().split("\n", 1)[0])
         separator = max(",;\t", key=head_without_quoted.count)
-    reader = csv.DictReader(io.StringIO(text.rstrip("\x1a"), newline=None), delimiter=separator)
+    reader = csv.DictReader(io.StringIO(text.strip("\r\n\x1a"), newline=None), delimiter=separator)
     name_by_head = {head: head.strip().lower() for head in reader.fieldnames or []}
     rows = [{name: (row[head] or "").strip() for head, name in name_by_head.items()} for row in reader]
     return list(name_by_head.values()), [row for row in rows if any(row.values())]

@@ -1,5 +1,6 @@
 """`relight light`: prints, writes and draws the coefficients and statistics of a light."""
 
+import re
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -62,15 +63,14 @@ def numbers(
     from rich.console import Console
     from rich.table import Table
 
-    from relight.lights.light import write_light
+    from relight.lights.light import parts_of, write_light
     from relight.lights.load import load_light
     from relight.lights.show import format_statistics, write_light_picture
     from relight.sh import bands, from_relight
 
-    name = light.partition("@")[0]
-    if Path(name).suffix.lower() in PHOTO_SUFFIXES and not name.startswith("place:"):
-        light = f"place:{light}"
+    light = " + ".join(map(_as_place, parts_of(light)))
     loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair)
+    coefficients = from_relight(loaded.coefficients, to)
     written = []  # before anything is printed, which may go to a pipe that closes
     for path in out or []:
         if path.suffix.lower() == ".png":
@@ -80,7 +80,7 @@ def numbers(
             written.append(write_light(loaded, path, to))
     channels = "BGR" if to == "kanamori2018" else "RGB"
     table = Table("l, m", *channels, title=f"{loaded.source}, convention {to}", title_justify="left")
-    for k, (l, row) in enumerate(zip(bands(loaded.order), from_relight(loaded.coefficients, to))):
+    for k, (l, row) in enumerate(zip(bands(loaded.order), coefficients)):
         name = str(k) if to == "kanamori2018" else f"{l}, {k - l * l - l}"
         table.add_row(name, *(f"{value: .6f}" for value in row))
     console = Console(highlight=False)
@@ -91,6 +91,12 @@ def numbers(
         typer.echo(note, err=True)
     for path in written:
         console.print(f"written: {path}", soft_wrap=True)
+
+
+def _as_place(light: str) -> str:
+    """Returns the name of a light, where it is that of a photo, such as street.jpg@-60,40, with `place:` before it."""
+    file = re.sub(r"@[-+.,\d]+$", "", light)
+    return f"place:{light}" if Path(file).suffix.lower() in PHOTO_SUFFIXES and not light.startswith("place:") else light
 
 
 @app.command()

@@ -79,7 +79,7 @@ class Light:
         return replace(self, coefficients=coefficients)
 
     def checked(self) -> "Light":
-        """Returns the light, with a note if no non-negative radiance has its coefficients (`moment_eigenvalue`).
+        """Returns the light, with one note if no non-negative radiance has its coefficients (`moment_eigenvalue`).
 
         Raises:
             UserError: if its mean radiance is not positive.
@@ -91,7 +91,7 @@ class Light:
             f"{self.source}: no real light has these coefficients (they need negative light somewhere); they may be in "
             "another convention, or sharpened"
         )
-        return replace(self, notes=[*self.notes, note])
+        return self if note in self.notes else replace(self, notes=[*self.notes, note])
 
 
 def parts_of(text: str) -> list[str]:
@@ -151,7 +151,7 @@ def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
             light.
     """
     coefficients = from_relight(light.coefficients, convention)
-    named = path.stem.rpartition(".")[2]
+    named = path.stem.rpartition(".")[2].lower()
     if path.suffix.lower() == ".npy" and named in CONVENTIONS and named != convention:
         raise UserError(f"{path}: its name says {named}, but the light would be written in {convention}")
     if path.suffix.lower() == ".json":
@@ -165,7 +165,7 @@ def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
         with atomic_write(path) as temporary:
             temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     elif path.suffix.lower() == ".npy":
-        if not path.stem.endswith(f".{convention}"):
+        if not path.stem.lower().endswith(f".{convention}"):
             path = path.with_name(f"{path.stem}.{convention}.npy")
         with atomic_write(path) as temporary, open(temporary, "wb") as file:
             np.save(file, coefficients)

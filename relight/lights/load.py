@@ -32,7 +32,7 @@ GENERATORS = {"room": generate_room, "sky": generate_sky, "lamps": generate_lamp
 GENERATED = re.compile(r"(room|sky|lamps):(\d{1,9})(?::([-+.0-9]+))?")
 KIND = re.compile(r"([a-z]{2,}):")  # Windows has drives of one letter
 HEXADECIMAL = re.compile(r"[0-9a-fA-F]{6}")  # the only color that needs no #
-IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})")
+IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})", re.I)
 EVEN = "even"
 ELEVATION = 30  # default degrees of a key light above the horizon
 FILL = 0.2  # default irradiance of the fill, relative to the key light's
@@ -216,7 +216,7 @@ def _read_coefficients(path: Path, convention: str | None) -> Light:
     if path.stat().st_size > MAX_BYTES:
         size = path.stat().st_size >> 20
         raise UserError(f"{path} has {size} MB; the coefficients of a light take at most {MAX_BYTES >> 20} MB")
-    suffix = path.stem.split(".")[-1]  # as in lights.kanamori2018.npy
+    suffix = path.stem.split(".")[-1].lower()  # as in lights.kanamori2018.npy
     named_convention = suffix if suffix in CONVENTIONS else None
     try:
         if path.suffix.lower() == ".npy":

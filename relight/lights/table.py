@@ -58,9 +58,10 @@ class LightSet:
 def table_paths(path: Path | str) -> tuple[Path, Path]:
     """Returns the .npz and the .csv of a light set, given its folder or either file."""
     path = Path(path)
-    if path.suffix not in (".npz", ".csv"):
+    if path.suffix.lower() not in (".npz", ".csv"):
         path = path / "lights.npz"
-    return path.with_suffix(".npz"), path.with_suffix(".csv")
+    archive = path if path.suffix.lower() == ".npz" else path.with_suffix(".npz")
+    return archive, path.with_suffix(".csv")
 
 
 def write_light_set(lights: LightSet, path: Path | str) -> None:

@@ -28,12 +28,12 @@ def lookup(panorama: Panorama, directions: np.ndarray) -> np.ndarray:
                 x, z = -x, -z
             longitude, polar = np.arctan2(x, -z) / (2 * np.pi) + 0.5, np.arctan2(np.hypot(x, z), y) / np.pi
             return _bilinear(pixels, polar, longitude, corners, wrap=True)
-        case "angular":
-            scale = np.arccos(np.clip(-z, -1, 1)) / np.pi / np.maximum(np.hypot(x, y), 1e-12)
-            return _bilinear(pixels, (1 - y * scale) / 2, (1 + x * scale) / 2, corners)
-        case "ball":
-            scale = 0.5 / np.sqrt(np.maximum((1 + z) / 2, 1e-12))
-            return _bilinear(pixels, (1 - y * scale) / 2, (1 + x * scale) / 2, corners)
+        case "angular" | "ball":
+            polar = np.arccos(np.clip(z, -1, 1))
+            radius = np.sin(polar / 2) if panorama.layout == "ball" else 1 - polar / np.pi
+            side = np.where((x == 0) & (y == 0), 1, x)  # the whole rim is one direction
+            scale = radius / np.hypot(side, y)
+            return _bilinear(pixels, (1 - y * scale) / 2, (1 + side * scale) / 2, corners)
     out = np.zeros((*x.shape, 3), np.float32)
     nearest = np.full(x.shape, -np.inf)
     faces = cut_faces(pixels, panorama.layout)

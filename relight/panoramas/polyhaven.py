@@ -8,8 +8,6 @@ from pathlib import Path
 from relight.core.download import Package, fetch
 from relight.core.errors import UserError
 from relight.core.files import atomic_folder, data_folder
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.read import read_panorama
 
 INTEGRITY = "zHmKNS+3Jvu9K3zJBQfYQKT9Pn9IQt8s0q/eJC3CXKpWpyg6IBa+ivN9NgDn+fDT2AVjUh2YRZ//GXUueuAdCg=="
 PACKAGE = Package("@pmndrs/assets", "1.7.0", INTEGRITY, "relight light setup")
@@ -64,17 +62,8 @@ def _decode(module: bytes) -> bytes:
     return base64.b64decode(data.rstrip(b"'\"; \n"), validate=True)
 
 
-def read(name: str) -> Panorama:
-    """Reads a panorama of NAMES. The suns of park and sunrise, which the package stores without red, are rebuilt.
-
-    Raises:
-        UserError: if the panoramas are not set up.
-    """
-    return read_panorama(panorama_file(name), repair=True)
-
-
 def panorama_file(name: str) -> Path:
-    """Returns the file of a panorama of NAMES.
+    """Returns the file of a panorama of NAMES; a repair rebuilds the suns of park and sunrise, stored without red.
 
     Raises:
         UserError: if the panoramas are not set up.

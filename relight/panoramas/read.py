@@ -106,7 +106,7 @@ def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str 
         layout = next((name for name in ("cross", "strip") if fits(name)), "")
         if not layout:
             raise UserError(f"{path}: {width} x {height} is no aspect of a panorama, such as 2:1, 4:3, 3:4, 6:1, 1:6")
-    if min(width, height) < 2 or not (layout == "latlong" or fits(layout)):
+    if (envmap and min(width, height) < 2) or not (layout == "latlong" or fits(layout)):  # with samples on corners
         aspects = " or ".join(f"{across}:{down}" for across, down in LAYOUTS[layout])
         raise UserError(f"{path}: {width} x {height} does not fit the layout {layout}, which is {aspects}")
     return layout

@@ -237,7 +237,7 @@ def known_light(
     Raises:
         UserError: if it is no light, or `auto`.
     """
-    light = named_light(network, given, mask_model, white_balance) if isinstance(given, str) else given
+    light = named_light(network, given, mask_model, white_balance) if isinstance(given, str) else Look(given).light
     if light is None and given is not None:
         raise UserError(f"lit by {given}: name the light, or leave it out, since it is inferred by default")
     return light

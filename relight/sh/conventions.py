@@ -43,9 +43,9 @@ def as_table(numbers: object, name: str = "light") -> np.ndarray:
         UserError: if the shape is none of these, or a number is not finite or beyond MAX_COEFFICIENT.
     """
     try:
-        array = np.asarray(numbers, np.float64).squeeze()
+        array = np.asarray(numbers).astype(np.float64, casting="same_kind").squeeze()  # not complex numbers
     except (TypeError, ValueError):
-        raise UserError(f"{name} is not a table of numbers") from None
+        raise UserError(f"{name} is not a table of real numbers") from None
     sizes = {coefficient_count(order) for order in range(MAX_ORDER + 1)}
     if array.ndim == 1 and array.size in sizes:
         array = np.repeat(array[:, None], 3, 1)

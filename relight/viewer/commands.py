@@ -1,5 +1,6 @@
 """`relight view`, a figure or a photo as one page to turn the light on, and `relight web`, a site that opens photos."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -39,9 +40,8 @@ def view(
     from relight.core.errors import UserError
     from relight.core.files import writable_file
     from relight.core.progress import progress
-    from relight.photos.api import load
     from relight.viewer.build import build_viewer
-    from relight.viewer.source import figure_of, named_lights
+    from relight.viewer.source import figure_of, load, named_lights
 
     photos = [path for path in paths if path.suffix.lower() != ".exr"]
     if mask is not None and len(photos) != 1:
@@ -78,10 +78,9 @@ def web_build(
 ) -> None:
     """Write the site to the folder DIR, for any static web server."""
     from relight.core.progress import progress
-    from relight.photos.api import load
     from relight.photos.network import WEIGHTS
     from relight.viewer.site import build_site
-    from relight.viewer.source import figure_of, named_lights, portrait
+    from relight.viewer.source import figure_of, load, named_lights, portrait
 
     network = weights or WEIGHTS
     relighter = load(network)
@@ -90,7 +89,8 @@ def web_build(
     build_site(out, network, relighter.network.size, figures, named_lights(light or ()), title)
     size = sum(path.stat().st_size for path in out.iterdir())
     typer.echo(f"{out}: {size / 1e6:.0f} MB")
-    typer.echo(f"to look at it: python -m http.server --bind 127.0.0.1 --directory {out}, then http://127.0.0.1:8000")
+    serve = f"python -m http.server --bind 127.0.0.1 --directory {shlex.quote(str(out))}"
+    typer.echo(f"to look at it: {serve}, then http://127.0.0.1:8000")
 
 
 @web_app.command("setup")

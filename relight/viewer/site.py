@@ -45,11 +45,15 @@ def build_site(
         title: title of the page.
 
     Raises:
-        UserError: if the folder holds anything else, onnxruntime-web is not set up, the figures do not fit the page, or
-            there is no figure or light.
+        UserError: if the folder is the current one or holds anything else, onnxruntime-web is not set up, the figures
+            do not fit the page, or there is no figure or light.
     """
     if out.exists() and not out.is_dir():
         raise UserError(f"web: {out} is a file: give a folder")
+    if out.resolve() == Path.cwd():
+        raise UserError(
+            f"web: {out} is the folder that you are in, and would be replaced: give a folder in it, or go up"
+        )
     if out.is_dir() and any(out.iterdir()) and not (out / "sw.js").is_file():
         raise UserError(f"web: the folder {out} holds other files: give a new or an empty one")
     with atomic_folder(out) as folder:

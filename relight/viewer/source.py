@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from relight.photos.scene import Scene
 
 BRIGHTNESS = 0.8  # the first light's irradiance toward the viewer, the middle of the paper's [.7, .9]
-MIN_FRONT = 0.2  # reference brightness over the sum of the constant coefficients, below which a light is from behind
 PORTRAIT = Path(__file__).parent / "web" / "astronaut.jpg"
 PORTRAIT_MASK = Path(__file__).parent / "web" / "astronaut_mask.png"
 LIGHTS = {
@@ -38,8 +37,8 @@ LIGHTS = {
 def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
     """Returns the lights that a page offers.
 
-    The first is scaled to the reference brightness BRIGHTNESS, unless it comes from behind, where that would dazzle;
-    the others are scaled to the mean radiance of the first.
+    The first is scaled to the reference brightness BRIGHTNESS or, where that would dazzle as it comes from behind, to
+    this mean irradiance; the others are scaled to the mean radiance of the first.
 
     Args:
         texts: lights as `relight.lights.load_light` reads them; LIGHTS if there are none.
@@ -55,11 +54,18 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
     texts_by_name = {stem if stems.count(stem) == 1 else text: text for stem, text in zip(stems, texts)} or LIGHTS
     lights = {name: load_light(text).coefficients for name, text in texts_by_name.items()}
     first = next(iter(lights.values()))
-    front, level = reference_brightness(first), first[0].sum()  # level: mean radiance, up to a factor
-    comes_from_behind = front <= MIN_FRONT * level
-    # From behind, the mean itself is BRIGHTNESS: scaled by its faint front, the light would dazzle.
-    common_level = BRIGHTNESS if comes_from_behind else BRIGHTNESS / front * level  # of all lights on the page
-    return {name: light * (common_level / light[0].sum()) for name, light in lights.items()}
+    level = max(reference_brightness(first) / first[0].mean(), UNOCCLUDED_T00)  # irradiance over mean radiance
+    return {name: light * (BRIGHTNESS / level / light[0].mean()) for name, light in lights.items()}
+
+
+def load(weights: Path | None) -> "Relighter":
+    """Loads a network; raises UserError for one of `train.color=paper`, whose shading acts on coded values."""
+    from relight.photos import api
+
+    relighter = api.load(weights)
+    if relighter.network.config.get("train", {}).get("color") == "paper":
+        raise UserError("the viewer needs a network trained with train.color=photo; this one was trained with paper")
+    return relighter
 
 
 def baked_figure(path: Path) -> Figure:
@@ -108,10 +114,7 @@ def photo_figure(scene: "Scene") -> Figure:
     A page has one light a photo: several people share the mean of theirs, weighted by area.
 
     Args:
-        scene: with a picture of 8 bits, whose name is the title of the figure.
-
-    Raises:
-        UserError: for a network of `train.color=paper`, whose shading acts on coded values.
+        scene: with a picture of 8 bits, whose name is the title of the figure, and a network of `train.color=photo`.
     """
     from relight.photos.color import on_white
     from relight.photos.render import total_coverage
@@ -119,8 +122,6 @@ def photo_figure(scene: "Scene") -> Figure:
 
     people, pixels = scene.people, scene.picture.codes
     coverage = total_coverage(people)
-    if any(person.gamma != 1 for person in people):
-        raise UserError("the viewer needs a network trained with train.color=photo; this one was trained with paper")
     shape = coverage.shape
     albedo, transport = np.zeros((*shape, 3), np.float32), np.zeros((*shape, (scene.order + 1) ** 2), np.float32)
     for person in people:

@@ -8,6 +8,7 @@ from samples import write_pfm
 from relight.core.errors import UserError
 from relight.lights import (
     build_light_set,
+    load_light,
     measure,
     read_light_set,
     reference_brightness,
@@ -15,7 +16,7 @@ from relight.lights import (
     write_light_set,
 )
 from relight.lights.chain import generated_light, project_panoramas
-from relight.lights.cluster import choose_validation_lights, farthest_first, irradiance_features, medoids
+from relight.lights.cluster import choose_validation_lights, irradiance_features, medoids
 from relight.lights.select import RULES as ALL_RULES
 from relight.lights.select import broken_rules
 from relight.lights.table import SPLITS
@@ -200,11 +201,6 @@ def test_the_weight_of_a_panorama_does_not_depend_on_its_number_of_copies():
     assert (sources[chosen] < 20).sum() >= 10
 
 
-def test_farthest_first_starts_at_an_extreme_and_visits_all():
-    points = np.array([[0.0], [1.0], [2.0], [10.0]])
-    assert farthest_first(points).tolist() == [3, 0, 2, 1]
-
-
 def test_statistics_of_known_lights():
     even = np.zeros((9, 3))
     even[0] = np.sqrt(4 * np.pi) / np.pi
@@ -231,6 +227,11 @@ def test_table_round_trip(rooms, tmp_path):
     assert len(lines) == 1 + len(lights) and "L2-1_G" in lines[0] and lights.source[0] in lines[1]
     with np.load(tmp_path / "set" / "lights.npz") as stored:  # what learning reads, without pandas or pickle
         assert stored["coefficients"].dtype == np.float32 and set(stored["split"]) <= set(SPLITS)
+    (tmp_path / "set" / "lights.npz").rename(tmp_path / "L.NPZ")
+    with pytest.raises(UserError, match=r"such as .*L\.NPZ:0$") as error:
+        load_light(tmp_path / "L.NPZ")
+    named = load_light(str(error.value).split()[-1])
+    np.testing.assert_array_equal(named.coefficients, lights.coefficients[0])
     (tmp_path / "bad.npz").write_bytes(b"PK nothing")
     with pytest.raises(UserError, match="not a light set"):
         read_light_set(tmp_path / "bad.npz")

@@ -711,6 +711,7 @@ TABLES = {
     "the end of a file of DOS": ("path\r\nZoë.obj\r\n\x1a".encode(), ["Zoë.obj"]),
     "a backslash and a capital": ("path\n.\\ZOË.OBJ\n".encode(), ["Zoë.obj"]),
     "cells beyond the last column": ("path\nZoë.obj,1,2\n".encode(), ["Zoë.obj"]),
+    "empty lines before the head": ("\r\n\r\npath\r\nZoë.obj\r\n".encode(), ["Zoë.obj"]),
     "sep= of a tab": (b"sep=\t\npath\tuse\na,b.obj\t1\n", ["a,b.obj"]),
     "n": ("use,path\nn,Zoë.obj\ny,人.obj\n".encode(), ["人.obj"]),
 }

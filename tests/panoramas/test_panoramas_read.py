@@ -101,6 +101,9 @@ def test_a_square_picture_needs_a_layout(tmp_path):
     path = write_pfm(tmp_path / "a.pfm", noise(20, 20))
     with pytest.raises(UserError, match="layout=angular, ball or latlong"):
         read_panorama(path)
+    for size in ((1, 2), (1, 64), (64, 1)):  # a lat-long may be squeezed, to one row or column, too
+        white = read_panorama(write_pfm(tmp_path / "b.pfm", np.ones((*size, 3))), layout="latlong")
+        np.testing.assert_allclose(project(white, 1)[:, 0], [np.sqrt(4 * np.pi), 0, 0, 0], atol=1e-12)
     for layout in ("angular", "ball", "latlong"):
         assert read_panorama(path, layout=layout).layout == layout
     for layout in ("cross", "strip", "cylinder"):

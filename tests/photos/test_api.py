@@ -176,7 +176,10 @@ def test_a_known_light_takes_the_place_of_the_inferred_one(relighter, photo_file
     with pytest.raises(UserError, match="lit by auto: name the light"):
         relighter.scene(me, lit_by="auto")
     impossible = Light(np.eye(9, 3) * [1, 5, 5], "impossible").checked()
-    assert impossible.notes[0] in relighter.scene(me, lit_by=impossible).notes
+    assert relighter.scene(me, lit_by=impossible).notes.count(impossible.notes[0]) == 1
+    for wrong, says in ((0, "x is black"), (np.nan, "not finite")):
+        with pytest.raises(UserError, match=says):
+            relighter.scene(me, lit_by=Light(np.full((9, 3), wrong), "x"))
     again = scene.relit(Look(Light(person.light, "its own"), match=False))
     assert np.abs(again.astype(int) - inferred.picture.pixels).max() <= 1
 

@@ -33,6 +33,14 @@ def test_lookup_is_the_inverse_of_projection(layout, orientation):
     assert np.abs(light - expected).max() < 0.02 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize("layout, pole", [("angular", 1.0), ("ball", -1.0)])
+def test_the_rim_of_a_round_panorama_is_one_direction(layout, pole):
+    rim = np.hypot(*(np.indices((65, 65)) - 32)) > 31
+    pixels = np.where(rim, np.float32(1), np.float32(0))[..., None].repeat(3, 2)
+    seen = lookup(Panorama(pixels, layout), np.array([[0, 0, pole], [1e-14, 0, pole], [0, -1e-9, pole], [0, 0, -pole]]))
+    np.testing.assert_allclose(seen[:, 0], [1, 1, 1, 0], atol=1e-6)
+
+
 def test_exr_panoramas_look_the_other_way():
     pixels = smooth((33, 65))
     panorama = Panorama(pixels, corners=True, front="+z")

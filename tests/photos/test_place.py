@@ -98,6 +98,9 @@ def test_a_folder_is_relit_again_when_the_place_changes(photo_files, street):
 
 def test_light_command_of_a_photo(run, street):
     assert "place:street.png, convention relight" in run("light", "street.png", "-o", "a.json")
+    Image.fromarray(street).save("a@7.png")
+    for name in ("a@7.png", "a@7.png@-60,40", "street.png + key:red@9"):
+        assert f"place:{name}, convention" in run("light", name)
     np.testing.assert_allclose(load_light("a.json").coefficients, place_light(street))
     run("light", "--order", 2, "street.png@-60,40", "-o", "b.json")
     stated = place_light(street, direction(-60, 40, ""))

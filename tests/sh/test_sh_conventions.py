@@ -129,7 +129,7 @@ def test_stored_shapes_become_one():
     for stored in (light, light.T, light.ravel(), light.ravel().tolist(), light[None]):
         np.testing.assert_array_equal(as_table(stored), light)
     np.testing.assert_array_equal(as_table(np.arange(9.0)), np.repeat(np.arange(9.0)[:, None], 3, 1))
-    for wrong in (np.zeros((8, 3)), np.zeros((9, 4)), np.zeros(10), "light", [[1, 2], [3]]):
+    for wrong in (np.zeros((8, 3)), np.zeros((9, 4)), np.zeros(10), "light", [[1, 2], [3]], light * 1j):
         with pytest.raises(UserError):
             as_table(wrong)
     with pytest.raises(UserError, match="finite"):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from relight.sh import basis, coefficient_count, irradiance, rotate_y, rotation_about_y, rotation_matrix
+from relight.sh import basis, coefficient_count, irradiance, rotation_about_y, rotation_matrix
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 6])
@@ -14,20 +14,6 @@ def test_rotated_light_is_the_light_looked_up_at_the_unrotated_direction(order):
     for rotation in Rotation.random(5, rng=order).as_matrix():
         turned = rotation_matrix(rotation, order) @ light
         np.testing.assert_allclose(basis(d, order) @ turned, basis(d @ rotation, order) @ light, atol=1e-12)
-
-
-def test_rotate_y_is_the_closed_form():
-    """method.md section 1, written out."""
-    l00, l1m1, l10, l11, l2m2, l2m1, l20, l21, l22 = np.random.default_rng(0).normal(size=9)
-    light = np.array([l00, l1m1, l10, l11, l2m2, l2m1, l20, l21, l22])[:, None]
-    for degrees in (10, 77, 180, -35):
-        a = np.radians(degrees)
-        c, s, r = np.cos(a), np.sin(a), np.sqrt(3)
-        p, q = -l20 / 2 - r / 2 * l22, -r / 2 * l20 + l22 / 2
-        q2, s2 = np.cos(2 * a) * q + np.sin(2 * a) * l21, -np.sin(2 * a) * q + np.cos(2 * a) * l21
-        first = [l00, l1m1, c * l10 - s * l11, c * l11 + s * l10]
-        second = [c * l2m2 + s * l2m1, -s * l2m2 + c * l2m1, -p / 2 - r / 2 * q2, s2, -r / 2 * p + q2 / 2]
-        np.testing.assert_allclose(rotate_y(light, a)[:, 0], first + second, atol=1e-14)
 
 
 def test_rotation_about_y_is_scipys():

@@ -13,7 +13,7 @@ from relight.maps import write_left_out, write_maps
 from relight.photos.api import load
 from relight.photos.render import total_coverage
 from relight.sh import irradiance
-from relight.viewer.commands import app
+from relight.viewer.commands import app, web_app
 from relight.viewer.source import LIGHTS, baked_figure, named_lights
 
 
@@ -52,8 +52,9 @@ def test_lights_are_brought_to_one_brightness(tmp_path):
         write_light(load_light("room:7"), tmp_path / folder / "hall.json")
     names = [str(tmp_path / folder / "hall.json") for folder in ("a", "b")]
     assert list(named_lights(names)) == names and list(named_lights(names[:1])) == ["hall"]
-    behind = named_lights(["key:#ffffff@180,0,0"])
-    assert irradiance(next(iter(behind.values())), np.array([0, 0, -1.0])).max() < 4
+    behind, even = named_lights(["key:#ffffff@180,0,0", "even"]).values()
+    assert irradiance(behind, np.array([0, 0, -1.0])).max() < 4
+    np.testing.assert_allclose(irradiance(even, np.array([0, 0, 1.0])), 0.8)
     with pytest.raises(UserError, match="black"):
         named_lights(["key:#000000@0,0"])
 
@@ -76,7 +77,8 @@ def test_wrong_input_is_told_in_a_sentence(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_photo_of_two_people_is_shown_as_the_photo_command_shows_it(page, tmp_path, monkeypatch, weights):
+def test_a_photo_of_two_people_is_shown_as_the_photo_command_shows_it(page, tmp_path, monkeypatch, weights, maps):
+    monkeypatch.chdir(tmp_path)
     relighter = load(weights, threads=1)
     config = relighter.network.config
     monkeypatch.setattr("relight.photos.api.load", lambda weights: relighter)
@@ -101,8 +103,10 @@ def test_a_photo_of_two_people_is_shown_as_the_photo_command_shows_it(page, tmp_
     assert np.abs(shown - expected)[cover == 255].max() <= 2
     np.testing.assert_array_equal(shown[cover == 0], pixels[cover == 0])
     monkeypatch.setitem(config["train"], "color", "paper")
-    with pytest.raises(UserError, match="color=photo"):
-        run(tmp_path / "me.png")
+    write_maps(tmp_path / "b.exr", maps)
+    for words in (["me.png"], ["build", "site", "b.exr"]):
+        with pytest.raises(UserError, match="color=photo"):
+            CliRunner().invoke(web_app if len(words) > 1 else app, words, catch_exceptions=False)
     monkeypatch.setitem(config["train"], "color", "photo")
     small = run(tmp_path / "me.png", "--size", 70, "-o", tmp_path / "small.html")
     assert small.exit_code == 0

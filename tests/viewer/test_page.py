@@ -504,6 +504,10 @@ def test_gallery_offers_its_figures_and_forgets_the_photo(page, tmp_path, maps, 
     assert page.run("relight.state.background") == "studio"
     expected = codes(small.albedo * relit_shading(small, lights["Window"]))
     assert farthest(page.pixels(**START), expected, small.mask) <= 2
+    for figure in (0, 1, 0):  # the light stays, though only a photo has the light that it was taken in
+        page.run("relight.set({ light: relight.lights().findIndex(({ name }) => name === 'Lamp') })")
+        page.run(f"relight.choose({figure})")
+        assert page.run("relight.lights()[relight.state.light].name") == "Lamp"
 
 
 @pytest.fixture(scope="module")

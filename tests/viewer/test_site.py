@@ -233,7 +233,7 @@ def test_what_is_no_picture_is_told(page, server):
     assert page.run("relight.figure().title") == "Balls"
 
 
-def test_other_folders_are_left_alone(tmp_path, maps, lights):
+def test_other_folders_are_left_alone(tmp_path, monkeypatch, maps, lights):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
     (tmp_path / "file").write_text("")
@@ -241,3 +241,8 @@ def test_other_folders_are_left_alone(tmp_path, maps, lights):
         with pytest.raises(UserError, match=message):
             build_site(tmp_path / name, Path("none.onnx"), SIDE, [Figure("Balls", maps)], lights)
     assert (tmp_path / "mine" / "letter.txt").read_text() == "dear"
+    (tmp_path / "new").mkdir()
+    monkeypatch.chdir(tmp_path / "new")  # a shell there would see an empty folder that is no more
+    for name in (".", "../new"):
+        with pytest.raises(UserError, match="is the folder that you are in"):
+            build_site(Path(name), Path("none.onnx"), SIDE, [Figure("Balls", maps)], lights)

@@ -116,7 +116,7 @@ async function choose(index) {
   element("loading").hidden = false;
   await new Promise(requestAnimationFrame);
   const chosen = await figures[index]();
-  const isFirst = !app.figure;
+  const isFirst = !app.figure, shift = isFirst ? 0 : Boolean(chosen.light) - Boolean(app.figure.light); // by "As taken"
   Object.assign(app, { figure: chosen, index });
   app.renderer.show(chosen);
   const ifPhoto = chosen.photo ? ["photo"] : [], ifNormals = chosen.hasNormals ? ["normal"] : [];
@@ -131,7 +131,7 @@ async function choose(index) {
   if (!views.includes(state.view)) set({ view: "relit" });
   if (!sides.includes(state.before)) set({ before: "none" });
   if (!chosen.photo && state.background === "photo") set({ background: "studio" });
-  set({ light: Math.min(state.light, app.shown.length - 1) });
+  set({ light: Math.max(state.light + shift, 0) });
   placement.fit(chosen);
   const sources = sourcesOf(index);
   element("figure").value = sources[0];
