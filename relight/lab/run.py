@@ -45,7 +45,7 @@ def run(
         Snakemake's exit code; INTERRUPTED after Ctrl-C.
 
     Raises:
-        UserError: if settings are invalid, or another workflow makes the same results.
+        UserError: if settings are invalid or without effect, or another workflow makes the same results.
     """
     given, overrides = overrides, with_remembered(overrides)
     if kept := overrides[: len(overrides) - len(given)]:
@@ -58,6 +58,10 @@ def run(
             print(f"{row}: {' '.join(words)}")
     plan = Plan(compose_run(fixed, rows))
     check(plan, ROOT)
+    for word in filter(fixed.__contains__, given):
+        key = word.partition("=")[0]
+        if plan.rows and all(any(own.startswith(f"{key}=") for own in words) for words in plan.rows.values()):
+            raise UserError(f"{word} has no effect, since each row has its own {key}: give experiment=one, or leave it")
     if targets == ["all"]:
         check_figures(plan)
     device, gpu = plan.shared["train"]["device"], []

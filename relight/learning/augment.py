@@ -18,7 +18,7 @@ from relight.learning.color import shade
 from relight.learning.data import Batch, compact_index
 from relight.learning.harmonics import unoccluded
 from relight.maps.square import extent
-from relight.settings import STRENGTHS, Augment
+from relight.settings import NO_AUGMENTATION, Augment
 
 FIGURE_SHARE = 0.9  # larger side of a figure's bounding box over the image's side (docs/conventions.md)
 CUT_SHARE = 0.5  # of the pictures with a new framing, which end between chest and knees
@@ -51,7 +51,7 @@ def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Ge
     Returns:
         A batch of the same pairs at `size`. Its `light`, `shading` and `relit` are those before exposure.
     """
-    if is_off(settings) and size == batch.size:
+    if settings == NO_AUGMENTATION and size == batch.size:
         return batch
     batch = _recolored(batch, settings, generators)
     batch = _white_balanced(batch, settings, generators)
@@ -94,11 +94,6 @@ def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Ge
         size=size,
         mask_pixels=float(index.inside.sum()),
     )
-
-
-def is_off(settings: Augment) -> bool:
-    """Returns whether the settings leave every image unchanged."""
-    return not any([*(getattr(settings, name) for name in STRENGTHS), *settings.exposure])
 
 
 def _recolored(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Batch:

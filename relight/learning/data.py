@@ -238,12 +238,7 @@ class RelitSet:
         indices = [i for i, figure in enumerate(self.figure_of) if figure in chosen and figure != self.names[i]]
         return np.array(indices, np.int64)
 
-    def batch(
-        self,
-        figure: np.ndarray,
-        light: np.ndarray,
-        mirror: np.ndarray | None = None,
-    ) -> Batch:
+    def batch(self, figure: np.ndarray, light: np.ndarray, mirror: np.ndarray | None = None) -> Batch:
         """Relights B pairs.
 
         Args:

@@ -28,7 +28,8 @@ def split_figures(
     - `subject` draws whole subjects until the test has the share `split.test`: no person is on both sides.
     - `paper` draws figures at random (section 5): figures of one person may be on both sides.
 
-    The validation gets whole subjects with `subject`, and single figures otherwise; none if only one is left.
+    The validation gets whole subjects with `subject`, unless each is far more than it should have, and single figures
+    otherwise; none if only one is left.
 
     Args:
         names: names of all figures.
@@ -55,9 +56,10 @@ def split_figures(
     test = draw(unit_of, split.test * len(unit_of), np.random.default_rng(split.seed))
     train = [name for name in unit_of if name not in test]
     wanted = min(MAX_VALIDATION, VALIDATION * len(train))
-    held_out = draw(
-        {name: unit_of[name] for name in train}, wanted, np.random.default_rng([split.seed, VALIDATION_DRAWS])
-    )
+    units = [unit_of[name] for name in train]
+    if all(is_too_large(unit, units, wanted) for unit in units):
+        units = train
+    held_out = draw(dict(zip(train, units)), wanted, np.random.default_rng([split.seed, VALIDATION_DRAWS]))
     train = [name for name in train if name not in held_out]
     return {"train": train, "validation": held_out, "test": test, "sitting": seated}
 
@@ -84,7 +86,7 @@ def write_split(settings: Split, packed: Path, record: Path, out: Path) -> None:
 
 
 def draw(unit_of: Mapping[str, str], wanted: float, rng: np.random.Generator) -> list[str]:
-    """Draws whole units until about `wanted` figures are drawn: at least one unit, and never all of them.
+    """Draws whole units until about `wanted` figures are drawn: at least one unit, never all, too large ones last.
 
     Args:
         unit_of: the unit of each figure, such as its subject.
@@ -94,6 +96,7 @@ def draw(unit_of: Mapping[str, str], wanted: float, rng: np.random.Generator) ->
     units = list(unit_of.values())
     order = sorted(set(units))
     rng.shuffle(order)
+    order.sort(key=lambda unit: is_too_large(unit, units, wanted))
     drawn: set[str] = set()
     count = 0
     for unit in order[:-1]:
@@ -103,6 +106,11 @@ def draw(unit_of: Mapping[str, str], wanted: float, rng: np.random.Generator) ->
         drawn.add(unit)
         count += size
     return [name for name, unit in unit_of.items() if unit in drawn]
+
+
+def is_too_large(unit: str, units: list[str], wanted: float) -> bool:
+    """Returns whether a unit of several figures, whose `units` these are, is more than twice what is wanted."""
+    return units.count(unit) > max(1, 2 * wanted)
 
 
 def is_seated(info: Mapping[str, Any]) -> bool:

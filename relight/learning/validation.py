@@ -3,7 +3,6 @@
 The training neither stops early nor selects a checkpoint by them. The best of several trainings is chosen by the loss.
 """
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -54,11 +53,8 @@ class Validation:
         if self.pairs:
             spread = np.linspace(0, 1, self.pairs)
             chosen = [part[np.round(spread * (len(part) - 1)).astype(int)] for part in (figures, lights)]
-            batch = data.batch(*chosen)
-            batch = replace(batch, mask_pixels=float(batch.inside.sum()))
-            self.batch = augment_batch(
-                batch, NO_AUGMENTATION, [np.random.default_rng(0) for _ in range(self.pairs)], size
-            )
+            generators = [np.random.default_rng(0) for _ in range(self.pairs)]
+            self.batch = augment_batch(data.batch(*chosen), NO_AUGMENTATION, generators, size)
 
     @torch.inference_mode()
     def __call__(self, network: nn.Module, drawn: bool = False) -> tuple[dict[str, float], np.ndarray | None]:

@@ -4,7 +4,6 @@ from relight.settings.checks import MAX_NAME_LENGTH, check, check_name
 from relight.settings.composition import CONF, IS_CLONE, ROOT, composed, flat, presets, read_preset, resolved
 from relight.settings.schema import (
     NO_AUGMENTATION,
-    STRENGTHS,
     Align,
     Augment,
     Bake,
@@ -22,7 +21,7 @@ from relight.settings.schema import (
 )
 
 __all__ = [
-    "CONF", "IS_CLONE", "MAX_NAME_LENGTH", "NO_AUGMENTATION", "ROOT", "STRENGTHS",
+    "CONF", "IS_CLONE", "MAX_NAME_LENGTH", "NO_AUGMENTATION", "ROOT",
     "Align", "Augment", "Bake", "Config", "Experiment", "Figures", "Lights", "Loss", "Model",
     "Panoramas", "Split", "Sweep", "Track", "Train",
     "check", "check_name", "composed", "flat", "presets", "read_preset", "resolved",

@@ -137,6 +137,17 @@ def test_a_name_remembers_its_run(calls, capsys):
     assert calls[-1][1]["overrides"] == told.split()
 
 
+@pytest.mark.parametrize("words", ["loss=full", "model=unet", "experiment=table2 model=ours_plus"])
+def test_a_setting_that_each_row_has_is_refused(calls, words):
+    """No row of the experiment would change: they are those of the run without it."""
+    *others, last = words.split()
+    assert compose_run([*others, last])["rows"] == compose_run(others)["rows"]
+    with pytest.raises(UserError, match=f"{last} has no effect, since each row has its own {last.partition('=')[0]}"):
+        module.run(words.split(), False, None, False, ["all"], [])
+    module.run(["experiment=one", "name=mine", last], False, None, False, ["all"], [])
+    module.run(["experiment=table2", "name=mine"], False, None, False, ["all"], [])  # of a word that it remembers
+
+
 def test_a_name_remembers_its_sweep(calls):
     module.run([*WORDS, "name=mine", "train.lr=1e-4,2e-4"], True, None, False, ["all"], [])
     for words in (["train.steps=7"], ["experiment=one"]):

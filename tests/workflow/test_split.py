@@ -53,6 +53,17 @@ def test_the_validation_has_few_figures_and_changes_no_test(monkeypatch):
     assert len(larger["validation"]) == 20 and larger["test"] == parts["test"]
 
 
+@pytest.mark.parametrize(("sizes", "test"), [((30, 30, 4), 4), ((15,) * 5, 15), ((30,) * 3, 30)])
+def test_few_people_of_many_figures_are_mostly_for_training(sizes, test):
+    """Neither test nor validation takes a person of half of the set where less was asked for."""
+    subjects = [f"s{i}" for i, size in enumerate(sizes) for _ in range(size)]
+    names = [f"f{i:02d}" for i in range(len(subjects))]
+    for seed in range(4):
+        parts = split_figures(names, subjects, split("subject", test=0.2, seed=seed))
+        wanted = round(0.1 * (len(names) - test))
+        assert (len(parts["test"]), len(parts["validation"])) == (test, wanted)
+
+
 def test_too_few_subjects():
     with pytest.raises(UserError, match="two subjects"):
         split_figures(NAMES[:3], SUBJECTS[:3], split("subject"))

@@ -4,6 +4,8 @@ Test figures a and b are seen under test lights l and m. From the picture of a u
 infers maps and lights. Then a is relit by the light inferred from b, and b by that from a. The results are compared
 with the true pictures of a under m and of b under l. To separate the causes of the error, inferred maps and lights are
 also combined with true ones and with the mean training light. The unchanged pictures are a baseline.
+
+The lights 2k and 2k + 1 are those of a swap. If a light were in two swaps, these would not be independent.
 """
 
 from dataclasses import dataclass, replace
@@ -45,19 +47,24 @@ class Partner:
     truth: Truth
     inferred: Inferred
 
-    def maps(self, step: int) -> tuple[np.ndarray, np.ndarray]:
-        """Returns albedo (N,P,3) and transport (N,P,K), of which row k was inferred under light k - step (cyclic)."""
+    def maps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Returns albedo (N,P,3) and transport (N,P,K), of which each row was inferred under the swap's other light."""
         *maps, light = self.truth.complete(self.inferred)
-        albedo, transport = (np.roll(np.broadcast_to(m, (len(light), *m.shape[1:])), step, 0) for m in maps)
+        albedo, transport = (other(np.broadcast_to(m, (len(light), *m.shape[1:]))) for m in maps)
         return albedo, transport
+
+
+def other(rows: np.ndarray) -> np.ndarray:
+    """Returns rows (N,...), one for each light, with those of a swap's two lights exchanged."""
+    return rows[np.arange(len(rows)) ^ 1]
 
 
 def evaluate_transfer(networks: dict[str, Path], packed: Path, lights: Path, split: Path, out: Path) -> None:
     """Scores networks on swaps of lights, with VARIANTS and BASELINES.
 
-    A row of the scores is a swap: "figure" is the pair a+b, and "light" the index of the light l of a. The scores of
-    the two relit pictures are averaged, since both come from the same two pictures. `reconstruction` is the relit
-    picture before it is clipped and quantised.
+    A row of the scores is a swap: "figure" is the pair a+b, and "light" the index of the first light. The scores of
+    four relit pictures are averaged: both figures, each under both lights. `reconstruction` is the relit picture before
+    it is clipped and quantised.
 
     Args:
         networks: `row.s<seed>` -> checkpoint.
@@ -83,25 +90,25 @@ def score_swaps(predictor: Predictor, data: RelitSet, split: Path) -> dict[str, 
     """Scores a predictor on swaps of lights between test figures. Raises UserError if there are fewer than two of each.
 
     Returns:
-        Name of VARIANTS or BASELINES -> scores (F,L) of the F pairs, a+b, and the L swaps, by the index of a's light.
+        Name of VARIANTS or BASELINES -> scores (F,L) of the F pairs, a+b, and the L swaps, by the index of the first
+        light. Of an odd number of lights the last is left out.
     """
     figures, test_lights = select_pairs(data, split)
     pairs = pair_up(figures, data.subject_of)
     if len(test_lights) < 2:
         raise UserError("light transfer needs two test lights at least, and the set has one: raise lights.test")
-    mean = mean_light(data)
+    test_lights, mean = test_lights[: len(test_lights) // 2 * 2], mean_light(data)
     by_variant: dict[str, list[dict[str, np.ndarray]]] = {}  # for each pair, its errors (L,) by column
     for pair in progress(pairs, "pairs of figures"):
         a, b = (Partner(truth(data, figure, test_lights), predictor(figure, test_lights)) for figure in pair)
-        # a goes from light l to m = l + 1, and b from m to l. Both belong to the swap of l.
-        relit_a, relit_b = _relight_swapped(a, b, mean, step=1), _relight_swapped(b, a, mean, step=-1)
+        relit_a, relit_b = _relight_swapped(a, b, mean), _relight_swapped(b, a, mean)
         for variant in relit_a:
             errors_a, errors_b = _errors(a.truth, *relit_a[variant]), _errors(b.truth, *relit_b[variant])
-            # Errors are by the light of the relit picture, which is m for a.
-            errors = {column: (np.roll(errors_a[column], -1) + errors_b[column]) / 2 for column in errors_a}
+            by_light = {column: (errors_a[column] + errors_b[column]) / 2 for column in errors_a}
+            errors = {column: values.reshape(-1, 2).mean(1) for column, values in by_light.items()}
             by_variant.setdefault(variant, []).append(errors)
     names = ["+".join(data.names[figure] for figure in pair) for pair in pairs]
-    return {variant: Scores.stack(names, test_lights, errors) for variant, errors in by_variant.items()}
+    return {variant: Scores.stack(names, test_lights[::2], errors) for variant, errors in by_variant.items()}
 
 
 def pair_up(figures: np.ndarray, subject_of: list[str]) -> list[tuple[int, int]]:
@@ -124,22 +131,22 @@ def mean_light(data: RelitSet) -> np.ndarray:
     return data.lights.cpu().numpy()[data.light_split == "train"].mean(0, keepdims=True)
 
 
-def _relight_swapped(a: Partner, b: Partner, mean: np.ndarray, step: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _relight_swapped(a: Partner, b: Partner, mean: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Relights figure `a` by the light that was inferred from its partner `b`.
 
-    For row k, `b` was seen under light k, and `a` under light k - step (cyclic); `step` is 1 or -1, and `mean` (1,K,3)
-    the mean training light. Returns the pictures (N,P,3) of `a` and the lights (N,K,3) that relit them, for each of
-    VARIANTS and BASELINES.
+    For each light, `b` was seen under it, and `a` under the other light of the swap; `mean` (1,K,3) is the mean
+    training light. Returns the pictures (N,P,3) of `a` and the lights (N,K,3) that relit them, for each of VARIANTS and
+    BASELINES.
     """
     true, (_, _, inferred) = a.truth.lights, b.truth.complete(b.inferred)
-    inferred_maps, true_maps = a.maps(step), (a.truth.maps["albedo"], a.truth.transport)
+    inferred_maps, true_maps = a.maps(), (a.truth.maps["albedo"], a.truth.transport)
     mean_lights = np.repeat(mean, len(true), 0)
     combinations = {
         "": (inferred_maps, inferred),
         "true_light": (inferred_maps, true),
         "true_maps": (true_maps, inferred),
         "mean_light": (inferred_maps, mean_lights),
-        "as_it_is": (true_maps, np.roll(true, step, 0)),
+        "as_it_is": (true_maps, other(true)),
         "true_maps_mean_light": (true_maps, mean_lights),
     }
     return {name: (maps[0] * shade(maps[1], light), light) for name, (maps, light) in combinations.items()}
@@ -173,8 +180,8 @@ def transfer_plate(networks: dict[str, Path], packed: Path, lights: Path, split:
         for i, (pair, swap) in enumerate(zip(pairs, swaps)):
             partners = [Partner(truth(data, figure, swap), infer(network, data, figure, swap)) for figure in pair]
             for own_light, new_light in ((0, 1), (1, 0)):
-                partner, other = partners[own_light], partners[new_light]
-                pictures, inferred_lights = _relight_swapped(partner, other, mean_light(data), step=1)[""]
+                partner = partners[own_light]
+                pictures, inferred_lights = _relight_swapped(partner, partners[new_light], mean_light(data))[""]
                 error = pictures[new_light] - partner.truth.maps["reconstruction"][new_light]
                 relit = Cell(pictures[new_light], light=inferred_lights[new_light])
                 lines[2 * i + own_light].views += [relit, Cell(error=np.linalg.norm(error, axis=-1))]

@@ -23,13 +23,7 @@ from relight.sh import order_of, unoccluded
 
 
 def evaluate_baselines(
-    packed: Path,
-    lights: Path,
-    split: Path,
-    condition: Condition,
-    out: Path,
-    color: str = "paper",
-    order: int = 2,
+    packed: Path, lights: Path, split: Path, condition: Condition, out: Path, color: str = "paper", order: int = 2
 ) -> None:
     """Writes the scores of all baselines.
 

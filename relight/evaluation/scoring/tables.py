@@ -89,11 +89,7 @@ def by_reading(columns: Iterable[str]) -> list[str]:
 
 
 def experiment_table(
-    name: str,
-    networks: Rows,
-    baselines: Rows,
-    columns: tuple[str, ...] = TABLE1_COLUMNS,
-    pool: Rows | None = None,
+    name: str, networks: Rows, baselines: Rows, columns: tuple[str, ...] = TABLE1_COLUMNS, pool: Rows | None = None
 ) -> Table:
     """Estimates every column of the scores of an experiment.
 
