@@ -1,6 +1,6 @@
 """The light record and its files."""
 
-import json
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from relight.core.errors import UserError
-from relight.core.files import atomic_write
+from relight.core.files import atomic_write, write_json
 from relight.lights.statistics import moment_eigenvalue, reference_brightness
 from relight.panoramas import Panorama
 from relight.sh import CONVENTIONS, UNOCCLUDED_T00, coefficient_count, from_relight, order_of
@@ -96,7 +96,7 @@ class Light:
 
 def parts_of(text: str) -> list[str]:
     """Returns the names of the lights whose sum `text` names, such as "room:7 + key:#ffffff@90,0"; mostly one."""
-    return [text] if Path(text).exists() else re.split(r"\s+\+\s+", text)
+    return [text] if os.path.exists(text) else re.split(r"\s+\+\s+", text)  # no pathlib: it raises for long texts
 
 
 def total(lights: Sequence[Light], source: str) -> Light:
@@ -155,15 +155,8 @@ def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
     if path.suffix.lower() == ".npy" and named in CONVENTIONS and named != convention:
         raise UserError(f"{path}: its name says {named}, but the light would be written in {convention}")
     if path.suffix.lower() == ".json":
-        content = {
-            "convention": convention,
-            "frame": FRAME,
-            "order": light.order,
-            "source": light.source,
-            "coefficients": coefficients.tolist(),
-        }
-        with atomic_write(path) as temporary:
-            temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        content = {"convention": convention, "frame": FRAME, "order": light.order, "source": light.source}
+        write_json(path, content | {"coefficients": coefficients.tolist()})
     elif path.suffix.lower() == ".npy":
         if not path.stem.lower().endswith(f".{convention}"):
             path = path.with_name(f"{path.stem}.{convention}.npy")

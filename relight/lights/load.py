@@ -1,6 +1,7 @@
 """Loads lights by name: panoramas, files of coefficients, generated, printed and key lights."""
 
 import json
+import os
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +14,7 @@ from PIL import ImageColor
 
 from relight import extensions
 from relight.core.errors import UserError
-from relight.core.files import existing_file
+from relight.core.files import PHOTO_SUFFIXES, existing_file
 from relight.core.npz import read_npy
 from relight.core.srgb import decode
 from relight.core.text import read_text
@@ -103,14 +104,14 @@ def load_light(
         light = Light(key_light(*_parse_key(text), order), text)
     elif text == EVEN:
         light = Light(np.eye((order + 1) ** 2, 1) * np.full(3, np.sqrt(4 * np.pi) / np.pi), text)
-    elif (match := IN_SET.fullmatch(text)) and not Path(text).exists():
+    elif (match := IN_SET.fullmatch(text)) and not os.path.exists(text):
         light = _read_row(match[1], int(match[2]))
     elif ":" in text and (name := text.partition(":")[0]) in (*extensions.OWN, *extensions.names()):
         answer = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
         light = answer if isinstance(answer, Light) else Light(as_table(answer, text), text)
     elif text.startswith(("room:", "sky:", "lamps:")):
         raise UserError(f"{text} is malformed: a generated light is room:7, sky:3; a sum has blanks around its plus")
-    elif (match := KIND.match(text)) and match[1] not in polyhaven.NAMES and not Path(text).exists():
+    elif (match := KIND.match(text)) and match[1] not in polyhaven.NAMES and not os.path.exists(text):
         kinds = ", ".join(["room", "sky", "lamps", "key", *extensions.OWN, *extensions.names()])
         raise UserError(f"{text}: there is neither such a file nor a kind of light {match[1]!r}; kinds are {kinds}")
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):
@@ -118,6 +119,8 @@ def load_light(
         light = _read_coefficients(existing_file(text, "light"), convention)
     elif Path(text).suffix.lower() == ".npz":
         raise UserError(f"{text} is a set of lights: name one of them, such as {text}:0")
+    elif Path(text).suffix.lower() in PHOTO_SUFFIXES:
+        raise UserError(f"{text} is a photo, with too low a range for a panorama: place:{text} estimates its light")
     else:
         kind = "a panorama"
         path, turn = _find_panorama(text)
@@ -145,7 +148,7 @@ def load_light(
 def _find_panorama(text: str) -> tuple[str | Path, float]:
     """Returns the file of a panorama, the user's or else one by Poly Haven, and degrees by which `text` turns it."""
     name, _, degrees = text.partition(":")
-    if Path(text).is_file() or (Path(text).suffix and name not in polyhaven.NAMES):
+    if os.path.isfile(text) or (Path(text).suffix and name not in polyhaven.NAMES):
         return text, 0.0
     if name not in polyhaven.NAMES:
         lamp = "a lamp, such as key:white@-60,30 (60 degrees to the left, 30 up)"

@@ -24,7 +24,7 @@ import numpy as np
 from safetensors import safe_open
 
 from relight.core.errors import UserError
-from relight.core.files import atomic_write, existing_file
+from relight.core.files import atomic_write, existing_file, write_json
 from relight.core.progress import progress
 from relight.core.srgb import LINEAR, encode, to_bytes
 from relight.maps.octahedral import fold, octahedral
@@ -125,8 +125,7 @@ def pack_figures(maps: Sequence[Path], least: float, out: Path, record: Path) ->
     for name, reason in reasons.items():
         print(f"left out: {name}: {reason}", file=sys.stderr)
     pack_maps(list(maps), out)
-    with atomic_write(record) as tmp:
-        tmp.write_text(json.dumps({"figures": figures, "left_out": reasons}, indent=1))
+    write_json(record, {"figures": figures, "left_out": reasons})
 
 
 class PackedMaps:

@@ -102,7 +102,8 @@ def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str 
         if abs(width - 2 * height) <= 0.01 * width:
             return "latlong"
         if width == height:
-            raise UserError(f"{path}: a square picture may have several layouts: give layout=angular, ball or latlong")
+            which = "relight light --layout, or panoramas.layout, names its own: angular, ball or latlong"
+            raise UserError(f"{path}: a square picture may have several layouts; {which}")
         layout = next((name for name in ("cross", "strip") if fits(name)), "")
         if not layout:
             raise UserError(f"{path}: {width} x {height} is no aspect of a panorama, such as 2:1, 4:3, 3:4, 6:1, 1:6")

@@ -111,20 +111,15 @@ def require_order_2(light: np.ndarray, name: str) -> None:
         raise UserError(f"{name}: the light has {len(light)} coefficients; this convention needs 9")
 
 
-def unchanged(light: np.ndarray) -> np.ndarray:
-    """Returns the light as it is."""
-    return light
-
-
 # Functions to relight's convention and back, by the name of the convention.
 CONVENTIONS: dict[str, tuple[Converter, Converter]] = {
-    "relight": (unchanged, unchanged),
+    "relight": (np.copy, np.copy),
     "kanamori2018": (from_kanamori, to_kanamori),
     "ramamoorthi2001": (mirror_z, mirror_z),
     "dpr": framed(TO_Z_UP),
     "shtools": framed(TO_Z_UP),
-    "pifu": (unchanged, unchanged),
-    "threejs": (unchanged, unchanged),
+    "pifu": (np.copy, np.copy),
+    "threejs": (np.copy, np.copy),
     "unity": (
         lambda light: mirror_z(light / unity_factors(light)),
         lambda light: mirror_z(light) * unity_factors(light),

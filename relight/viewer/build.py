@@ -89,11 +89,7 @@ def page_text(
     """Returns the HTML of a page for several figures.
 
     Args:
-        figures: in the order shown.
-        lights: radiance coefficients (9,3) by name, in the order shown.
-        background: the first one shown, of BACKGROUNDS; by default a photo's own, else the studio.
-        title: title of the page.
-        limit: bytes of the page; by default LIMIT, and FURTHER for each figure after the first.
+        figures, lights, background, title, limit: as of `build_viewer`.
         additions: what the page has beyond the viewer.
 
     Raises:

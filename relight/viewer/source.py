@@ -1,5 +1,6 @@
 """What the viewer can be given: files of baked maps, photos, and lights by name."""
 
+import os
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -50,7 +51,7 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
         UserError: for what is no light, or a black one.
     """
     texts = list(texts)
-    stems = [Path(text).stem if Path(text).is_file() else text for text in texts]
+    stems = [Path(text).stem if os.path.isfile(text) else text for text in texts]
     texts_by_name = {stem if stems.count(stem) == 1 else text: text for stem, text in zip(stems, texts)} or LIGHTS
     lights = {name: load_light(text).coefficients for name, text in texts_by_name.items()}
     first = next(iter(lights.values()))

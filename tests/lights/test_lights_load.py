@@ -57,6 +57,8 @@ def test_lights_add_up(tmp_path):
     assert load_light(" + ".join(parts)).panorama is None, "neither of two shows the whole light"
     with pytest.raises(UserError, match=r"^key:#ff@1,2: '#ff' is no color"):
         load_light("room:7 + key:#ff@1,2")
+    many = " + ".join(30 * [parts[1]])  # longer than the name of a file can be
+    np.testing.assert_allclose(load_light(many).coefficients, 30 * load_light(parts[1]).coefficients)
     file = tmp_path / "a + b.json"
     write_light(apart[1], file)
     np.testing.assert_array_equal(load_light(file, 3).coefficients, apart[1].coefficients)

@@ -99,7 +99,7 @@ def test_the_layout_is_found_by_the_aspect_ratio(tmp_path, shape):
 
 def test_a_square_picture_needs_a_layout(tmp_path):
     path = write_pfm(tmp_path / "a.pfm", noise(20, 20))
-    with pytest.raises(UserError, match="layout=angular, ball or latlong"):
+    with pytest.raises(UserError, match=r"light --layout, .*: angular, ball or latlong"):
         read_panorama(path)
     for size in ((1, 2), (1, 64), (64, 1)):  # a lat-long may be squeezed, to one row or column, too
         white = read_panorama(write_pfm(tmp_path / "b.pfm", np.ones((*size, 3))), layout="latlong")

@@ -62,6 +62,7 @@ def test_load_light_reads_places_in_a_new_process(street):
         ("place:street.png@400", r"^place:street\.png@400: azimuth 400 must be in -360"),
         ("place:street.png@1-2", r"'1-2' is not a number"),
         ("place:", "no photograph"),
+        ("street.png", "is a photo, .*: place:street.png estimates its light"),
     ],
 )
 def test_load_light_refuses_what_names_no_place(street, name, message):

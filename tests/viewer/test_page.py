@@ -504,10 +504,14 @@ def test_gallery_offers_its_figures_and_forgets_the_photo(page, tmp_path, maps, 
     assert page.run("relight.state.background") == "studio"
     expected = codes(small.albedo * relit_shading(small, lights["Window"]))
     assert farthest(page.pixels(**START), expected, small.mask) <= 2
-    for figure in (0, 1, 0):  # the light stays, though only a photo has the light that it was taken in
-        page.run("relight.set({ light: relight.lights().findIndex(({ name }) => name === 'Lamp') })")
+    page.run("relight.choose(0)")
+    opened_place(page, photograph[0], False)
+    for figure in (1, 0, 1):  # the light stays, though only a photo has the light that it was taken in
         page.run(f"relight.choose({figure})")
-        assert page.run("relight.lights()[relight.state.light].name") == "Lamp"
+        assert page.run("relight.lights()[relight.state.light].name") == "street"
+    own = page.run("[relight.lights()[0], relight.lights().at(-1)].map(({ values }) => [...values])")
+    factor = exposure_factor(*np.reshape(own, (2, 9, 3)), small.transport, small.mask, turning=True)
+    assert factor == pytest.approx(1, rel=0.01), "the user's light is as bright as the first"
 
 
 @pytest.fixture(scope="module")

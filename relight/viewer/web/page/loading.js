@@ -50,7 +50,7 @@ function collectLights() {
 // Adds a light of the user's own and shows it, at the brightness of the first one.
 function addLight(name, values, panorama = null) {
   const light = { name, values, isOwn: true, ...(panorama && { panorama: { ...panorama, gain: 1 } }) };
-  app.lights.push(scaled(light, matched(app.shown[0].values, values)));
+  app.lights.push(scaled(light, matched(app.lights[0].values, values)));
   collectLights();
   set({ light: app.shown.length - 1 });
   element("light-list").children[state.light].scrollIntoView({ block: "nearest" });

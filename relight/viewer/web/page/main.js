@@ -127,7 +127,7 @@ document.addEventListener("drop", (event) => {
 
 async function start() {
   if (!window.DecompressionStream) {
-    throw new Error("This browser is too old to unpack the page: Chrome 80, Safari 16.4 or Firefox 113 would do.");
+    throw new Error("This browser is too old to unpack the page: Chrome 108, Safari 16.4 or Firefox 121 would do.");
   }
   app.renderer = new Renderer(canvas, element("fragment").textContent.trim());
   canvas.addEventListener("redraw", redraw);
