@@ -188,8 +188,9 @@ def read_answer(folder: Path, entry: Entry) -> dict[str, np.ndarray]:
             raise UserError(f"{path} holds {name}: it may hold photo, {', '.join(shapes)}")
         if values.shape != shapes[name]:
             raise UserError(f"{path}: {name} has the shape {values.shape}, but must have {shapes[name]}")
-        if name in PICTURES and values.dtype != np.uint8:
-            raise UserError(f"{path}: {name} is {values.dtype}, but must be uint8 (sRGB)")
-        if values.dtype.kind not in "uif" or not np.isfinite(values).all():
+        if values.dtype != np.uint8 if name in PICTURES else values.dtype.kind != "f":
+            kind = "uint8 (sRGB)" if name in PICTURES else "float (linear)"
+            raise UserError(f"{path}: {name} is {values.dtype}, but must be {kind}")
+        if not np.isfinite(values).all():
             raise UserError(f"{path}: {name} has values that are not finite numbers")
     return arrays

@@ -50,9 +50,9 @@ def split_figures(
     subjects = [subject for name, subject in zip(names, subjects) if name not in sitting]
     names = [name for name in names if name not in sitting]
     unit_of = dict(zip(names, subjects if split.kind == "subject" else names))
-    if (units := len(set(unit_of.values()))) < 2:
+    if (count := len(set(unit_of.values()))) < 2:
         what = "subjects" if split.kind == "subject" else "figures"
-        raise UserError(f"split: at least two {what} are needed, one for training and one for the test, not {units}")
+        raise UserError(f"split: at least two {what} are needed, one for training and one for the test, not {count}")
     test = draw(unit_of, split.test * len(unit_of), np.random.default_rng(split.seed))
     train = [name for name in unit_of if name not in test]
     wanted = min(MAX_VALIDATION, VALIDATION * len(train))

@@ -358,8 +358,8 @@ def draw_batch(
     batch = data.batch(figure, light, mirror=mirror[local] if settings.mirror else None)
     batch = replace(batch, mask_pixels=float(data.counts[figures[chosen[:, 0]]].sum()) / world)
     if recipe.loss.relit and len(figure) == 1:  # the batch has no other light
-        other = data.lights[lights[rng.integers(len(lights))]]
-        batch = replace(batch, other_light=other[None, : batch.light.shape[1]])
+        others = lights[rng.integers(len(lights), size=settings.batch)]
+        batch = replace(batch, other_light=data.lights[others[local]][:, : batch.light.shape[1]])
     numbers = range(step * settings.batch, (step + 1) * settings.batch)[local]
     generators = [generator(settings.seed, number, AUGMENTATION) for number in numbers]
     augmented = augment_batch(batch, recipe.augment, generators, settings.size or data.size)

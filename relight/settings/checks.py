@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from relight import extensions
 from relight.core.errors import UserError
-from relight.settings.schema import BASELINES, EXPERIMENT, FIELDS, QUANTITIES, READINGS, STRENGTHS
+from relight.settings.schema import BASELINES, EXPERIMENT, FIELDS, QUANTITIES, READINGS, STRENGTHS, field_of
 from relight.settings.setting import domain_in_words, setting_of
 
 # The settings, or groups, that a source does not read; scales and experiments may set them all the same. Extensions may
@@ -73,8 +73,9 @@ def no_such(key: str, known: Iterable[str]) -> str:
         known: names beside which it would stand, such as those of the group `train`.
     """
     known = list(known)
-    if not known:
-        return f"{key}: nothing has this name yet; to add it, write +{key}=<value>"
+    if not known or field_of(key.rpartition(".")[0]):  # names of the user
+        here = f"there are {', '.join(known)}" if known else "nothing has this name yet"
+        return f"{key}: {here}; to add it, write +{key}=<value>"
     name = key.rpartition(".")[2]
     elsewhere: dict[str, list[str]] = {}
     for full_name in FIELDS:

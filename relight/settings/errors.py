@@ -1,6 +1,6 @@
 """Converts errors of Hydra, OmegaConf and YAML to one sentence."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 import yaml
 from hydra.errors import MissingConfigException, OverrideParseException
@@ -11,20 +11,20 @@ from relight.settings.schema import field_of
 from relight.settings.setting import type_in_words
 
 
-def explain(error: Exception, groups: Iterable[str]) -> str:
+def explain(error: Exception, groups: Mapping[str, Iterable[str]]) -> str:
     """Returns one line that names the setting and the values allowed, from the exception or its causes.
 
     Args:
         error: error that Hydra, OmegaConf or the YAML reader raised.
-        groups: names of all groups of settings.
+        groups: names of the presets of all groups of settings.
     """
     for cause in _causes(error):
         match cause:
             case yaml.MarkedYAMLError(problem_mark=yaml.Mark() as mark):
                 return f"{mark.name}, line {mark.line + 1}: {cause.problem}"
-            case MissingConfigException(missing_cfg_file=str(preset), options=[*options]) if options:
-                group, _, name = preset.rpartition("/")
-                return no_choice(group, name, options)
+            case MissingConfigException(missing_cfg_file=str(preset)) if preset.partition("/")[0] in groups:
+                group, _, name = preset.partition("/")
+                return no_choice(group, name, groups[group])
             case OverrideParseException(override=override):
                 return (
                     f"cannot read the override {override!r}: write key=value, lists as key=[a,b], and a value with "

@@ -122,6 +122,7 @@ def test_score_and_answer_refuse(drawn, truth, tmp_path):
         ({"full": arrays["full"][:3]}, r"full has the shape \(3, 64, 64, 3\), but must have \(4, 64, 64, 3\)"),
         ({"light": arrays["light"][:4]}, r"light has the shape \(4, 3\)"),
         ({"full": arrays["full"] / 255}, "full is float64, but must be uint8"),
+        ({"albedo": (255 * arrays["albedo"]).astype(np.uint8)}, r"albedo is uint8, but must be float \(linear\)"),
         ({"shading": arrays["shading"] * np.nan}, "shading has values that are not finite numbers"),
         ({"relit": arrays["full"]}, "holds relit: it may hold photo, ratio, full, albedo, shading, transport, light"),
         ({"albedo": None}, "all answers of a folder must hold the same arrays"),

@@ -165,3 +165,7 @@ def test_plot_errors_is_reproducible(tmp_path):
         plot_errors(table, ["sfsnet", "ours_full"], tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     assert Image.open(tmp_path / "a.png").width > 500
+    for name in ("normal_rmse", "shading_rmse"):  # of quantities that no network infers, the shading
+        table.columns = (name,)
+        plot_errors(table, ["sfsnet", "ours_full"], tmp_path / f"{name}.png")
+    assert (tmp_path / "normal_rmse.png").read_bytes() == (tmp_path / "shading_rmse.png").read_bytes()

@@ -290,6 +290,9 @@ def test_a_batch_of_one_is_relit_under_another_light(run, world):
     others = [batch.other_light for batch in batches]
     assert all(light is not None and light.shape == batch.light.shape for light, batch in zip(others, batches))
     assert sum(not torch.equal(light, batch.light) for light, batch in zip(others, batches)) >= 4
+    shared = run(batch=4, loss_changes={"relit": 1.0}).recipe  # four processes of a pair each
+    of_ranks = [draw_batch(data, np.arange(4), lights, shared, 0, rank, 4).other_light for rank in range(4)]
+    assert len({tuple(light.flatten().tolist()) for light in of_ranks}) > 1
 
 
 @pytest.mark.slow

@@ -101,6 +101,8 @@ def test_a_preset_is_read_without_hydra():
         ("train.part=test", ["without ground truth", "loss.albedo", "loss=self_supervised"]),
         ("experiments.claim.rows=[nobody]", ["experiments.claim.rows", "no row nobody"]),
         ("experiments.claim.figures=lying", ["experiments.claim.figures", "sitting", "lying"]),
+        ("experiment=[table1,table3]", ["experiment=table3: no such choice", "did you mean table2?"]),
+        ("sweep.rows.mine=[]", ["there are sfsnet", "to add it, write +sweep.rows.mine=<value>"]),
         ("experiments.table9.rows=[ours_full]", ["experiments.table9: no such setting", "claim"]),
         ("name=a/b", ["name", "a/b"]),
         ("++sweep.rows={x/y: []}", ["sweep.rows", "x/y"]),

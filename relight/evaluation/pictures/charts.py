@@ -15,14 +15,14 @@ STYLE = ["seaborn-v0_8-paper", "seaborn-v0_8-whitegrid"]
 
 
 def plot_errors(table: Table, rows_of_run: list[str], out: Path) -> None:
-    """Draws means and 95 % intervals by row, a panel for each RMSE that the table shows; baselines are grey.
+    """Draws means and 95 % intervals by row: a panel for each RMSE of the table, or for shading; baselines are grey.
 
     Args:
         table: table of an experiment; it has rows.
         rows_of_run: whose places give the rows their colors.
         out: the chart (.png).
     """
-    shown = table.present(column for column in table.columns if column.endswith("rmse"))
+    shown = table.present(column for column in table.columns if column.endswith("rmse")) or ["shading_rmse"]
     rows = [row for row, cells in table.rows.items() if any(column in cells for column in shown)]
     color_of = {row: COLORS[place % len(COLORS)] for place, row in enumerate(rows_of_run)}
     with matplotlib.style.context(STYLE):
