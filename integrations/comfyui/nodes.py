@@ -175,8 +175,8 @@ def panorama_light(self, panorama, encoding):
     pixels = linear_of(panorama[0], encoding).clip(0)
     if pixels.shape[1] != 2 * pixels.shape[0]:
         raise ValueError(f"the panorama is {pixels.shape[1]} x {pixels.shape[0]}: give one twice as wide as high")
-    panorama = Panorama(pixels, source="panorama of ComfyUI")
-    return (Light(project(panorama, relighter().network.order), panorama.source, panorama),)
+    panorama = Panorama(pixels)
+    return (Light(project(panorama, relighter().network.order), "panorama of ComfyUI", panorama),)
 
 
 @node(

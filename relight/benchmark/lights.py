@@ -47,10 +47,9 @@ def panorama(light: Lamplight, pitch: float, brightness: float) -> Panorama:
     radiance = lookup(upright, view_directions() @ View(pitch=pitch).rotation)  # camera to world, which is upright
     gains = np.exp([RED_PER_BLUE * light.tint, 0, light.tint])
     pixels = np.maximum(radiance * gains, 0).reshape(HEIGHT, WIDTH, 3)
-    source = f"{light.kind}:{light.seed}"
     unscaled = project(Panorama(pixels), order=2)
-    scale = Light(unscaled, source).normalised(brightness).coefficients[0, 1] / unscaled[0, 1]
-    return Panorama((pixels * scale).astype(np.float32), source=source)
+    scale = Light(unscaled, light.kind).normalised(brightness).coefficients[0, 1] / unscaled[0, 1]
+    return Panorama((pixels * scale).astype(np.float32))
 
 
 def upright_pixels(light: Lamplight) -> np.ndarray:

@@ -123,7 +123,7 @@ def generated_light(source: str, order: int, flip: bool = False) -> np.ndarray:
         The light (K,3).
     """
     kind, seed = source.split(":")
-    return orient(project(Panorama(GENERATORS[kind](int(seed)), source=source), order), 0.0, flip)
+    return orient(project(Panorama(GENERATORS[kind](int(seed))), order), 0.0, flip)
 
 
 def file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarray, list[str]] | str:

@@ -97,7 +97,7 @@ def load_light(
         return total([load_light(part, *options) for part in parts], text)
     kind = None  # of the file, by which options have an effect
     if match := GENERATED.fullmatch(text):
-        panorama = Panorama(GENERATORS[match[1]](int(match[2])), source=text)
+        panorama = Panorama(GENERATORS[match[1]](int(match[2])))
         light = Light(project(panorama, order), text, panorama)
         yaw += parse_number(match[3] or "0", text)
     elif text.startswith("key:"):

@@ -26,7 +26,6 @@ class Panorama:
         flip: whether the light is mirrored left to right, before the rotation.
         yaw: degrees by which the light is rotated about the vertical, from +z toward +x.
         front: the axis at the centre of a lat-long image: "-z" (Debevec, Laval, Poly Haven) or "+z" (OpenEXR).
-        source: the file's path, or the generator and seed.
         repairs: what the reader changed, one sentence each.
     """
 
@@ -36,7 +35,6 @@ class Panorama:
     flip: bool = False
     yaw: float = 0.0
     front: str = "-z"
-    source: str = ""
     repairs: list[str] = field(default_factory=list)
 
 

@@ -33,7 +33,7 @@ def read_panorama(path: Path | str, layout: str = "auto", repair: bool = False) 
     Args:
         path: of the file.
         layout: one of LAYOUTS; "auto" takes OpenEXR's attribute `envmap`, else decides by the aspect ratio. Square
-            pictures are ambiguous and need a layout.
+            pictures are ambiguous and need a layout, as do crosses whose corners are not empty.
         repair: whether non-finite pixels are replaced by the mean of their neighbours (`repair_pixels`), and a sun
             without red is rebuilt (`repair_sun`).
 
@@ -51,8 +51,12 @@ def read_panorama(path: Path | str, layout: str = "auto", repair: bool = False) 
     has_attribute = envmap is not None and resolved == {"latlong": "latlong", "cube": "strip"}[envmap]
     pixels = np.ascontiguousarray(pixels)
     repairs += repair_pixels(path, pixels, repair) + clip_negatives(path, pixels) + repair_sun(path, pixels, repair)
+    side = (min(pixels.shape[:2]) + 5) // 6  # half of a face
+    if layout != resolved == "cross" and np.ptp((pixels[:side, :side], pixels[:side, -side:]), (1, 2)).any():
+        which = "relight light --layout cross, or panoramas.layout=cross, says that it is one"
+        raise UserError(f"{path}: its aspect is that of a cross, but its corners are not empty, as in a photo; {which}")
     front = "+z" if has_attribute and resolved == "latlong" else "-z"
-    return Panorama(pixels, resolved, has_attribute, front=front, source=str(path), repairs=repairs)
+    return Panorama(pixels, resolved, has_attribute, front=front, repairs=repairs)
 
 
 def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:

@@ -94,7 +94,14 @@ SHAPES = {(32, 64): "latlong", (30, 40): "cross", (40, 30): "cross", (60, 10): "
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_layout_is_found_by_the_aspect_ratio(tmp_path, shape):
-    assert read_panorama(write_pfm(tmp_path / "a.pfm", noise(*shape))).layout == SHAPES[shape]
+    pixels = noise(*shape)
+    if SHAPES[shape] == "cross":
+        path = write_pfm(tmp_path / "photo.pfm", pixels)
+        with pytest.raises(UserError, match="its corners are not empty, as in a photo"):
+            read_panorama(path)
+        assert read_panorama(path, layout="cross").layout == "cross"
+        pixels[:10, :10] = pixels[:10, -10:] = 0.5  # grey paper
+    assert read_panorama(write_pfm(tmp_path / "a.pfm", pixels)).layout == SHAPES[shape]
 
 
 def test_a_square_picture_needs_a_layout(tmp_path):
