@@ -245,8 +245,8 @@ def existing_file(path: Path | str, what: str) -> Path:
     path = Path(path)
     try:
         exists = path.is_file()
-    except PermissionError:  # of its folder
-        exists = True
+    except OSError as error:  # such as of a name that is too long
+        exists = isinstance(error, PermissionError)  # of its folder
     if not exists:
         raise UserError(f"{what}: there is no file {path}")
     require_readable(path, what)

@@ -161,8 +161,8 @@ def _parse_key(text: str) -> tuple[str, float, float, float]:
     """Parses the name of a key light: color (six digits), azimuth, elevation and fill, of which the last may lack."""
     color, _, numbers = text.removeprefix("key:").partition("@")
     try:
-        red, green, blue = tuple(ImageColor.getrgb(f"#{color}" if HEXADECIMAL.fullmatch(color) else color))
-    except ValueError:  # also of a color with alpha, as #abcd is
+        red, green, blue = bytes(ImageColor.getrgb(f"#{color}" if HEXADECIMAL.fullmatch(color) else color))
+    except ValueError:  # also of a color with alpha, as #abcd is, or beyond 255, as hsl(30,501%,40%)
         raise UserError(f"{text}: {color!r} is no color: give #ffeedd, or a name such as red") from None
     parts = numbers.split(",")
     if len(parts) > 3 or not numbers:

@@ -157,7 +157,9 @@ def test_broken_files_are_named(tmp_path, name):
         load_light(tmp_path / name)
 
 
-@pytest.mark.parametrize("text", ["room:", "room:x", "room:-1", "nowhere.hdr", "a.npz", "", "."])
+@pytest.mark.parametrize(
+    "text", ["room:", "room:x", "room:-1", "nowhere.hdr", "a.npz", "", ".", 300 * "x", 300 * "x" + ".hdr"]
+)
 def test_invalid_names_of_lights_are_refused(text):
     with pytest.raises(UserError):
         load_light(text)
@@ -239,6 +241,7 @@ KEYS = {
     "key:#ff@45,30": "'#ff' is no color",
     "key:#ffd9@70,20": "'#ffd9' is no color",  # nor a color with alpha
     "key:": "'' is no color",
+    "key:hsl(30,501%,40%)@1,2": "is no color",
     "key:#ffffff@45,30,1,2": "after the @ come azimuth",
     "key:#ffffff@a,b": "'a' is not a number",
     "key:#ffffff@400,30": "azimuth 400 must be in -360 to 360",

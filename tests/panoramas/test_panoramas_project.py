@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from relight.panoramas import Panorama, orient, project
+from relight.panoramas import Panorama, project
 from relight.sh import basis, coefficient_count, rotate_y, sphere_quadrature
 
 ASPECTS = {  # rows and columns of faces
@@ -58,11 +58,6 @@ def test_rolling_whole_columns_is_a_rotation(columns):
 def test_flip_is_the_mirrored_image():
     pixels = np.random.default_rng(2).random((16, 32, 3)).astype(np.float32)
     np.testing.assert_allclose(project(Panorama(pixels, flip=True)), project(Panorama(pixels[:, ::-1])), atol=1e-12)
-
-
-def test_orient_turns_front_to_the_right():
-    front = basis(np.array([0.0, 0.0, 1.0]))[:, None]
-    np.testing.assert_allclose(orient(front, yaw=90), basis(np.array([1.0, 0.0, 0.0]))[:, None], atol=1e-14)
 
 
 def smooth_scene(d):

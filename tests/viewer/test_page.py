@@ -522,8 +522,8 @@ def street():
     return np.rint(255 * encode((0.9 - 0.8 * x + 0 * y)[..., None] * noise * [1, 0.8, 0.5])).astype(np.uint8)
 
 
-def opened_place(page, pixels, is_behind):
-    rgba = np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)])
+def opened_place(page, pixels, is_behind, alpha=255):
+    rgba = np.dstack([pixels, np.full(pixels.shape[:2], alpha, np.uint8)])
     return page.call(STREET, rgba.ravel().tolist(), *pixels.shape[1::-1], is_behind)
 
 
@@ -538,6 +538,11 @@ def test_a_place_lights_the_figure_before_its_picture_as_in_python(page, photo_h
     alone = opened_place(page, street, False)
     np.testing.assert_allclose(np.reshape(alone["values"], (9, 3)), light, rtol=1e-4, atol=1e-5 * light.max())
     assert alone["name"] == "street" and alone["background"] == before
+    alpha = np.where(np.arange(96) < 48, np.uint8(0), np.uint8(255))
+    half = deringed(place_light(np.where(alpha[:, None], street, 255)))
+    half = half * exposure_factor(own, half, maps.transport, maps.mask, turning=True)
+    found = np.reshape(opened_place(page, street, False, alpha)["values"], (9, 3))
+    np.testing.assert_allclose(found, half, rtol=1e-4, atol=1e-5 * half.max(), err_msg="what is transparent is white")
     assert opened_place(page, street, True)["background"] == "picture"
     coverage = np.where(maps.mask, 255, 0).astype(np.uint8)
     size = len(photo)

@@ -3,7 +3,7 @@
 import { loadFigure } from "./figure.js";
 import { project, readHDR } from "./hdr.js";
 import { LABELS, listChoices, listLights, notify, refresh } from "./panel.js";
-import { isPicture, readPhoto } from "./photo.js";
+import { isPicture, onWhite, readPhoto } from "./photo.js";
 import { placement } from "./picture.js";
 import { placeLight, whiteOf } from "./place.js";
 import { deringed, rotate, turn } from "./sh.js";
@@ -83,7 +83,7 @@ const openPanorama = reading(async (file) => {
 
 // A picture of a place: its light, and it can be shown behind the figure.
 const openPlace = reading(async (file, isBehind = false) => {
-  const picture = await readPhoto(file, LONGEST);
+  const read = await readPhoto(file, LONGEST), picture = { ...read, pixels: onWhite(read.pixels) };
   app.picture = { ...picture, white: whiteOf(picture) };
   addLight(nameOf(file), deringed(placeLight(picture, page.place)));
   listBackgrounds();

@@ -33,4 +33,9 @@ function straightPixels(bitmap) {
   return pixels;
 }
 
-export { isPicture, readPhoto };
+// RGBA bytes on white, as relight/photos/color.py has them.
+function onWhite(pixels) {
+  return Uint8ClampedArray.from(pixels, (v, i) => (i % 4 === 3 ? 255 : 255 + (pixels[i | 3] / 255) * (v - 255)));
+}
+
+export { isPicture, onWhite, readPhoto };

@@ -2,6 +2,7 @@
 // {pixels, width, height} with RGBA bytes; coverage has a byte per pixel.
 
 import { textures } from "../page/figure.js";
+import { onWhite } from "../page/photo.js";
 import { CLIPPING, chroma, clippingExcess, estimateForeground, linearPlanes } from "./colors.js";
 import { Crop, MASK_THRESHOLD } from "./crop.js";
 import { fitEdge } from "./edges.js";
@@ -127,7 +128,7 @@ function summary(transport, light, inside) {
 
 // Arrays for textures, of the figure's box; the photo is on white.
 function drawn({ pixels, width, height }, coverage, inside, albedo, transport) {
-  const shown = pixels.map((v, i) => (i % 4 === 3 ? 255 : 255 + (pixels[i | 3] / 255) * (v - 255)));
+  const shown = onWhite(pixels);
   const image = linearPlanes({ pixels: shown, width, height });
   const { rows, columns } = extent(inside, width), [left, top] = [columns, rows].map(([first]) => Math.max(first - MARGIN, 0));
   const wide = Math.min(columns[1] + MARGIN, width) - left, high = Math.min(rows[1] + MARGIN, height) - top;
