@@ -138,6 +138,8 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
         if used := [key for key in supervised if get(key)]:
             sentence = f"the test's pictures need losses without ground truth, and {used[0]} uses it"
             yield f"{sentence}: give loss=self_supervised"
+    for row in {*BASELINES} & {*(get("sweep.rows") or ())}:
+        yield f"sweep.rows.{row} has the name of a baseline: give it another"
     for name, experiment in (get("experiments") or {}).items():
         if unknown := [row for row in experiment.rows if row not in (get("sweep.rows") or {})]:
             yield f"experiments.{name}.rows: no row {unknown[0]} in sweep.rows; add it there"

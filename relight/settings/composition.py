@@ -55,6 +55,9 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
             _check_override(override)
         with initialize_config_dir(str(CONF), version_base="1.3"):
             cfg = compose("config", overrides=overrides)
+        for override in parsed:
+            if override.key_or_group == "experiment" and isinstance(chosen := override.value(), list):
+                _require_one_meaning(chosen)
         check(resolved(cfg), [override.key_or_group for override in parsed])
     except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
         raise UserError(explain(error, presets())) from None
@@ -69,6 +72,17 @@ def _require_plain_text(path: Path) -> None:
         is_plain = False
     if not is_plain:
         raise UserError(f"{path}: save it in UTF-8 without a byte order mark, in which settings are read")
+
+
+def _require_one_meaning(experiments: Iterable[str]) -> None:
+    """Raises UserError if rows of one name differ between presets of experiments: the last one would count for all."""
+    rows: dict[str, tuple[str, Any]] = {}
+    for name in filter(presets()["experiment"].__contains__, experiments):  # others are of another folder
+        preset = OmegaConf.load(CONF / "experiment" / f"{name}.yaml")
+        for row, words in (OmegaConf.select(preset, "sweep.rows") or {}).items():
+            other, first = rows.setdefault(row, (name, words))
+            if first != words:
+                raise UserError(f"experiment=[{other},{name}]: their rows {row} differ: rename one of them")
 
 
 def quoted(override: str) -> str:

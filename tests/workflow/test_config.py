@@ -106,6 +106,7 @@ def test_a_preset_is_read_without_hydra():
         ("experiments.table9.rows=[ours_full]", ["experiments.table9: no such setting", "claim"]),
         ("name=a/b", ["name", "a/b"]),
         ("++sweep.rows={x/y: []}", ["sweep.rows", "x/y"]),
+        ("+sweep.rows.no_occlusion=[]", ["sweep.rows.no_occlusion has the name of a baseline"]),
         ("++experiments={a b: {rows: []}}", ["experiments", "a b"]),
         ("+train._target_=os.system", ["train._target_", "no such setting"]),
         ("++experiments.claim.tabel=false", ["experiments.claim.tabel", "did you mean table"]),
@@ -146,6 +147,19 @@ def test_a_preset_in_another_encoding_is_named(tmp_path, monkeypatch, encoding):
     preset.write_text(text % ("が" if encoding == "shift-jis" else "Müller"), encoding=encoding)
     with pytest.raises(UserError, match=r"mine\.yaml: save it in UTF-8 without a byte order mark"):
         composition.composed(["scale=mine"])
+
+
+def test_a_row_of_two_experiments_is_one(tmp_path, monkeypatch):
+    shutil.copytree(composition.CONF, tmp_path / "conf")
+    monkeypatch.setattr(composition, "CONF", tmp_path / "conf")
+    mine = tmp_path / "conf" / "experiment" / "mine.yaml"
+    text = "# @package _global_\nsweep: {rows: {ours_full: [loss=%s]}}\nexperiments: {mine: {rows: [ours_full]}}\n"
+    mine.write_text(text % "min")
+    with pytest.raises(UserError, match=r"experiment=\[\w+,\w+\]: their rows ours_full differ: rename one"):
+        composition.composed(["experiment=[table1,table2,mine]"])
+    mine.write_text(text % "full" + "model: {width: 1}\n")
+    both = composition.composed(["experiment=[silhouette,mine]"])
+    assert both.model.width == 1 and {*both.experiments} == {"silhouette", "mine"}
 
 
 def test_a_file_that_is_no_yaml_is_named_with_the_line(tmp_path):
