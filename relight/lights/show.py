@@ -15,7 +15,7 @@ from relight.panoramas.projection import latlong_directions
 from relight.sh import irradiance, order_of, unoccluded
 
 ALBEDO = 0.5  # of the balls, so that lights above the reference brightness are not clipped
-BRIGHTEST = 0.85  # linear value in the picture of a light at its brightest normal
+BRIGHTEST = 0.85  # linear value in the picture of a light, of its brightest channel at the brightest normal
 PANE = 256  # pixels of the height of a panorama in it
 DARK = 0.08  # code around the ball
 EVEN = 0.005  # contrast |L1| / L00 that is shown as 0.00: such light has no direction
@@ -79,14 +79,15 @@ def write_light_picture(light: Light, path: Path | str) -> None:
     """Writes a picture of a light as PNG: its panorama if it is known, its diffuse panorama, and a lit ball.
 
     The panoramas are lat-long, with -z (away from the camera) in the middle. Ball and diffuse panorama are exposed for
-    the brightest normal.
+    the brightest channel at its brightest normal, so that no color is clipped.
     """
-    max_irradiance = float(measure(light.coefficients[None])["most"][0])
-    drawn = light.coefficients * BRIGHTEST / (ALBEDO * max(max_irradiance, 1e-12))
-    panes = [encode(diffuse_panorama(drawn, PANE) * np.pi * ALBEDO)]
+    diffuse = diffuse_panorama(light.coefficients, PANE)
+    exposure = BRIGHTEST / max(float(diffuse.max()), 1e-12)
+    panes = [encode(diffuse * exposure)]
     if light.panorama is not None:
         panes.insert(0, _tone_mapped(lookup(light.panorama, latlong_directions(PANE, 2 * PANE))))
-    color, alpha = np.split(lit_ball(drawn, PANE * len(panes)), [3], axis=-1)
+    ball = lit_ball(light.coefficients, PANE * len(panes), white=np.pi / exposure)
+    color, alpha = np.split(ball, [3], axis=-1)
     picture = np.concatenate([np.concatenate(panes), color * alpha + DARK * (1 - alpha)], axis=1)
     with atomic_write(path) as temporary:
         Image.fromarray(to_bytes(picture)).save(temporary, "png")

@@ -2,7 +2,7 @@ import numpy as np
 from PIL import Image
 from typer.testing import CliRunner
 
-from relight.core.srgb import encode
+from relight.core.srgb import LINEAR, encode
 from relight.lights import Light, lit_ball, load_light
 from relight.lights.commands import app
 from relight.lights.show import ALBEDO, diffuse_panorama, format_statistics
@@ -48,3 +48,6 @@ def test_a_picture_of_a_light_has_its_panorama_and_a_ball(tmp_path):
         assert done.exit_code == 0 and picture.shape == shape
     ball = picture[:, 512:, 0].astype(int)
     assert ball[128, 250] > ball[128, 128] > ball[128, 20] > ball[0, 0] == 20  # lit from the right, on dark ground
+    CliRunner().invoke(app, ["key:#ff8000@0,0,0", "-o", str(tmp_path / "b.png")])
+    shown = LINEAR[np.asarray(Image.open(tmp_path / "b.png"))[128, 640]]
+    np.testing.assert_allclose(shown, 0.85 * np.array([1, LINEAR[128], 0]), atol=5e-3, err_msg="its own color")
