@@ -94,9 +94,9 @@ def write_light_picture(light: Light, path: Path | str) -> None:
 
 
 def _tone_mapped(pixels: np.ndarray) -> np.ndarray:
-    """Tone-maps linear pixels (h,w,3) to sRGB codes in [0,1]; the 60th percentile sets the exposure."""
-    pixels = pixels.astype(np.float64)
-    exposed = pixels * 0.35 / max(float(np.percentile(pixels.mean(-1), 60)), 1e-9)
+    """Tone-maps linear pixels (h,w,3) to sRGB codes in [0,1], exposed for the 60th percentile of what is not black."""
+    level = pixels.astype(np.float64).mean(-1)
+    exposed = pixels * 0.35 / max(float(np.percentile(level[level > 0], 60)), 1e-9)
     return encode(exposed * (1 + exposed / 16) / (1 + exposed * 0.6))
 
 

@@ -5,7 +5,8 @@ from typer.testing import CliRunner
 from relight.core.srgb import LINEAR, encode
 from relight.lights import Light, lit_ball, load_light
 from relight.lights.commands import app
-from relight.lights.show import ALBEDO, diffuse_panorama, format_statistics
+from relight.lights.show import ALBEDO, diffuse_panorama, format_statistics, write_light_picture
+from relight.panoramas import Panorama, project
 from relight.sh import basis
 
 
@@ -51,3 +52,8 @@ def test_a_picture_of_a_light_has_its_panorama_and_a_ball(tmp_path):
     CliRunner().invoke(app, ["key:#ff8000@0,0,0", "-o", str(tmp_path / "b.png")])
     shown = LINEAR[np.asarray(Image.open(tmp_path / "b.png"))[128, 640]]
     np.testing.assert_allclose(shown, 0.85 * np.array([1, LINEAR[128], 0]), atol=5e-3, err_msg="its own color")
+    studio = np.zeros((32, 64, 3), np.float32)
+    studio[8:16, 4:12], studio[8:16, 40:48] = 1, 4  # two softboxes in the dark
+    write_light_picture(Light(project(Panorama(studio)), "studio", Panorama(studio)), tmp_path / "c.png")
+    dim, bright = np.asarray(Image.open(tmp_path / "c.png"))[96, [64, 352], 0].astype(int)
+    assert 60 < dim < bright - 60
