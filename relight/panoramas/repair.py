@@ -72,9 +72,12 @@ def repair_sun(path: Path, pixels: np.ndarray, repair: bool) -> list[str]:
     lost = pixels[..., 0] <= LOST * pixels[..., 0].mean()
     if not lost[brightest] or pixels[brightest][2] < pixels.max():
         return []
-    parts, _ = label(lost, np.ones((3, 3)))
-    block = parts == parts[brightest]
-    around = binary_dilation(block, np.ones((3, 3))) & ~block
+    middle = pixels.shape[1] // 2
+    to_middle = middle - brightest[1]  # of columns, since the left and right edges of a lat-long meet
+    parts, _ = label(np.roll(lost, to_middle, 1), np.ones((3, 3)))
+    sun = parts == parts[brightest[0], middle]
+    around = np.roll(binary_dilation(sun, np.ones((3, 3))) & ~sun, -to_middle, 1)
+    block = np.roll(sun, -to_middle, 1)
     rim = pixels[around].mean(0) if around.any() else np.zeros(3)
     if rim.min() <= 0:  # a blue lamp in the dark
         return []

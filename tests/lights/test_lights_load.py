@@ -229,13 +229,6 @@ def test_load_light_reads_tables_of_every_spelling(tmp_path, name):
     np.testing.assert_allclose(load_light(tmp_path / "a.csv").coefficients, ROWS)
 
 
-@pytest.mark.parametrize("page", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
-def test_load_light_reads_json_of_every_code_page(tmp_path, page):
-    text = json.dumps({"coefficients": ROWS, "name": "caf\xe9"}, ensure_ascii=False)
-    (tmp_path / "a.json").write_bytes(text.encode(page))
-    np.testing.assert_allclose(load_light(tmp_path / "a.json").coefficients, ROWS)
-
-
 KEYS = {
     "key:rad@0,0": "'rad' is no color: give #ffeedd, or a name such as red",
     "key:#ff@45,30": "'#ff' is no color",

@@ -202,6 +202,8 @@ def test_a_sun_that_has_lost_its_red_is_told_and_rebuilt(tmp_path):
     rebuilt = read_panorama(tmp_path / "sun.exr", repair=True)
     assert "9 pixels had lost its red and green" in rebuilt.repairs[0]
     np.testing.assert_allclose(rebuilt.pixels[5:8, 10:13], np.broadcast_to([420, 360, 300], (3, 3, 3)), rtol=1e-5)
+    seam = read_panorama(exr(tmp_path / "seam.exr", {"RGB": np.roll(sky, -11, 1)}), repair=True)  # a sun on both edges
+    np.testing.assert_allclose(seam.pixels, np.roll(rebuilt.pixels, -11, 1), rtol=1e-6)
     sky[5:8, 10:13] = 1.4, 1.2, 1.0
     assert np.array_equal(np.delete(rebuilt.pixels, np.s_[5:8], 0), np.delete(sky, np.s_[5:8], 0))
     sky[5:8, 10:13] = [300, 0, 0]  # a red lamp
