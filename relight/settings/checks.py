@@ -149,10 +149,8 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
             if first not in rows or second not in [*rows, *BASELINES]:
                 known = f"a ROW of sweep.rows, and the second may be of {', '.join(BASELINES)}"
                 yield f"experiments.{name}.compare: {pair!r} must be ROW against ROW, each {known}"
-        named = [
-            (quantity, name) for quantity in QUANTITIES for name, (*_, of) in READINGS.items() if of in (None, quantity)
-        ]
-        columns = [f"{quantity}_{name}" for quantity, name in named]
+        readings = [(name, [of] if of else QUANTITIES) for name, (*_, of) in READINGS.items()]
+        columns = [f"{quantity}_{name}" for name, quantities in readings for quantity in quantities]
         if unknown := [column for column in experiment.compare_in if column not in columns]:
             yield f"experiments.{name}.compare_in: {unknown[0]} must be a quantity and a reading, such as relit_rmse"
     if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):

@@ -239,7 +239,7 @@ def test_outfits_share_all_but_albedo_and_gloss():
     settings = replace(read_preset("bake"), size=32, rays=32, supersample=2)
     own, changed = Baker(replace(mesh, outfits=[{0: other}]), settings).outfits()
     alone = Baker(mesh, settings).maps()
-    repainted = Baker(mesh_with(mesh, other), settings).maps()
+    repainted = Baker(replace(mesh, materials=[other, *mesh.materials[1:]]), settings).maps()
     for name in ("mask", "coverage", "albedo", "normal", "depth", "ao", "transport"):
         np.testing.assert_array_equal(getattr(own, name), getattr(alone, name))
         np.testing.assert_array_equal(getattr(changed, name), getattr(repainted, name))
@@ -252,10 +252,6 @@ def test_outfits_share_all_but_albedo_and_gloss():
     assert (changed.albedo != own.albedo).any() and own.info == changed.info and own.info is not changed.info
     with pytest.raises(UserError, match="bounces must be 0"):
         Baker(replace(mesh, outfits=[{0: other}]), replace(settings, bounces=1))
-
-
-def mesh_with(mesh, first):
-    return replace(mesh, materials=[first, *mesh.materials[1:]])
 
 
 def broken(**changes):

@@ -33,10 +33,7 @@ VARIANTS = {
     "mean_light": "inferred maps, mean training light",
 }
 # Predictions without a network.
-BASELINES = {
-    "as_it_is": "the picture as it is",
-    "true_maps_mean_light": "true maps, mean training light",
-}
+BASELINES = {"as_it_is": "the picture as it is", "true_maps_mean_light": "true maps, mean training light"}
 MAX_ERROR = 0.5  # error of a picture (vector norm) at the dark end of the color scale
 
 
@@ -46,12 +43,6 @@ class Partner:
 
     truth: Truth
     inferred: Inferred
-
-    def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """Returns albedo (N,P,3) and transport (N,P,K), of which each row was inferred under the swap's other light."""
-        *maps, light = self.truth.complete(self.inferred)
-        albedo, transport = (other(np.broadcast_to(m, (len(light), *m.shape[1:]))) for m in maps)
-        return albedo, transport
 
 
 def other(rows: np.ndarray) -> np.ndarray:
@@ -139,7 +130,8 @@ def _relight_swapped(a: Partner, b: Partner, mean: np.ndarray) -> dict[str, tupl
     BASELINES.
     """
     true, (_, _, inferred) = a.truth.lights, b.truth.complete(b.inferred)
-    inferred_maps, true_maps = a.maps(), (a.truth.maps["albedo"], a.truth.transport)
+    true_maps, maps = (a.truth.maps["albedo"], a.truth.transport), a.truth.complete(a.inferred)[:2]
+    inferred_maps = tuple(other(np.broadcast_to(values, (len(true), *values.shape[1:]))) for values in maps)
     mean_lights = np.repeat(mean, len(true), 0)
     combinations = {
         "": (inferred_maps, inferred),

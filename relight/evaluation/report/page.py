@@ -29,12 +29,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    made.filters |= {
-        "number": formats.number,
-        "count": formats.count,
-        "column": column_label,
-        "label": label,
-    }
+    made.filters |= {"number": formats.number, "count": formats.count, "column": column_label, "label": label}
     made.globals |= {
         "table": formats.to_markdown,
         "picture": picture,
