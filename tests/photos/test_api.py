@@ -97,7 +97,7 @@ def test_a_light_may_be_an_object_and_must_shine(relighter, photo_files):
     for wrong, says in (
         (Light(np.full((9, 3), np.nan), "mine"), "mine has coefficients that are not finite"),
         (Light(np.zeros((9, 3)), "mine"), "mine is black"),
-        ([[1, 2], [3]], "the light is not a table of numbers"),
+        ([[1, 2], [3]], "the light is not a table of real numbers"),
         (np.full((9, 3), np.nan), "the light .*finite"),
         (np.zeros((9, 3)), "the light is black"),
         (np.ones((5, 3)), r"the light has the shape \(5, 3\)"),
