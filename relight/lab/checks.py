@@ -78,7 +78,7 @@ def _rows(plan: Plan) -> Iterator[str]:
                 f"row {row} has model.order={settings['model']['order']}, and the maps have bake.order="
                 f"{shared['bake']['order']}: give a bake.order as high"
             )
-    for row in dict.fromkeys(row for name in plan.tables for row in plan.experiments[name].rows):
+    for row in dict.fromkeys(row for experiment in plan.experiments.values() for row in experiment.rows):
         train = plan.record["rows"][row]["train"]
         if train["color"] != shared["train"]["color"]:
             yield (

@@ -194,6 +194,7 @@ def test_folders_of_scans_are_checked(tmp_path, folder):
         ("train.start=no.onnx", None, "row sfsnet: train.start: there is no file no.onnx"),
         ("model.order=3", None, "row sfsnet has model.order=3, and the maps have bake.order=2"),
         ("", "train.color=photo", "row b has train.color=photo, and the baselines paper"),
+        ("experiment=light_transfer ++sweep.rows.ours_full=['train.color=photo']", None, "row ours_full has"),
         ("train.color=photo bake.size=128", "train.size=64", "row b has train.size=64, .* bake.size=128"),
     ],
 )
