@@ -102,12 +102,6 @@ def test_mirrored_batch_is_the_mirrored_image(tiny_world):
     assert torch.equal(mixed.light[0, [0, 1, 2, 5, 6, 8]], plain.light[0, [0, 1, 2, 5, 6, 8]])
 
 
-def test_figures_by_name_pass_over_those_left_out(tiny_world):
-    data = RelitSet(tiny_world["packed"], tiny_world["lights"], 2, "paper")
-    split = read_split(tiny_world["split"])
-    assert data.figures(split["train"]).tolist() == [0, 1, 2, 3] and data.figures(split["test"]).tolist() == [4]
-
-
 def test_user_errors(tiny_world, tmp_path):
     with pytest.raises(UserError, match=r"up to order 3: model\.order=4 needs bake\.order=4"):
         RelitSet(tiny_world["packed"], tiny_world["lights"], 4, "paper")
