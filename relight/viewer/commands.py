@@ -77,6 +77,7 @@ def web_build(
     weights: Weights = None,
 ) -> None:
     """Write the site to the folder DIR, for any static web server."""
+    from relight.core.errors import UserError
     from relight.core.progress import progress
     from relight.photos.network import WEIGHTS
     from relight.viewer.site import build_site
@@ -84,6 +85,8 @@ def web_build(
 
     network = weights or WEIGHTS
     relighter = load(network)
+    if relighter.network.order != 2:
+        raise UserError(f"the site needs a network of order 2; {network} has order {relighter.network.order}")
     figures = [figure_of(path, relighter, size=size) for path in progress(paths or (), "figures inferred")]
     figures = figures or [portrait(relighter)]
     build_site(out, network, relighter.network.size, figures, named_lights(light or ()), title)
