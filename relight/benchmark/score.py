@@ -125,10 +125,12 @@ def read_scores(answers: Path | str) -> pd.DataFrame:
         `attrs["method"]`.
 
     Raises:
-        UserError: if `score` did not write them.
+        UserError: if `score` did not write them, or an answer is newer.
     """
     path = Path(answers) / SCORES
     frame = read_table(path, "scores", [*KEYS, *COLUMNS], "relight benchmark score", dict.fromkeys(KEYS, str))
+    if any(answer.stat().st_mtime > path.stat().st_mtime for answer in path.parent.glob("*.npz")):
+        raise UserError(f"{path} is older than the answers beside it: run relight benchmark score again")
     frame = frame.set_index(KEYS)[list(COLUMNS)]
     frame.attrs["method"] = Path(answers).resolve().name
     return frame

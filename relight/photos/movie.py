@@ -77,7 +77,7 @@ def write_movie(
     light_notes = look.light.notes if look.light else []
     if path.is_dir() or is_video(path):
         if seconds is not None or (fps is not None and path.is_file()):
-            raise UserError(f"{path} is a clip and keeps its length: --seconds and --fps are for photos")
+            raise UserError(f"{path} is a clip and keeps its length: --seconds is for photos, --fps also for folders")
         notes: Counter[str] = Counter()
         frames, count, clip_fps = _relight_clip(network, path, mask, look, size, turns or 0.0, notes, **options)
         sound = path if path.is_file() else None

@@ -1,6 +1,7 @@
 """Folders of answers: what scores zero, what scores by hand, and what is refused in one sentence."""
 
 import hashlib
+import os
 import shutil
 from pathlib import Path
 
@@ -232,6 +233,9 @@ def test_comparison_tables_and_command(drawn, truth, tmp_path):
     difference = MethodComparison([rows[1], other]).tables()["benchmark_differences"].grid.frame["ratio: RMSE"]["mean"]
     gaps = other["ratio"].to_numpy() - values
     assert np.isclose(difference.mean, np.mean([gaps[:2].mean(), gaps[2]]))
+    os.utime(next((tmp_path / "mean").glob("*.npz")), (4e9, 4e9))
+    with pytest.raises(UserError, match=r"mean/scores\.csv is older than the answers beside it"):
+        read_scores(tmp_path / "mean")
     with pytest.raises(UserError, match="two folders of answers have the same name"):
         MethodComparison([rows[0], rows[0]])
     lines = (tmp_path / "as_it_is" / "scores.csv").read_text().replace(rows[1].index[0][0], "0" * 16)
