@@ -16,8 +16,10 @@ from typing import Any
 
 from relight.core.errors import UserError
 
-NAMES = "ENOSPC EDQUOT EFBIG EROFS EACCES EPERM ENOTDIR EIO ENAMETOOLONG"
-FILE_SYSTEM_ERRORS = frozenset(getattr(errno, name) for name in NAMES.split())
+FILE_SYSTEM_ERRORS = frozenset({
+    errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EIO,
+    errno.ENAMETOOLONG,
+})  # fmt: skip
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".avif", ".heic", ".heif")
 
 
