@@ -96,8 +96,7 @@ class RunCommand(TyperCommand):
 @app.command(cls=RunCommand)
 def run(
     overrides: Annotated[
-        list[str] | None,
-        typer.Argument(help="Settings: scale=smoke, train.lr=1e-3, figures=scans ..."),
+        list[str] | None, typer.Argument(help="Settings: scale=smoke, train.lr=1e-3, figures=scans ...")
     ] = None,
     multirun: Annotated[bool, typer.Option("--multirun", "-m", help="Sweep over comma-separated values.")] = False,
     cores: Annotated[

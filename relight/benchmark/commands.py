@@ -6,8 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 app = typer.Typer(
-    help="A benchmark of relighting: path-traced people whose ground truth is known.",
-    no_args_is_help=True,
+    help="A benchmark of relighting: path-traced people whose ground truth is known.", no_args_is_help=True
 )
 
 SetFolder = Annotated[Path, typer.Option("--truth", help="Folder of the set that `make` wrote.")]

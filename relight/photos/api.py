@@ -66,10 +66,7 @@ class Relighter:
         return list(scene.people)
 
     def read_light(
-        self,
-        text: Path | str,
-        mask_model: Path | str | None = None,
-        white_balance: str = "keep",
+        self, text: Path | str, mask_model: Path | str | None = None, white_balance: str = "keep"
     ) -> Light | None:
         """Reads a light as a user names it: relight.photos.scene.named_light."""
         return named_light(self.network, text, mask_model, white_balance)

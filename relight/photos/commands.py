@@ -56,12 +56,7 @@ OPTIONS: dict[str, tuple[str, str | None, str | None, str]] = {
     "light": ("--light -l", LIGHT, "LIGHT", "The new light; see above. Several lights add up."),
     "mask": ("--mask -m", None, "FILE", "White on the people, as large as the photo; of a clip, a folder or a video."),
     "mask_model": ("--mask-model", None, "FILE", "ONNX network for automatic masks; or FILE:bgr, :rgb, :signed."),
-    "mode": (
-        "--mode",
-        None,
-        "WORD",
-        "ratio: photo times new over old shading, keeps detail; full: albedo times new.",
-    ),
+    "mode": ("--mode", None, "WORD", "ratio: photo times new over old shading, keeps detail; full: albedo times new."),
     "lit_by": ("--lit-by", LIGHT, "LIGHT", "The photo's own light, if known: a panorama of the place, a lamp ..."),
     "white_balance": ("--white-balance", LIGHT, "WORD", "keep: the photo's light is white; scene: as it is inferred."),
     "background": ("--background -b", BEHIND, "WORD", "keep, transparent, panorama, a color (#334455) or a picture."),

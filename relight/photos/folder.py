@@ -32,12 +32,7 @@ from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.opening import list_photos, list_pictures, mask_beside, mask_in
 from relight.photos.place import split_place
 from relight.photos.scene import Scene, SceneOptions, require_white_balance
-from relight.photos.write import (
-    write_before_after,
-    write_light_files,
-    write_maps,
-    write_picture,
-)
+from relight.photos.write import write_before_after, write_light_files, write_maps, write_picture
 from relight.sh import rotate_y
 
 RECORD = "photo.json"
@@ -120,12 +115,7 @@ def relight_file(
 
 
 def relight_to(
-    network: PhotoNetwork,
-    path: Path,
-    out: Path,
-    look: Look,
-    mask: Path | None = None,
-    **options: Unpack[SceneOptions],
+    network: PhotoNetwork, path: Path, out: Path, look: Look, mask: Path | None = None, **options: Unpack[SceneOptions]
 ) -> list[str]:
     """Relights a photo, and writes the picture alone.
 

@@ -196,10 +196,7 @@ def require_white_balance(white_balance: str) -> None:
 
 
 def named_light(
-    network: PhotoNetwork,
-    text: Path | str,
-    mask_model: Path | str | None = None,
-    white_balance: str = "keep",
+    network: PhotoNetwork, text: Path | str, mask_model: Path | str | None = None, white_balance: str = "keep"
 ) -> Light | None:
     """Reads a light as a user names it (docs/photos.md).
 

@@ -147,8 +147,7 @@ class Loss:
         "errors of shading by inferred transport, light, and both; weight of each", "transport light"
     )
     reconstruction: float = weight(
-        "errors of the image with one or two of three factors inferred; weight of each of six",
-        "albedo transport light",
+        "errors of the image with one or two of three factors inferred; weight of each of six", "albedo transport light"
     )
     reconstruction_full: float = weight(
         "error of the relit image with all three inferred", "albedo transport light", supervised=False

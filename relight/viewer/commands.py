@@ -14,8 +14,7 @@ Lights = Annotated[
 Size = Annotated[int, typer.Option(min=64, max=4096, help="A photo's longer side is scaled down to this, pixels.")]
 Weights = Annotated[Path | None, typer.Option("--weights", "-w", help="A network (.onnx).")]
 web_app = typer.Typer(
-    help="A site that relights photos in the browser. Nothing leaves the visitor's computer.",
-    no_args_is_help=True,
+    help="A site that relights photos in the browser. Nothing leaves the visitor's computer.", no_args_is_help=True
 )
 
 

@@ -126,10 +126,7 @@ def test_movie_of_a_clip(run, weights, tmp_path, draw):
     assert all(np.array_equal(a.pixels, b.pixels) for a, b in pairs)
     Image.fromarray(255 - mask).save(masks / "2.png")
     assert re.search(r"note: the mask may be inverted.* \(frames: 1\)", run(*words))
-    for refused, says in (
-        (["--seconds", 3], "is a clip and keeps its length"),
-        ([], r"a\.webm would be overwritten"),
-    ):
+    for refused, says in ((["--seconds", 3], "is a clip and keeps its length"), ([], r"a\.webm would be overwritten")):
         with pytest.raises(UserError, match=says):
             run("movie", *([tmp_path / "a.webm"] if not refused else [frames]), *words[2:], *refused)
     (masks / "4.png").unlink()

@@ -3,14 +3,7 @@ import pytest
 from scipy.special import sph_harm_y
 
 from relight.core.errors import UserError
-from relight.sh import (
-    basis,
-    cosine_factors,
-    mean_direction,
-    order_of,
-    per_coefficient,
-    rotation_matrix,
-)
+from relight.sh import basis, cosine_factors, mean_direction, order_of, per_coefficient, rotation_matrix
 
 
 def directions(n, seed=0):

@@ -120,10 +120,7 @@ def test_a_preset_is_read_without_hydra():
         ("augment.tint=-1", ["augment.tint must be at least 0"]),
         (["model=unet", "model.light_head=strided"], ["pooled light head only"]),
         (["model=unet", "model.dropout=0.5"], ["has no dropout"]),
-        (
-            ["figures=scans", "figures.folder=x", "figures.count=3"],
-            ["count is not read by figures.source=scans"],
-        ),
+        (["figures=scans", "figures.folder=x", "figures.count=3"], ["count is not read by figures.source=scans"]),
         (["panoramas.layout=ball"], ["panoramas.layout is not read by panoramas.source=generated"]),
         (["panoramas=folder", "panoramas.folder=x", "panoramas.count=9"], ["is not read by panoramas.source=folder"]),
     ],

@@ -54,10 +54,7 @@ def fit_edge(pixels: np.ndarray, coverage: np.ndarray, automatic: bool = False) 
         extreme.reduceat(extreme.reduceat(share, starts[0], axis=0), starts[1], axis=1)
         for extreme in (np.minimum, np.maximum)
     )
-    sure = (
-        minimum_filter(low, 3, mode="nearest") > 255 - SURE,
-        maximum_filter(high, 3, mode="nearest") < SURE,
-    )
+    sure = (minimum_filter(low, 3, mode="nearest") > 255 - SURE, maximum_filter(high, 3, mode="nearest") < SURE)
     seen = [uniform_filter(cells.astype(np.float32), WINDOW, mode="nearest") for cells in sure]
     trust = np.minimum(seen[0] * seen[1] / np.float32(ENOUGH), 1) ** 2
     unsure = ~sure[0] & ~sure[1] & (trust > 1e-3)
