@@ -58,9 +58,10 @@ def run(
             print(f"{row}: {' '.join(words)}")
     plan = Plan(compose_run(fixed, rows))
     check(plan, ROOT)
-    for word in filter(fixed.__contains__, given):
+    for word in given:
         key = word.partition("=")[0]
-        if plan.rows and all(any(own.startswith(f"{key}=") for own in words) for words in plan.rows.values()):
+        has_own = [any(own.startswith(f"{key}=") for own in words) for words in plan.rows.values()]
+        if word in fixed and has_own and all(has_own):
             raise UserError(f"{word} has no effect, since each row has its own {key}: give experiment=one, or leave it")
     if targets == ["all"]:
         check_figures(plan)
