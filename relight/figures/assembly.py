@@ -122,15 +122,15 @@ class Assembly:
         paint = garment_paint(pattern, number, atlas)
         # A scarf is seen from both sides; other garments get an inner layer along their borders, 2 or 3 edges wide.
         rings = None if is_scarf else 3 if self.detail.refine > 1 else 2
-        vertices, thick_faces, outer_vertex = thickened(positions, faces, garment.thickness, rings)
-        vertex_uv = np.zeros((len(positions), 2))
-        vertex_uv[faces.ravel()] = atlas.uv.reshape(-1, 2)
-        inner_faces = thick_faces[len(faces) :]  # the given faces come first
-        uv = np.concatenate([atlas.uv, vertex_uv[outer_vertex[inner_faces]]])
-        shown = np.r_[keep, np.ones(len(inner_faces), bool)]
+        vertices, thick_faces, corner = thickened(positions, faces, garment.thickness, rings)
+        uv = atlas.uv.reshape(-1, 2)[corner]
+        shown = np.ones(len(thick_faces), bool)
+        shown[: len(faces)] = keep  # the given faces come first
         self.builder.add(vertices, thick_faces[shown], uv[shown], paint, layer=-1 if is_scarf else number + 1)
         if garment.kind == "top":
             neck = collars.neck_of(self.motion)
+            vertex_uv = np.zeros((len(positions), 2))
+            vertex_uv[faces] = atlas.uv
             uv_per_metre = atlas.scale / atlas.side
             collar = collars.collar(positions, faces, vertex_uv, garment.collar, neck, uv_per_metre)
             for trim in (collar, trims.band(pattern, positions, vertex_uv)):

@@ -263,8 +263,10 @@ def thickened(
         rings: width of the inner layer in edges; None for all of the cloth, if both sides are seen.
 
     Returns:
-        Vertices (V',3), faces (F',3) that begin with the given ones, and the outer vertex (V',) of each vertex.
+        Vertices (V',3), faces (F',3) that begin with the given ones, and for their corners (F',3) those of the given
+        faces, flattened, from which they come. All corners of a face come from one given face.
     """
+    corner = np.arange(faces.size).reshape(-1, 3)
     band = np.ones(len(faces), bool)
     if rings is not None:
         band = (border_distance(vertices, faces, rings)[faces] < rings).any(1)
@@ -273,11 +275,14 @@ def thickened(
     inner_vertices = vertices[used] - normals(vertices, faces)[used] * depth
     inner_of = np.full(len(vertices), -1)  # the inner vertex of each outer one
     inner_of[used] = len(vertices) + np.arange(len(used))
-    sides = rim(faces)
-    a, b = sides[(inner_of[sides] >= 0).all(1)].T
-    walls = np.concatenate([np.stack([b, a, inner_of[a]], 1), np.stack([b, inner_of[a], inner_of[b]], 1)])
-    all_faces = np.concatenate([faces, inner_faces[:, ::-1], walls])
-    return np.concatenate([vertices, inner_vertices]), all_faces, np.concatenate([np.arange(len(vertices)), used])
+    _, face_edge, count = edges(faces)
+    border = count[face_edge] == 1
+    start, end = corner[border], np.roll(corner, -1, axis=1)[border]
+    a, b = faces.ravel()[start], faces.ravel()[end]
+    walls = [np.stack([b, a, inner_of[a]], 1), np.stack([b, inner_of[a], inner_of[b]], 1)]
+    all_faces = np.concatenate([faces, inner_faces[:, ::-1], *walls])
+    source = [corner, corner[band][:, ::-1], np.stack([end, start, start], 1), np.stack([end, start, end], 1)]
+    return np.concatenate([vertices, inner_vertices]), all_faces, np.concatenate(source)
 
 
 def averaged(values: np.ndarray, average: sparse.csr_matrix, times: int) -> np.ndarray:

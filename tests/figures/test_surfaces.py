@@ -76,7 +76,8 @@ def test_thickened_cloth_is_closed_at_its_border():
     shell = trimesh.Trimesh(out, solid, process=False)
     assert shell.is_watertight and shell.is_winding_consistent
     assert shell.volume == pytest.approx(0.01)
-    np.testing.assert_allclose(out[:, :2], vertices[source][:, :2], atol=1e-12)
+    np.testing.assert_allclose(out[solid][..., :2], vertices[faces.ravel()[source]][..., :2], atol=1e-12)
+    assert (np.ptp(source // 3, axis=1) == 0).all(), "each face comes from one face"
 
 
 def test_normals_of_a_sphere_point_outward():

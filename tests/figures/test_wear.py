@@ -7,8 +7,10 @@ import pytest
 import trimesh
 
 from relight.figures import gates, outfits
+from relight.figures.assembly import Assembly
 from relight.figures.body import makehuman
 from relight.figures.body.person import build_body, sample_person
+from relight.figures.builder import Builder
 from relight.figures.cloth import layers
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.drape import DrapeResult, Level
@@ -16,7 +18,7 @@ from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose import clearance, stances
 from relight.figures.pose.motion import build_motion
 from relight.figures.surfaces import border_loops, grid_faces
-from relight.figures.tailor import collars, fitting, patterns
+from relight.figures.tailor import collars, fitting, panels, patterns
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.footwear import shoes, upper
 from relight.figures.tailor.garments import Worn, group, wardrobe
@@ -46,6 +48,23 @@ def test_drape_scarf_lies_around_the_neck_and_hangs_in_front(body, standing, gar
     assert gates.check_garment(worn.pattern, worn.draped, motion) is None
     _, distance, _ = signed_distance(x, Collider(skin, skin, faces), 0.1)
     assert np.percentile(distance, 1) > -0.002
+
+
+def test_hem_has_the_texture_of_one_panel(body, standing):
+    """Each face's longest side in the texture, in metres, against its longest side in space."""
+    outfit = outfits.sample_outfit(np.random.default_rng(0), body.person)
+    for name in ("t-shirt", "jeans"):
+        pattern, garment = patterns.build_pattern(body, wardrobe()[name], 0), Worn(wardrobe()[name], CLOTH)
+        level = pattern.levels[0]
+        x = standing[0].skin(level.weights, level.rest_shape)
+        worn, builder = DrapedGarment(pattern, CLOTH, DrapeResult(x, [], np.ones(1))), Builder()
+        detail = DETAILS["draft"]
+        Assembly(builder, standing[0], replace(outfit, garments=[garment]), [worn], detail, 0).add_garment(0, worn)
+        atlas = panels.lay_out(*panels.cloth_coordinates(pattern), detail.texture)
+        corners = builder.vertices[0][builder.faces[0]], builder.uv[0] * atlas.side / atlas.scale
+        true, drawn = (np.linalg.norm(part - np.roll(part, 1, axis=1), axis=2).max(1) for part in corners)
+        hem = slice(len(level.faces), None)
+        assert len(true[hem]) > 200 and (drawn < 4 * true)[hem].all()
 
 
 def test_tucked_top_is_pinned_below_the_waistband_only(body):

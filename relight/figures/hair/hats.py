@@ -55,8 +55,10 @@ def hat(motion: Motion, style: HairStyle) -> list[Strip]:
     strips = []
     for vertices, faces, vertex_uv in parts:
         posed = motion.skin(np.tile(weights, (len(vertices), 1)), vertices)
-        posed, faces, source = thickened(posed, faces, HAT_THICKNESS, rings=6)
-        strips.append((posed, faces, vertex_uv[source]))
+        posed, thick_faces, corner = thickened(posed, faces, HAT_THICKNESS, rings=6)
+        uv = np.zeros((len(posed), 2))
+        uv[thick_faces] = vertex_uv[faces.ravel()[corner]]
+        strips.append((posed, thick_faces, uv))
     return strips
 
 

@@ -294,10 +294,9 @@ def collar(
     travel = np.concatenate([np.zeros((1, len(ring))), np.cumsum(row_lengths, axis=0)])  # metres from the neckline
     strip, strip_faces = extruded(np.arange(len(ring)), rows, offset=len(ring), closed=closed)
     points = np.concatenate([vertices[ring] - SEAM_OFFSET * neck.up, strip])
-    points, shell, source = thickened(points, strip_faces, THICKNESS, rings=None)
-    column, row = source % len(ring), source // len(ring)  # of each vertex in the strip
-    vertex_uv = uv[ring][column] - np.stack([0 * column, travel[row, column] * uv_per_metre], axis=1)
-    corner_uv = vertex_uv[shell]
+    points, shell, corner = thickened(points, strip_faces, THICKNESS, rings=None)
+    row, column = np.divmod(strip_faces.ravel()[corner], len(ring))  # of each corner in the strip
+    corner_uv = uv[ring][column] - np.stack([0 * column, travel[row, column] * uv_per_metre], axis=-1)
     is_torn = np.ptp(corner_uv[..., 0], axis=1) > 0.06 * uv_per_metre  # across a seam between panels: use one of them
     corner_uv[is_torn] = corner_uv[is_torn][:, :1]
     return points, shell, np.clip(corner_uv, 0.001, 0.999)

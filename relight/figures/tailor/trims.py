@@ -57,8 +57,8 @@ def band(pattern: Pattern, positions: np.ndarray, uv: np.ndarray) -> tuple[np.nd
         matrix, faces = clip(matrix, faces, matrix @ field, snap=0.2)
     flat = matrix @ positions
     raised = flat + OFFSET * normals(flat, faces)
-    points, shell, source = thickened(raised, faces, OFFSET, rings=None)
-    return points, shell, (matrix @ uv)[source][shell]
+    points, shell, corner = thickened(raised, faces, OFFSET, rings=None)
+    return points, shell, (matrix @ uv)[faces.ravel()[corner]]
 
 
 def belt(vertices: np.ndarray, faces: np.ndarray, band: np.ndarray, ahead: np.ndarray, width: float) -> list[Surface]:
