@@ -5,9 +5,10 @@ import pytest
 
 from relight.figures import texture
 from relight.figures.surfaces import grid_faces
-from relight.figures.tailor import aging, marks, panels
+from relight.figures.tailor import aging, marks, panels, patterns
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.garments import wardrobe
+from relight.figures.tailor.prints import emblem
 from relight.figures.tailor.weaves import WEAVES, woven
 
 LATTICE = [0.212093949, 0.283698976, 0.247471035, 0.376442909]
@@ -84,6 +85,17 @@ def test_woven_is_uneven_for_each_kind(kind):
     assert color.shape == (240, 240, 3) and np.isfinite(color).all() and color.min() > 0 and color.max() < 1
     log = np.log(color.mean(-1).reshape(120, 2, 120, 2).mean((1, 3)))
     assert np.diff(log, axis=1).std() > 0.03
+
+
+@pytest.mark.parametrize("name", [name for name, garment in wardrobe().items() if "logo" in garment.fabrics])
+def test_emblem_is_on_a_panel_of_each_garment_with_a_logo(body, name):
+    names, panel, cloth = panels.cloth_coordinates(patterns.build_pattern(body, wardrobe()[name], 0))
+    inside = np.array([(a, b, 8 - a - b) for a in range(9) for b in range(9 - a)]) / 8
+    u, v = np.einsum("wk,fkd->dfw", inside, cloth)  # some 4 mm apart
+    for seed in range(20):
+        fabric = Fabric("logo", (0.3, 0.2, 0.15), (0.1, 0.4, 0.7), 1.0, seed)
+        shown = [emblem(fabric, names[k], u[panel == k], v[panel == k], 0.001) for k in np.unique(panel)]
+        assert max(np.abs(color - fabric.first).max() for color in shown) > 0.1
 
 
 def test_images_show_marks_in_the_atlas():
