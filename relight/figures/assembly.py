@@ -168,10 +168,12 @@ class Assembly:
             return
         pattern = self.cut[shirt].pattern
         trunk = pattern.levels[-1].faces[~pattern.sleeve]
-        tie = trims.tie(shown[shirt], trunk, collars.neck_of(self.motion))
+        neck = collars.neck_of(self.motion)
+        tie = trims.tie(shown[shirt], trunk, neck)
         if tie is not None:
             vertices, faces = self.under_outer_tops(tie, shown, shirt)
-            uv = (vertices[:, :2] - vertices[:, :2].min(0)) / np.ptp(vertices[:, 1])
+            flat = np.stack([vertices @ neck.aside, vertices[:, 1]], axis=1)
+            uv = (flat - flat.min(0)) / np.ptp(flat[:, 1])
             self.builder.add(vertices, faces, uv[faces], accessory_paint("tie", self.side(share=4)))
 
     def add_belt(self, shown: list[np.ndarray]) -> None:

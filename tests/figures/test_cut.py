@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 from relight.figures import wear
 from relight.figures.cloth.colliders import Collider
@@ -214,6 +215,28 @@ def test_tie_lies_on_the_shirt():
         0.072, abs=0.004
     )
     assert trims.tie(points - [5, 0, 0], faces, NECK._replace(base=np.array([0, 0.4, 0.0]))) is None
+
+
+def front(points, faces, neck, part):
+    """The vertices of a collar, of the cords or of a tie on cloth."""
+    if part == "tie":
+        return trims.tie(points, faces, neck)[0]
+    if part == "cords":
+        return np.concatenate([vertices for vertices, _ in collars.cords(points, faces, neck)])
+    return collars.collar(points, faces, np.zeros((len(points), 2)), part, neck, 1.0)[0]
+
+
+@pytest.mark.parametrize("part", ["none", "roll", "fold", "hood", "lapel", "cords", "tie"])
+@pytest.mark.parametrize("degrees", [40, -130])
+def test_what_lies_on_the_chest_turns_with_it(part, degrees):
+    """Collars, cords and ties of a trunk that leans, and is turned about the vertical afterwards."""
+    points, faces = tube()
+    points[:, 1] *= np.where(points[:, 1] < -0.1, 2.5, 1)  # long enough for a tie
+    points = Rotation.from_euler("xz", [12, -5], degrees=True).apply(points * [1.2, 1, 1])
+    neck = collars.Neck(np.zeros(3), LEFT, *Rotation.from_euler("x", 20, degrees=True).apply([UP, AHEAD]))
+    turn = Rotation.from_euler("y", degrees, degrees=True)
+    found = front(turn.apply(points), faces, collars.Neck(*turn.apply(neck)), part)
+    np.testing.assert_allclose(found, turn.apply(front(points, faces, neck, part)), atol=1e-4)
 
 
 def test_over_leaves_room_for_the_inner_garment():

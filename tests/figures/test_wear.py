@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from relight.figures import gates, outfits
 from relight.figures.assembly import Assembly
@@ -18,7 +19,7 @@ from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose import clearance, stances
 from relight.figures.pose.motion import build_motion
 from relight.figures.surfaces import border_loops, grid_faces
-from relight.figures.tailor import collars, fitting, panels, patterns
+from relight.figures.tailor import collars, fitting, panels, patterns, scarves
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.footwear import shoes, upper
 from relight.figures.tailor.garments import Worn, group, wardrobe
@@ -48,6 +49,31 @@ def test_drape_scarf_lies_around_the_neck_and_hangs_in_front(body, standing, gar
     assert gates.check_garment(worn.pattern, worn.draped, motion) is None
     _, distance, _ = signed_distance(x, Collider(skin, skin, faces), 0.1)
     assert np.percentile(distance, 1) > -0.002
+
+
+@pytest.mark.parametrize("garment", group("scarves").values(), ids=lambda garment: garment.name)
+def test_build_scarf_turns_with_the_body(body, standing, garment):
+    turned = build_motion(body, replace(stances.poses()["straight"], turn=70.0), 1)
+    straight, found = (
+        scarves.build_scarf(motion, garment, Collider.at_rest(motion.posed_skin, makehuman.base().faces["body"]), 0)
+        for motion in (standing[0], turned)
+    )
+    turn = Rotation.from_euler("y", 70, degrees=True)
+    np.testing.assert_allclose(found.levels[0].start, turn.apply(straight.levels[0].start), atol=1e-3)
+
+
+@pytest.mark.parametrize("spine", [0.0, 40.0, -40.0])
+def test_hood_opens_before_the_chest_of_a_turned_trunk(body, spine):
+    """By the bearings, in degrees, of its opening from the neck, and of its middle from that of the neckline."""
+    pose = replace(stances.poses()["straight"], spine=(0.0, spine, 0.0), head=(0.0, -spine, 0.0))
+    motion = build_motion(body, pose, 1)
+    level = patterns.build_pattern(body, wardrobe()["hoodie"], 1).levels[-1]
+    cloth, neck = motion.skin(level.weights, level.fitted), collars.neck_of(motion)
+    ring, closed = collars.neckline(cloth, level.faces, neck)
+    hood, _, _ = collars.collar(cloth, level.faces, np.zeros((len(cloth), 2)), "hood", neck, 1.0)
+    directions = cloth[ring[0]] - neck.base, cloth[ring].mean(0) - hood.mean(0)
+    x, _, z = (np.array(directions) @ motion.bone("spine01")[:, :3]).T
+    assert closed and np.abs(np.degrees(np.arctan2(x, z))).max() < 8
 
 
 def test_hem_has_the_texture_of_one_panel(body, standing):

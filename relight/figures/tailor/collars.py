@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose.motion import Motion
+from relight.figures.pose.solver import unit
 from relight.figures.surfaces import (
     Surface,
     border_loops,
@@ -27,6 +28,7 @@ CORD_SIDES = 6  # of its section
 CORD_STEP = 0.007  # metres between its rings
 CORD_DISTANCE = 0.028  # metres from the middle
 MIN_CORD_RINGS = 12
+VERTICAL = np.array([0.0, 1.0, 0.0])
 NECK_AXIS = (0.0, 0.94, 0.34)  # of the rest pose: necks lean forward by 20 degrees
 NECK_RANGE = 0.16  # largest distance of the neckline from the base of the neck, metres
 MIN_NECKLINE = 12  # vertices of a neckline
@@ -57,7 +59,7 @@ class Neck(NamedTuple):
 
     Attributes:
         base: (3,) its lower end, metres.
-        left, up, forward: (3,) its axes, of unit length.
+        left, up, forward: (3,) its axes, of unit length; `left` and `forward` are those of the chest, not of the head.
     """
 
     base: np.ndarray
@@ -65,11 +67,21 @@ class Neck(NamedTuple):
     up: np.ndarray
     forward: np.ndarray
 
+    @property
+    def aside(self) -> np.ndarray:
+        """The level direction (3,) to the left of the chest, for what hangs."""
+        return np.cross(VERTICAL, self.ahead)
+
+    @property
+    def ahead(self) -> np.ndarray:
+        """The level direction (3,) in front of the chest, for what hangs."""
+        return unit(self.forward - (self.forward @ VERTICAL) * VERTICAL)
+
 
 def neck_of(motion: Motion) -> Neck:
     """Returns the neck of the posed body."""
-    turn = motion.bone("neck01")[:, :3]
-    left, up = turn @ [1.0, 0.0, 0.0], turn @ NECK_AXIS
+    up = motion.bone("neck01")[:, :3] @ NECK_AXIS
+    left = unit(np.cross(up, motion.bone("spine01")[:, 2]))
     return Neck(motion.joint("neck01"), left, up, np.cross(left, up))
 
 
@@ -92,7 +104,7 @@ def neckline(vertices: np.ndarray, faces: np.ndarray, neck: Neck, low: float = 0
             continue
         near |= (np.linalg.norm(away, axis=1) < 2 * low) & (away @ neck.up > -low)
         if near.all():
-            front = int(np.argmax(vertices[ring, 2] - 0.2 * np.abs(vertices[ring, 0] - neck.base[0])))
+            front = int(np.argmax(away @ neck.forward - 0.2 * np.abs(away @ neck.left)))
             return np.roll(ring, -front), True
         run = longest_run(ring, near)
         return (run, False) if len(run) > MIN_NECKLINE else None
@@ -182,7 +194,7 @@ def _lay_hood(vertices: np.ndarray, faces: np.ndarray, base: np.ndarray, neck: N
     away, up = base - neck.base, neck.up
     level = away - np.outer(away @ up, up)  # without its part along the neck
     level_length = np.linalg.norm(level, axis=1)
-    back = np.clip(-level[:, 2] / np.maximum(level_length, 1e-6), 0, 1)  # 1 at the back of the neck
+    back = np.clip(-(level @ neck.forward) / np.maximum(level_length, 1e-6), 0, 1)  # 1 at the back of the neck
     length, thick = 0.045 + 0.15 * back**1.2, 0.020 + 0.030 * back
     heading = level / np.maximum(level_length[:, None], 1e-6) - up  # outward on all sides, and down
     start = smooth_line(base, HOOD_SMOOTHING, closed=False)
@@ -285,7 +297,8 @@ def collar(
             travel = np.r_[0, np.cumsum(np.linalg.norm(np.diff(base, axis=0), axis=1))]
             for from_end, inward in ((travel, base[2] - base[0]), (travel[-1] - travel, base[-3] - base[-1])):
                 spread += np.outer(np.exp(-((from_end / 0.035) ** 2)), 0.013 * inward / np.linalg.norm(inward))
-        shape = profile(kind, back=np.clip(-out[:, 2], 0, 1), front=np.clip(out[:, 2], 0, 1))
+        ahead = out @ neck.forward
+        shape = profile(kind, back=np.clip(-ahead, 0, 1), front=np.clip(ahead, 0, 1))
         rows = [
             base + neck.up * rise[:, None] + out * reach[:, None] + spread * (number / len(shape)) ** 2
             for number, (rise, reach) in enumerate(shape, 1)
@@ -314,18 +327,18 @@ def cords(vertices: np.ndarray, faces: np.ndarray, neck: Neck) -> list[Surface]:
         Vertices (V,3) and faces (F,3) of each cord; none where the garment has no front to lie on.
     """
     surface, tubes = Collider.at_rest(vertices, faces), []
-    rays, ahead = 60, 0.6  # rays from the front, metres before the neck, CORD_STEP apart downward
+    rays, distance = 60, 0.6  # rays from the front, metres before the neck, CORD_STEP apart downward
     for side in (-1, 1):
-        origin = np.broadcast_to(neck.base + side * CORD_DISTANCE * neck.left + [0, 0, ahead], (rays, 3)).copy()
-        origin[:, 1] = neck.base[1] + 0.05 - CORD_STEP * np.arange(rays)
-        _, depth = surface.raycast(origin, np.array([0.0, 0.0, -1.0]))
-        on_front = np.flatnonzero(np.isfinite(depth) & (depth < ahead - 0.02))[: round(CORD / CORD_STEP)]
+        top = neck.base + side * CORD_DISTANCE * neck.aside + distance * neck.ahead + 0.05 * VERTICAL
+        origin = top - CORD_STEP * np.arange(rays)[:, None] * VERTICAL
+        _, depth = surface.raycast(origin, -neck.ahead)
+        on_front = np.flatnonzero(np.isfinite(depth) & (depth < distance - 0.02))[: round(CORD / CORD_STEP)]
         if len(on_front) < MIN_CORD_RINGS:
             continue
-        path = origin[on_front] - [0, 0, 1] * (depth[on_front] - 1.5 * CORD_RADIUS)[:, None]
+        path = origin[on_front] - neck.ahead * (depth[on_front] - 1.5 * CORD_RADIUS)[:, None]
         path = smooth_line(path, 3, closed=False)
         turn = 2 * np.pi * np.arange(CORD_SIDES) / CORD_SIDES
-        around = CORD_RADIUS * np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=1)
+        around = CORD_RADIUS * (np.outer(np.cos(turn), neck.aside) - np.outer(np.sin(turn), neck.ahead))
         rings = [point + around for point in path]
         strip, tube = extruded(np.arange(CORD_SIDES), rings[1:], offset=CORD_SIDES, closed=True)
         last = CORD_SIDES * (len(path) - 1)  # first vertex of the last ring

@@ -11,14 +11,14 @@ from relight.figures.cloth.drape import Level
 from relight.figures.cloth.solver import SolverSettings
 from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import grid_faces
-from relight.figures.tailor.collars import Neck, neck_of
+from relight.figures.tailor.collars import VERTICAL, Neck, neck_of
 from relight.figures.tailor.garments import Garment
 from relight.figures.tailor.patterns import Pattern, refined
 
 EDGE = 0.025  # metres between the vertices of the coarsest ribbon
 PLEAT = 0.42  # width of the pleated ribbon over that of the flat one
 LAYER = 0.032  # distance of each turn from the one below it, metres
-RAY_START = 1.5  # metres in front of the origin, before every figure
+RAY_START = 1.5  # metres in front of the neck, before every figure
 BEARINGS = 72  # directions in which the neck is measured
 NECK_RAYS = 0.14  # metres from its middle where the rays toward it start
 NECK_RADII = (0.05, 0.115)  # least and largest radius that is taken for the neck's, metres
@@ -74,19 +74,19 @@ def outline(surface: Collider, neck: Neck) -> np.ndarray:
     return gaussian_filter1d(np.minimum(radius, high), 3, mode="wrap")
 
 
-def _drop_line(surface: Collider, x: float, top: float, length: float, lift: float) -> np.ndarray:
-    """Lays a line (m,3) down the front of a figure at x, from `top` on, at a distance of `lift`.
+def _drop_line(surface: Collider, neck: Neck, aside: float, height: float, length: float, lift: float) -> np.ndarray:
+    """Lays a line (m,3) down the front of a figure, at a distance of `lift`.
 
-    It has 15 % more height than its length, since it is cut later. Where rays miss the figure, it hangs straight; if
-    all do, 0.1 m before the origin.
+    It begins `aside` and `height` metres to the left of and above the base of the neck. It has 15 % more height than
+    its length, since it is cut later. Where rays miss the figure, it hangs straight; if all do, 0.1 m before the neck.
     """
-    y = top - np.arange(0.0, 1.15 * length, 0.01)
-    origin = np.stack([np.full_like(y, x), y, np.full_like(y, RAY_START)], axis=1)
-    z = RAY_START - surface.raycast(origin, np.array([0.0, 0.0, -1.0]))[1]
-    reached = np.isfinite(z)
-    z = np.interp(y[::-1], y[reached][::-1], z[reached][::-1])[::-1] if reached.any() else np.full_like(y, 0.1)
-    z = np.maximum(gaussian_filter1d(z, 4, mode="nearest"), z)
-    return np.stack([origin[:, 0], y, z + lift], axis=1)
+    down = np.arange(0.0, 1.15 * length, 0.01)
+    line = neck.base + aside * neck.aside + (height - down)[:, None] * VERTICAL
+    ahead = RAY_START - surface.raycast(line + RAY_START * neck.ahead, -neck.ahead)[1]
+    reached = np.isfinite(ahead)
+    ahead = np.interp(down, down[reached], ahead[reached]) if reached.any() else np.full_like(down, 0.1)
+    ahead = np.maximum(gaussian_filter1d(ahead, 4, mode="nearest"), ahead)
+    return line + (ahead + lift)[:, None] * neck.ahead
 
 
 def _centre_line(wrap: Wrap, surface: Collider, neck: Neck) -> tuple[np.ndarray, np.ndarray]:
@@ -103,12 +103,11 @@ def _centre_line(wrap: Wrap, surface: Collider, neck: Neck) -> tuple[np.ndarray,
     ring = neck.base + wrap.height * neck.up + outward * radius[:, None]
     # The ends hang from the first and the last point of the ring, the second one over the first.
     ends = [
-        _drop_line(surface, neck.base[0] + x, ring[k, 1] - 0.03, length, lift)
-        for x, length, k, lift in zip(wrap.at, wrap.ends, (0, -1), (0.012, 0.036))
+        _drop_line(surface, neck, aside, (ring[k] - neck.base) @ VERTICAL - 0.03, length, lift)
+        for aside, length, k, lift in zip(wrap.at, wrap.ends, (0, -1), (0.012, 0.036))
     ]
-    ahead = np.broadcast_to([0.0, 0.0, 1.0], (1, 3))
     line = np.concatenate([ends[0][::-1], ring, ends[1]])
-    away = np.concatenate([np.repeat(ahead, len(ends[0]), 0), outward, np.repeat(ahead, len(ends[1]), 0)])
+    away = np.concatenate([np.tile(neck.ahead, (len(ends[0]), 1)), outward, np.tile(neck.ahead, (len(ends[1]), 1))])
     travel = np.r_[0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]  # metres along the line
     first = travel[len(ends[0])] - wrap.ends[0]
     last = travel[-len(ends[1])] + wrap.ends[1]

@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter
 
 from relight.figures.cloth.colliders import Collider
 from relight.figures.surfaces import Surface, clip, extruded, grid_faces, normals, thickened
-from relight.figures.tailor.collars import Neck
+from relight.figures.tailor.collars import VERTICAL, Neck
 from relight.figures.tailor.patterns import Pattern
 
 # Right and left edge of the band of each closed front on the pattern, metres from the middle.
@@ -118,11 +118,10 @@ def tie(vertices: np.ndarray, faces: np.ndarray, neck: Neck) -> Surface | None:
     s = np.linspace(0, TIE, TIE_ROWS)  # metres below the top
     half_width = np.interp(s, *TIE_OUTLINE)
     across = np.linspace(-1, 1, 7)
-    top = neck.base + 0.02 * np.array([0.0, 1.0, 0.0])
     # Rays from in front give the depth of the shirt at each point of the tie.
-    origin = top + (half_width[:, None] * across)[..., None] * neck.left + [0.0, 0.0, TIE_RAYS]
-    origin[..., 1] -= s[:, None]
-    depth = surface.raycast(origin.reshape(-1, 3), np.array([0.0, 0.0, -1.0]))[1].reshape(origin.shape[:2])
+    origin = neck.base + TIE_RAYS * neck.ahead + (0.02 - s)[:, None, None] * VERTICAL
+    origin = origin + (half_width[:, None] * across)[..., None] * neck.aside
+    depth = surface.raycast(origin.reshape(-1, 3), -neck.ahead)[1].reshape(origin.shape[:2])
     is_on_shirt = np.asarray(np.isfinite(depth).all(1) & (depth < TIE_RAYS).all(1))
     if is_on_shirt[KNOT < s].sum() < MIN_TIE_ROWS:
         return None
@@ -132,6 +131,6 @@ def tie(vertices: np.ndarray, faces: np.ndarray, neck: Neck) -> Surface | None:
     depth = np.where(np.isfinite(depth), depth, least_depth)[rows]
     depth = np.minimum(gaussian_filter1d(depth, 1.5, axis=0, mode="nearest"), depth)  # over folds, not into them
     knot = 0.011 * np.exp(-(((s[rows] - 0.4 * KNOT) / (0.6 * KNOT)) ** 2))[:, None] * (1 - 0.5 * across**2)
-    points = origin[rows] - np.array([0.0, 0.0, 1.0]) * (depth - 2 * OFFSET - knot)[..., None]
+    points = origin[rows] - neck.ahead * (depth - 2 * OFFSET - knot)[..., None]
     face = grid_faces(*points.shape[:2])
     return thickened(points.reshape(-1, 3), face, OFFSET, rings=None)[:2]
