@@ -23,7 +23,7 @@ SCARF_SHARES = {"coat": 0.5, "closed coat": 0.5, "jacket": 0.3, "blazer": 0.25, 
 PALE_SOLE, DARK_SOLE = (0.68, 0.66, 0.62), (0.03, 0.025, 0.022)  # linear albedo
 BELT = 0.09  # metres above the navel: the belt of a robe
 ABOVE_SEAM = 0.022  # metres above the seam of a dress: the middle of its belt
-CROSSED = -0.1  # arm lengths inward from the shoulder, beyond which a wrist is in front of the chest
+CROSSED = -0.1  # arm lengths inward from the shoulder, beyond which a wrist ahead of it is in front of the chest
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,8 @@ class Outfit:
 
 def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
     """Adapts an outfit to a pose: removes long coats to sit, and scarves where hands are in front of the chest."""
-    crossed = min(pose.left.wrist[0], pose.right.wrist[0]) < CROSSED  # +x is outward from the shoulder
+    wrists = pose.left.wrist, pose.right.wrist
+    crossed = any(outward < CROSSED and ahead > 0 for outward, _, ahead in wrists)
 
     def stays(garment: Garment) -> bool:
         long_coat = garment.collar == "lapel" and garment.drop > 0.2

@@ -255,3 +255,4 @@ def test_fitted_to_pose_takes_off_coats_to_sit_and_scarves_to_cross_arms(body):
     assert left("relaxed") == ["jeans", "coat", "scarf"]
     assert left("sitting") == ["jeans", "scarf"]
     assert left("arms crossed") == ["jeans", "coat"]
+    assert left("hands behind") == ["jeans", "coat", "scarf"]
