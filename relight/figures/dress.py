@@ -17,6 +17,7 @@ from relight.figures.pose.clearance import clear_hands
 from relight.figures.pose.motion import build_motion
 from relight.figures.pose.stances import Pose
 from relight.figures.surfaces import stacked
+from relight.figures.tailor import footwear
 from relight.figures.tailor.garments import room_for_hands
 from relight.figures.wear import DETAILS, Detail, drape_outfit
 from relight.meshes import Mesh
@@ -130,6 +131,7 @@ def attempt_figure(
     if pose.sitting:
         detail = replace(detail, frames=SITTING_FRAMES * detail.frames)
     body = build_body(person, expression)
+    pose = replace(pose, heels=footwear.heel_pitch(body, outfit.shoe))
     pose = clear_hands(body, pose, room_for_hands([worn.garment for worn in outfit.garments], pose.sitting))
     motion = build_motion(body, pose, detail.frames)
     worn = drape_outfit(motion, outfit, detail)

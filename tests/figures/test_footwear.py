@@ -1,23 +1,25 @@
 """Footwear: closed parts on the ground under the feet, caps, laces and straps where a shoe has them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from relight.figures.body import makehuman
+from relight.figures.cloth.colliders import Collider
 from relight.figures.pose import stances
 from relight.figures.pose.motion import build_motion
 from relight.figures.tailor import footwear
 
 
-@pytest.fixture(scope="module")
-def feet(body):
-    return body, build_motion(body, stances.poses()["relaxed"], 1)
+def motion_in(shoe, body, pose="relaxed"):
+    """The motion of a body that wears a shoe, into a pose."""
+    return build_motion(body, replace(stances.poses()[pose], heels=footwear.heel_pitch(body, shoe)), 1)
 
 
 @pytest.mark.parametrize("shoe", footwear.shoes(), ids=lambda shoe: shoe.name)
-def test_build_shoes_has_its_pieces_around_the_foot(feet, shoe):
-    built, motion = feet
-    skin = motion.skin(makehuman.rig().weights[makehuman.BODY], built.skin)
+def test_build_shoes_has_its_pieces_around_the_foot(body, shoe):
+    motion = motion_in(shoe, body)
+    skin = motion.posed_skin
     parts = footwear.build_shoes(motion, shoe)
     names = {part.name for part in parts}
     expected = {"upper", "sole"} | ({"cap"} if shoe.cap else set()) | ({"lace"} if shoe.laces else set())
@@ -28,12 +30,15 @@ def test_build_shoes_has_its_pieces_around_the_foot(feet, shoe):
         assert np.abs(used[:, 0]).max() < np.abs(skin[skin[:, 1] < 0.1, 0]).max() + 0.03
         top = (
             used[:, 1].max()
-            - motion.skin(np.eye(len(motion.bones))[[motion.bones["foot.L"]]], built.joints["foot.L"][None])[0, 1]
+            - motion.skin(np.eye(len(motion.bones))[[motion.bones["foot.L"]]], body.joints["foot.L"][None])[0, 1]
         )
         assert top < max(shoe.top, 0) + 0.06
     soles = np.concatenate([part.vertices for part in parts if part.name == "sole"])
     lowest = skin[:, 1].min()
-    assert soles[:, 1].min() == pytest.approx(lowest - shoe.heel, abs=0.006)
+    assert soles[:, 1].min() == pytest.approx(lowest - shoe.sole, abs=0.006)  # the foot is lowest at its ball
+    ankle = body.joints["foot.L"]
+    heel = skin[(body.skin[:, 1] < ankle[1]) & (body.skin[:, 2] < ankle[2]), 1].min()
+    assert soles[:, 1].min() == pytest.approx(heel - shoe.heel, abs=0.006)
     if shoe.cap:
         caps = [part.vertices[np.unique(part.faces)] for part in parts if part.name == "cap"]
         uppers = [part.vertices[np.unique(part.faces)] for part in parts if part.name == "upper"]
@@ -41,8 +46,30 @@ def test_build_shoes_has_its_pieces_around_the_foot(feet, shoe):
             assert cap[:, 2].mean() > upper[:, 2].mean() + 0.05  # at the toes
 
 
-def test_build_shoes_are_alike_on_both_feet(feet):
-    parts = footwear.build_shoes(feet[1], footwear.shoes()[1])
+@pytest.mark.parametrize("shoe", footwear.shoes(), ids=lambda shoe: shoe.name)
+def test_build_shoes_stand_on_heel_and_ball_as_the_feet_do_in_them(body, shoe):
+    motion = motion_in(shoe, body, "straight")
+    soles = [part for part in footwear.build_shoes(motion, shoe) if part.name == "sole"]
+    ground = min(sole.vertices[:, 1].min() for sole in soles)
+    for side, sole in zip("LR", soles, strict=True):
+        ankle, toe = body.joints[f"foot.{side}"], body.joints[f"toe3-1.{side}"]
+        is_foot = ((body.skin[:, 0] > 0) == (side == "L")) & (body.skin[:, 1] < ankle[1])
+        behind = body.skin[:, 2] - body.skin[is_foot, 2].min()  # metres from the heel's end
+        for near in (behind < 0.05, np.abs(body.skin[:, 2] - toe[2]) < 0.025, body.skin[:, 2] > toe[2] + 0.025):
+            skin = motion.posed_skin[is_foot & near]
+            face, depth = Collider.at_rest(sole.vertices, sole.faces).raycast(
+                skin + [0, 0.1, 0], np.array([0.0, -1.0, 0.0])
+            )
+            above = depth[face >= 0] - 0.1  # metres of the skin over the sole
+            assert -0.001 < above.min() < 0.002
+            ahead = sole.vertices[:, 2]
+            under = sole.vertices[(ahead > skin[:, 2].min()) & (ahead < skin[:, 2].max())]
+            assert under[:, 1].min() == pytest.approx(ground, abs=0.001)
+
+
+def test_build_shoes_are_alike_on_both_feet(body):
+    shoe = footwear.shoes()[1]
+    parts = footwear.build_shoes(motion_in(shoe, body), shoe)
     half = len(parts) // 2
     for left, right in zip(parts[:half], parts[half:], strict=True):
         assert left.name == right.name

@@ -129,7 +129,7 @@ class PoseSolver:
             self.local[bone] = Rotation.from_euler("yxz", head * share, degrees=True)
         for side, sign, hand, foot in (("L", 1, pose.left, pose.feet[0]), ("R", -1, pose.right, pose.feet[1])):
             self.arm(side, sign, hand)
-            self.leg(side, sign, foot, leg)
+            self.leg(side, sign, foot, leg, pose.heels)
         return self.local
 
     def limb(self, upper: str, lower: str, tip: str, goal: np.ndarray, pole: np.ndarray) -> None:
@@ -227,14 +227,15 @@ class PoseSolver:
                 bent = Rotation.from_rotvec(hinge * curl)
                 self.local[f"finger{finger}-{part}.{side}"] = bent * closing if part == 1 else bent
 
-    def leg(self, side: str, sign: int, foot: Foot, length: float) -> None:
-        """Rotates the leg of a side.
+    def leg(self, side: str, sign: int, foot: Foot, length: float, heels: float) -> None:
+        """Rotates the leg of a side, down to the toes.
 
         Args:
             side: "L" | "R".
             sign: 1 | -1, of x on that side of the body.
             foot: its step, in lengths of the leg, and its turn and pitch, in degrees.
             length: metres from hip to ankle.
+            heels: degrees by which the heel of a shoe pitches the foot further, but not the toes.
         """
         mirror = np.array([sign, 1, 1])
         j = self.joints
@@ -244,4 +245,6 @@ class PoseSolver:
         pole = facing.apply([0.05 * sign, 0.25, 1.0])
         self.limb(f"upperleg01.{side}", f"lowerleg01.{side}", f"foot.{side}", goal, pole)
         shin, _ = self.world_transform(f"lowerleg02.{side}")
-        self.local[f"foot.{side}"] = shin.inv() * facing * Rotation.from_euler("x", foot.pitch, degrees=True)
+        self.local[f"foot.{side}"] = shin.inv() * facing * Rotation.from_euler("x", foot.pitch + heels, degrees=True)
+        for toe in (1, 2, 3, 4, 5):
+            self.local[f"toe{toe}-1.{side}"] = Rotation.from_euler("x", -heels, degrees=True)

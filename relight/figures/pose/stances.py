@@ -64,6 +64,7 @@ class Pose:
         shift: displacement of the pelvis, in leg lengths.
         sitting: whether the figure sits.
         turn: degrees by which the whole figure is turned about the vertical, toward its left.
+        heels: degrees by which the heels of shoes pitch both feet, toes level; added to the pitch of each foot.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Pose:
     shift: Triple = (0.0, 0.0, 0.0)
     sitting: bool = False
     turn: float = 0.0
+    heels: float = 0.0
 
 
 NARROWER = 0.05  # how much closer to the middle each foot is than on the rest pose, in leg lengths

@@ -18,7 +18,9 @@ LACE_STEP = 0.017  # metres between bands of laces
 HALF_LACE, HALF_LACE_WIDTH = 0.021, 0.0032  # half the length and half the width of a band, metres
 LACE_THICKNESS, STRAP_THICKNESS, UPPER_THICKNESS = 0.0025, 0.003, 0.004  # metres
 HEEL, HEEL_BREAST = 0.36, 0.04  # where a heel ends, and over what length it does, in lengths of the sole
-OUTLINE_POINTS = 72  # of a sole
+OUTLINE_POINTS = 72  # of a sole; even
+TOES = "toe3-1"  # the bone, at the ball of the foot, with which a shoe bends
+BEND = 0.03  # length over which it bends there, metres
 # Rows of a sole, from its top to its bottom: metres outward from the outline, and the height above the bare foot's
 # ground: metres where positive, else shares of the thickness of the sole, which lies below that ground.
 SOLE_ROWS = ((-0.020, 0.004), (-0.0025, 0.006), (0.0, 0.002), (-0.0005, -0.5), (-0.001, -0.96), (-0.005, -1.0))
@@ -32,7 +34,7 @@ class Shoe:
         name: as in the record of a figure.
         top: metres above the ankle where the upper ends; negative below it.
         sole: metres of thickness under the toes.
-        heel: likewise, under the heel.
+        heel: likewise, under the end of the heel.
         point: how pointed the toe is, in [0,1].
         straps: whether the upper consists of straps.
         laces: number of bands of laces.
@@ -76,7 +78,6 @@ class Upper:
         shape: (n,3) vertices on the rest pose, metres.
         weights: (n,B) skinning weights.
         faces: (m,3).
-        foot: (B,) skinning weights of rigid parts below the ankle.
         ground: height of the ground, metres.
         toes, heel: z of both ends of the foot, metres.
     """
@@ -84,7 +85,6 @@ class Upper:
     shape: np.ndarray
     weights: np.ndarray
     faces: np.ndarray
-    foot: np.ndarray
     ground: float
     toes: float
     heel: float
@@ -107,6 +107,34 @@ def palette(shoe: Shoe, upper: Color, sole: Color) -> dict[str, np.ndarray]:
 def build_shoes(motion: Motion, shoe: Shoe) -> list[Part]:
     """Builds both shoes in the pose, with the soles below the feet."""
     return [part for side in "LR" for part in build_shoe(motion, shoe, side)]
+
+
+def heel_pitch(body: Body, shoe: Shoe) -> float:
+    """Returns the degrees by which the heel of a shoe pitches the foot, from the ball of the foot back.
+
+    Args:
+        body: in its rest pose.
+        shoe: its thickness under toes and heel.
+    """
+    suit, ankle = body.tights, body.joints["foot.L"]
+    foot = (suit[:, 0] > 0) & (suit[:, 1] < ankle[1])
+    length = body.joints[f"{TOES}.L"][2] - suit[foot, 2].min()
+    return float(np.degrees(np.arctan2(shoe.heel - shoe.sole, length)))
+
+
+def rigid_weights(body: Body, side: str, z: np.ndarray) -> np.ndarray:
+    """Returns the skinning weights (n,B) of points of a shoe below the ankle, which bends at the ball of the foot.
+
+    Args:
+        body: in its rest pose.
+        side: L | R.
+        z: (n,) of the points on the rest pose, metres.
+    """
+    bones = makehuman.rig().bones
+    weights = np.zeros((len(z), len(bones)))
+    weights[:, bones.index(f"{TOES}.{side}")] = np.clip((z - body.joints[f"{TOES}.{side}"][2]) / BEND + 0.5, 0, 1)
+    weights[:, bones.index(f"foot.{side}")] = 1 - weights.sum(1)
+    return weights
 
 
 def upper(body: Body, shoe: Shoe, side: str) -> Upper:
@@ -140,11 +168,9 @@ def upper(body: Body, shoe: Shoe, side: str) -> Upper:
     shape[:, 2] += (0.012 + 0.02 * shoe.point) * front**2  # ... and longer at the toes
     shape[:, 1] = np.maximum(shape[:, 1], ground + 0.001)
     weights = matrix @ makehuman.rig().weights[makehuman.TIGHTS]
-    foot = np.zeros(weights.shape[1])
-    foot[makehuman.rig().bones.index(f"foot.{side}")] = 1
-    rigid = np.clip((ankle[1] + 0.01 - shape[:, 1]) / 0.03, 0, 1)[:, None]  # 1 below the ankle: toes do not bend it
-    weights = weights / weights.sum(1, keepdims=True) * (1 - rigid) + foot * rigid
-    return Upper(shape, weights, faces, foot, ground=ground, toes=toes, heel=heel)
+    rigid = np.clip((ankle[1] + 0.01 - shape[:, 1]) / 0.03, 0, 1)[:, None]  # 1 below the ankle
+    weights = weights / weights.sum(1, keepdims=True) * (1 - rigid) + rigid_weights(body, side, shape[:, 2]) * rigid
+    return Upper(shape, weights, faces, ground=ground, toes=toes, heel=heel)
 
 
 def build_shoe(motion: Motion, shoe: Shoe, side: str) -> list[Part]:
@@ -180,7 +206,7 @@ def build_shoe(motion: Motion, shoe: Shoe, side: str) -> list[Part]:
         if shoe.laces:
             parts.append(laces(replace(outside, shape=shape, weights=weights, faces=faces), motion, shoe.laces))
     bottom = shape[shape[:, 1] < ground + 0.022]
-    parts.append(Part("sole", *sole(bottom, ground, shoe, motion, outside.foot)))
+    parts.append(Part("sole", *sole(bottom, ground, shoe, motion, side)))
     return parts
 
 
@@ -212,23 +238,22 @@ def laces(outside: Upper, motion: Motion, count: int) -> Part:
     return Part("lace", vertices, cut)
 
 
-def sole(
-    bottom: np.ndarray, ground: float, shoe: Shoe, motion: Motion, foot: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Builds a closed slab under the outline of the foot.
+def sole(bottom: np.ndarray, ground: float, shoe: Shoe, motion: Motion, side: str) -> tuple[np.ndarray, np.ndarray]:
+    """Builds a closed slab under the outline of the foot, whose heel is level where it pitches the foot.
 
     Args:
         bottom: (n,3) the lowest vertices of the upper on the rest pose, metres.
         ground: height of the bare foot's ground, metres.
         shoe: its thickness under toes and heel.
         motion: how the body moves from its rest pose into the pose.
-        foot: (B,) skinning weights of the slab, which is rigid.
+        side: L | R.
 
     Returns:
         Posed vertices (V,3) and faces (F,3), outward.
     """
     flat = bottom[:, [0, 2]]  # seen from above
     hull = flat[ConvexHull(flat).vertices]  # counter-clockwise, so faces are outward
+    hull = np.roll(hull, -np.argmin(hull[:, 1]), axis=0)  # from the heel on
     travel = np.r_[0, np.cumsum(np.linalg.norm(np.roll(hull, -1, 0) - hull, axis=1))]
     even = np.linspace(0, travel[-1], OUTLINE_POINTS, endpoint=False)
     ring = np.stack([np.interp(even, travel, np.r_[hull[:, c], hull[0, c]]) for c in (0, 1)], axis=1)
@@ -236,7 +261,9 @@ def sole(
     centre = ring.mean(0)
     outward = (ring - centre) / np.linalg.norm(ring - centre, axis=1, keepdims=True)
     along = (ring[:, 1] - ring[:, 1].min()) / np.ptp(ring[:, 1])  # 0 at the heel, 1 at the toes
-    thickness = shoe.sole + (shoe.heel - shoe.sole) * np.clip((HEEL - along) / HEEL_BREAST, 0, 1)
+    slope = np.tan(np.radians(heel_pitch(motion.body, shoe)))
+    raised = slope * (motion.body.joints[f"{TOES}.{side}"][2] - ring[:, 1])  # of the foot over the ground, metres
+    thickness = shoe.sole + raised * np.clip((HEEL - along) / HEEL_BREAST, 0, 1)
     rows = []
     for grow, height in SOLE_ROWS:
         y = ground + (height if height > 0 else 0) + thickness * min(height, 0)
@@ -248,11 +275,10 @@ def sole(
     for first in range(0, (len(rows) - 1) * n, n):  # vertex of each row but the last
         left, right = first + column, first + next_column
         strips += [np.stack([left, right, left + n], 1), np.stack([right, right + n, left + n], 1)]
-    middles = [np.r_[centre[0], row[:, 1].mean(), centre[1]] for row in (rows[0], rows[-1])]  # of top and bottom
-    vertices = np.concatenate([*rows, middles])
-    last = (len(rows) - 1) * n
-    ends = [
-        np.stack([next_column, column, np.full(n, len(vertices) - 2)], 1),
-        np.stack([last + column, last + next_column, np.full(n, len(vertices) - 1)], 1),
-    ]
-    return motion.skin(np.tile(foot, (len(vertices), 1)), vertices), np.concatenate(strips + ends)
+    # From the heel to the toes and from side to side, so that top and bottom bend across the foot.
+    zigzag = np.r_[0, np.stack([column[1 : n // 2], n - column[1 : n // 2]], axis=1).ravel(), n // 2]
+    triangle = np.stack([zigzag[:-2], zigzag[1:-1], zigzag[2:]], axis=1)
+    triangle[::2] = triangle[::2, ::-1]
+    vertices, last = np.concatenate(rows), (len(rows) - 1) * n
+    weights = rigid_weights(motion.body, side, vertices[:, 2])
+    return motion.skin(weights, vertices), np.concatenate([*strips, triangle, last + triangle[:, ::-1]])
