@@ -28,7 +28,7 @@ class HairStyle:
         slack: metres between scalp and hat.
         scalp: coverage of the cropped hair painted on the scalp, in [0,1].
         men, women: how often they have it, relative to other styles.
-        african: likewise, for people of mostly African ancestry; None if that makes no difference.
+        african: likewise, men and women of mostly African ancestry; None if that makes no difference.
         balding: whether it is more frequent with age, among men.
     """
 
@@ -40,7 +40,7 @@ class HairStyle:
     scalp: float = 1.0
     men: float = 0.0
     women: float = 0.0
-    african: float | None = None
+    african: tuple[float, float] | None = None
     balding: bool = False
 
 
@@ -63,7 +63,7 @@ def style_odds(woman: bool, person: Person, names: Collection[str] = ()) -> np.n
         if style.balding and not woman:
             weight += max(0, person.age - 35) / 20
         if style.african is not None and person.ancestry[0] > 0.5:
-            weight = style.african
+            weight = style.african[woman]
         odds.append(weight * (not names or style.name in names))
     return np.array(odds) / max(np.sum(odds), np.finfo(float).tiny)
 
