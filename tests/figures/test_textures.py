@@ -98,12 +98,13 @@ def test_emblem_is_on_a_panel_of_each_garment_with_a_logo(body, name):
         assert max(np.abs(color - fabric.first).max() for color in shown) > 0.1
 
 
-def test_images_show_marks_in_the_atlas():
+@pytest.mark.parametrize("side", [256, 2048])  # of pixels coarser and finer than the samples
+def test_images_show_marks_in_the_atlas(side):
     a = np.linspace(0, 0.4, 65)
     x, y = np.meshgrid(a, a)
     faces = grid_faces(65, 65)[:, ::-1]
     cloth = np.stack([x, y], -1).reshape(-1, 2)[faces]
-    laid = panels.lay_out(["front"], np.zeros(len(faces), int), cloth, 256)
+    laid = panels.lay_out(["front"], np.zeros(len(faces), int), cloth, side)
     far = np.abs(cloth[..., 0] - 0.2)
     found = marks.images(laid, {"seam": far, "edge": far / 2, "rub": 0 * far, "bend": 0 * far})
     u0, _, column, row, w, h = laid.boxes[0]

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from scipy.ndimage import gaussian_filter, zoom
+from scipy.ndimage import distance_transform_edt, gaussian_filter, zoom
 from scipy.spatial import cKDTree
 
 from relight.figures.surfaces import rim
@@ -14,6 +14,7 @@ from relight.figures.tailor.suit import arm_share
 MAX_DISTANCE = 0.2  # metres, from seams and borders
 CELL = 2  # pixels of the atlas per cell of the images of marks
 BLUR = 0.8  # standard deviation by which samples are spread over the cells, cells
+MIN_COUNT = 1e-6  # samples in a cell after that, below which it has none
 HIP, KNEE, ELBOW = 0.0, 1.0, 1.0  # positions along a limb, see `suit_fields`
 FRAY = 0.004  # metres from a border over which it rubs
 
@@ -85,7 +86,7 @@ def images(panels: Panels, marks: dict[str, np.ndarray]) -> dict[str, np.ndarray
     """Renders the marks into images of the atlas.
 
     Each face is sampled at seven points: its corners, the middles of its sides, and its centre. A cell is the mean over
-    the samples in it and near it.
+    the samples in it and near it, or, where there are none, that of the nearest cell that has some.
 
     Args:
         panels: the atlas.
@@ -99,11 +100,12 @@ def images(panels: Panels, marks: dict[str, np.ndarray]) -> dict[str, np.ndarray
     column_row = np.floor(np.einsum("wk,fkd->wfd", barycentric, panels.uv) * side).astype(int).clip(0, side - 1)
     cell = (column_row[..., 1] * side + column_row[..., 0]).ravel()
     count = gaussian_filter(np.bincount(cell, minlength=side * side).reshape(side, side).astype(float), BLUR)
+    nearest = distance_transform_edt(count < MIN_COUNT, return_distances=False, return_indices=True)
     rendered = {}
     for name, at_corners in marks.items():
         values = np.einsum("wk,fk->wf", barycentric, at_corners).ravel()
         total = np.bincount(cell, values, side * side).reshape(side, side)
-        mean = gaussian_filter(total, BLUR) / np.maximum(count, 1e-6)
-        enlarged = zoom(mean.astype(np.float32), CELL, order=1, grid_mode=True, mode="nearest")
+        mean = gaussian_filter(total, BLUR) / np.maximum(count, MIN_COUNT)
+        enlarged = zoom(mean[*nearest].astype(np.float32), CELL, order=1, grid_mode=True, mode="nearest")
         rendered[name] = enlarged[: panels.side, : panels.side]
     return rendered
