@@ -3,9 +3,9 @@
     python benchmarks/invariance.py relight/weights/photo.onnx [other.onnx ...]
 
 Prints a table with a column for each network: the measures of `relight.benchmark.measures`, without a path tracer. The
-figures (seeds 9000 to 9005, and the person of seed 800 in 12 poses: 9600 to 9611) and the six rooms are in no training
-set of `experiment=photo`; they are generated and baked at 512 px once, and stored in --cache. Inference is by the code
-of `relight photo`. A network that always infers the same light is invariant, too: read these rows with the errors.
+figures (seeds 9000 to 9005, and one person in 12 poses: 9600 to 9611) and the six rooms are in no training set of
+`experiment=photo`; they are generated and baked at 512 px once, and stored in --cache. Inference is by the code of
+`relight photo`. A network that always infers the same light is invariant, too: read these rows with the errors.
 """
 
 import os

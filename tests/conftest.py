@@ -101,7 +101,7 @@ def figure(once):
     def fill(folder: Path) -> None:
         from relight.figures.dress import make_figure
 
-        make_figure(5002, "draft", 128, per_subject=3, outfits=3).save(folder / "figure.npz")
+        make_figure(5005, "draft", 128, per_subject=3, outfits=3).save(folder / "figure.npz")
 
     from relight.meshes import Mesh
 

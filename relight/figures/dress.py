@@ -102,7 +102,7 @@ def sample(seed: int, attempt: int, per_subject: int, sits: float, constraints: 
         sits: probability of a sitting pose.
         constraints: on what is otherwise drawn at random.
     """
-    subject = seed // per_subject
+    subject = seed - seed % per_subject  # its first seed, whose person a set without subjects has, too
     # The second number of each seed tells the draws apart: person, outfit, pose, expression.
     person = constraints.sample_person(np.random.default_rng([subject, 0]))
     rng = np.random.default_rng([subject, 1, attempt if per_subject == 1 else 0])
@@ -142,7 +142,7 @@ def attempt_figure(
     if reason:
         return None, reason
     builder = Builder()
-    Assembly(builder, motion, outfit, worn, detail, seed // per_subject).add_all()
+    Assembly(builder, motion, outfit, worn, detail, seed - seed % per_subject).add_all()
     # Each part's faces count from its own first vertex again.
     surface = stacked([(part, faces - faces.min()) for part, faces in zip(builder.vertices, builder.faces)])
     figure_props = props.props(motion, pose, surface, seed)
