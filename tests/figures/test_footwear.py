@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from relight.figures.body.person import build_body, sample_person
 from relight.figures.cloth.colliders import Collider
 from relight.figures.pose import stances
 from relight.figures.pose.motion import build_motion
@@ -46,8 +47,10 @@ def test_build_shoes_has_its_pieces_around_the_foot(body, shoe):
             assert cap[:, 2].mean() > upper[:, 2].mean() + 0.05  # at the toes
 
 
+@pytest.mark.parametrize("person", [3, 69, 97])  # the bare heels of the last two are 3 and 1 mm higher than their balls
 @pytest.mark.parametrize("shoe", footwear.shoes(), ids=lambda shoe: shoe.name)
-def test_build_shoes_stand_on_heel_and_ball_as_the_feet_do_in_them(body, shoe):
+def test_build_shoes_stand_on_heel_and_ball_as_the_feet_do_in_them(person, shoe):
+    body = build_body(sample_person(np.random.default_rng(person)))
     motion = motion_in(shoe, body, "straight")
     soles = [part for part in footwear.build_shoes(motion, shoe) if part.name == "sole"]
     ground = min(sole.vertices[:, 1].min() for sole in soles)
@@ -61,7 +64,7 @@ def test_build_shoes_stand_on_heel_and_ball_as_the_feet_do_in_them(body, shoe):
                 skin + [0, 0.1, 0], np.array([0.0, -1.0, 0.0])
             )
             above = depth[face >= 0] - 0.1  # metres of the skin over the sole
-            assert -0.001 < above.min() < 0.002
+            assert -0.002 < above.min() < 0.002
             ahead = sole.vertices[:, 2]
             under = sole.vertices[(ahead > skin[:, 2].min()) & (ahead < skin[:, 2].max())]
             assert under[:, 1].min() == pytest.approx(ground, abs=0.001)

@@ -21,9 +21,11 @@ HEEL, HEEL_BREAST = 0.36, 0.04  # where a heel ends, and over what length it doe
 OUTLINE_POINTS = 72  # of a sole; even
 TOES = "toe3-1"  # the bone, at the ball of the foot, with which a shoe bends
 BEND = 0.03  # length over which it bends there, metres
+BALL_REACH, HEEL_REACH = 0.025, 0.06  # metres around the ball and from the heel's end, where a foot stands
+INSOLE = 0.004  # height of the insole over the ground of SOLE_ROWS, metres
 # Rows of a sole, from its top to its bottom: metres outward from the outline, and the height above the bare foot's
 # ground: metres where positive, else shares of the thickness of the sole, which lies below that ground.
-SOLE_ROWS = ((-0.020, 0.004), (-0.0025, 0.006), (0.0, 0.002), (-0.0005, -0.5), (-0.001, -0.96), (-0.005, -1.0))
+SOLE_ROWS = ((-0.020, INSOLE), (-0.0025, 0.006), (0.0, 0.002), (-0.0005, -0.5), (-0.001, -0.96), (-0.005, -1.0))
 
 
 @dataclass(frozen=True)
@@ -109,17 +111,33 @@ def build_shoes(motion: Motion, shoe: Shoe) -> list[Part]:
     return [part for side in "LR" for part in build_shoe(motion, shoe, side)]
 
 
+@dataclass(frozen=True)
+class Footprint:
+    """Where a bare foot stands in the rest pose: heights of ball and heel, and the length between them, metres."""
+
+    ball: float
+    heel: float
+    length: float
+
+
+def footprint(body: Body) -> Footprint:
+    """Finds where the feet of a body, in its rest pose, stand; both are alike."""
+    skin, (_, ankle, _), (_, _, ball) = body.skin, body.joints["foot.L"], body.joints[f"{TOES}.L"]
+    foot = skin[(skin[:, 0] > 0) & (skin[:, 1] < ankle)]
+    end = foot[:, 2].min()
+    under_ball, under_heel = np.abs(foot[:, 2] - ball) < BALL_REACH, foot[:, 2] < end + HEEL_REACH
+    return Footprint(float(foot[under_ball, 1].min()), float(foot[under_heel, 1].min()), float(ball - end))
+
+
 def heel_pitch(body: Body, shoe: Shoe) -> float:
-    """Returns the degrees by which the heel of a shoe pitches the foot, from the ball of the foot back.
+    """Returns the degrees by which a shoe pitches the foot, from its ball back; the toes stay level.
 
     Args:
         body: in its rest pose.
         shoe: its thickness under toes and heel.
     """
-    suit, ankle = body.tights, body.joints["foot.L"]
-    foot = (suit[:, 0] > 0) & (suit[:, 1] < ankle[1])
-    length = body.joints[f"{TOES}.L"][2] - suit[foot, 2].min()
-    return float(np.degrees(np.arctan2(shoe.heel - shoe.sole, length)))
+    stands = footprint(body)
+    return float(np.degrees(np.arctan2(shoe.heel + stands.ball - shoe.sole - stands.heel, stands.length)))
 
 
 def rigid_weights(body: Body, side: str, z: np.ndarray) -> np.ndarray:
@@ -156,7 +174,7 @@ def upper(body: Body, shoe: Shoe, side: str) -> Upper:
         subdivide, faces = loop(faces, matrix.shape[0])
         matrix = subdivide @ matrix
     rest = matrix @ suit
-    ground = suit[on_side, 1].min()
+    ground = footprint(body).ball - INSOLE
     toes, heel = rest[:, 2].max(), rest[:, 2].min()
     length = toes - heel
     outward = smoothed(normals(rest, faces), faces, 3)
@@ -261,12 +279,13 @@ def sole(bottom: np.ndarray, ground: float, shoe: Shoe, motion: Motion, side: st
     centre = ring.mean(0)
     outward = (ring - centre) / np.linalg.norm(ring - centre, axis=1, keepdims=True)
     along = (ring[:, 1] - ring[:, 1].min()) / np.ptp(ring[:, 1])  # 0 at the heel, 1 at the toes
-    slope = np.tan(np.radians(heel_pitch(motion.body, shoe)))
-    raised = slope * (motion.body.joints[f"{TOES}.{side}"][2] - ring[:, 1])  # of the foot over the ground, metres
-    thickness = shoe.sole + raised * np.clip((HEEL - along) / HEEL_BREAST, 0, 1)
+    stands = footprint(motion.body)
+    behind = (motion.body.joints[f"{TOES}.{side}"][2] - ring[:, 1]) / stands.length  # 0 at the ball, 1 at the heel
+    thickness = shoe.sole + (shoe.heel - shoe.sole) * behind * np.clip((HEEL - along) / HEEL_BREAST, 0, 1)
+    level = ground + (stands.heel - stands.ball) * np.maximum(behind, 0)  # height of the foot's ground, metres
     rows = []
     for grow, height in SOLE_ROWS:
-        y = ground + (height if height > 0 else 0) + thickness * min(height, 0)
+        y = level + (height if height > 0 else 0) + thickness * min(height, 0)
         rows.append(np.stack([ring[:, 0] + outward[:, 0] * grow, y, ring[:, 1] + outward[:, 1] * grow], axis=1))
     n = len(ring)
     column = np.arange(n)
