@@ -5,7 +5,7 @@ import sys
 from typing import Annotated, Any, Literal
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
 from relight.benchmark.commands import app as benchmark
 from relight.core.errors import UserError, out_of_memory
@@ -47,13 +47,25 @@ EXTRAS = {
     "warp": "figures",
 }
 
+
+class Commands(TyperGroup):
+    """The commands, of which one that Ctrl-C ends says so."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            print("interrupted", file=sys.stderr)
+            raise typer.Exit(130) from None
+
+
 app = typer.Typer(
+    cls=Commands,
     help="The open laboratory for occlusion-aware relighting of people.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
 
 for tool in (photos, viewer, learning, transport, figures):
     app.add_typer(tool)

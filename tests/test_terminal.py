@@ -1,10 +1,13 @@
-"""What is printed where a terminal, or a file that takes its place, cannot show every character."""
+"""What is printed where a terminal, or a file that takes its place, cannot show every character; and after Ctrl-C."""
 
 import os
 import subprocess
 import sys
 
 import pytest
+
+from relight.cli import main
+from relight.lights import load
 
 C = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 # environment -> the bytes of a degree sign, and of the name of a file that is not UTF-8
@@ -32,3 +35,14 @@ def test_a_light_is_printed_on_every_terminal(tmp_path, name):
     assert done.returncode == 0, done.stderr.decode(errors="replace")[-2000:]
     assert b"/" + file in done.stdout
     assert b"+90" + degree in done.stdout  # the light comes from above
+
+
+def test_ctrl_c_ends_a_command_with_one_line(monkeypatch, capsys):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(load, "load_light", interrupted)
+    monkeypatch.setattr(sys, "argv", ["relight", "light", "room:7"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert (ended.value.code, capsys.readouterr().err) == (130, "interrupted\n")
