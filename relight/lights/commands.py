@@ -63,33 +63,33 @@ def numbers(
     from rich.console import Console
     from rich.table import Table
 
-    from relight.lights.light import parts_of, write_light
+    from relight.lights.light import light_file, parts_of, write_light
     from relight.lights.load import load_light
     from relight.lights.show import format_statistics, write_light_picture
     from relight.sh import bands, from_relight
 
+    files = [path if path.suffix.lower() == ".png" else light_file(path, to) for path in out or []]
     light = " + ".join(map(_as_place, parts_of(light)))
     loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair)
     coefficients = from_relight(loaded.coefficients, to)
-    written = []  # before anything is printed, which may go to a pipe that closes
-    for path in out or []:
+    for path in files:  # before anything is printed, which may go to a pipe that closes
         if path.suffix.lower() == ".png":
             write_light_picture(loaded, path)
-            written.append(path)
         else:
-            written.append(write_light(loaded, path, to))
+            write_light(loaded, path, to)
     channels = "BGR" if to == "kanamori2018" else "RGB"
+    number = " .6f" if abs(coefficients).max() > 0.01 else " .6e"
     table = Table("l, m", *channels, title=f"{loaded.source}, convention {to}", title_justify="left")
     for k, (l, row) in enumerate(zip(bands(loaded.order), coefficients)):
         name = str(k) if to == "kanamori2018" else f"{l}, {k - l * l - l}"
-        table.add_row(name, *(f"{value: .6f}" for value in row))
+        table.add_row(name, *(f"{value:{number}}" for value in row))
     console = Console(highlight=False)
     console.print(table)
     for name, value in format_statistics(loaded):
         console.print(f"  {name:32s} {value}")
     for note in loaded.notes:
         typer.echo(note, err=True)
-    for path in written:
+    for path in files:
         console.print(f"written: {path}", soft_wrap=True)
 
 

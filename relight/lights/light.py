@@ -134,34 +134,46 @@ def direction(azimuth: float, elevation: float, name: str) -> np.ndarray:
     return np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
 
 
+def light_file(path: Path, convention: str) -> Path:
+    """Returns the file that a light given as `path` is written to.
+
+    Args:
+        path: .json or .npy. Since .npy cannot store the convention, it becomes part of the name: kitchen.npy is written
+            as kitchen.relight.npy.
+        convention: of the coefficients in the file.
+
+    Raises:
+        UserError: if the path has another suffix or names another convention.
+    """
+    suffix, named = path.suffix.lower(), path.stem.rpartition(".")[2].lower()
+    if suffix not in (".json", ".npy"):
+        raise UserError(f"{path}: a light is written as .json or .npy, and drawn as .png")
+    if suffix == ".json" or named == convention:
+        return path
+    if named in CONVENTIONS:
+        raise UserError(f"{path}: its name says {named}, but the light would be written in {convention}")
+    return path.with_name(f"{path.stem}.{convention}.npy")
+
+
 def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
     """Writes a light, whole or not at all.
 
     Args:
         light: to write.
-        path: .json (coefficients, convention, frame and source) or .npy ((K,3) float64). Since .npy cannot store the
-            convention, it becomes part of the name: kitchen.npy is written as kitchen.relight.npy.
+        path: .json (coefficients, convention, frame and source) or .npy ((K,3) float64), as `light_file` takes it.
         convention: convention of the coefficients in the file (relight.sh.conventions).
 
     Returns:
         The path of the file.
 
     Raises:
-        UserError: if the path has another suffix or names another convention, or if the convention cannot express the
-            light.
+        UserError: if the path is invalid, or the convention cannot express the light.
     """
-    coefficients = from_relight(light.coefficients, convention)
-    named = path.stem.rpartition(".")[2].lower()
-    if path.suffix.lower() == ".npy" and named in CONVENTIONS and named != convention:
-        raise UserError(f"{path}: its name says {named}, but the light would be written in {convention}")
+    coefficients, path = from_relight(light.coefficients, convention), light_file(path, convention)
     if path.suffix.lower() == ".json":
         content = {"convention": convention, "frame": FRAME, "order": light.order, "source": light.source}
         write_json(path, content | {"coefficients": coefficients.tolist()})
-    elif path.suffix.lower() == ".npy":
-        if not path.stem.lower().endswith(f".{convention}"):
-            path = path.with_name(f"{path.stem}.{convention}.npy")
+    else:
         with atomic_write(path) as temporary, open(temporary, "wb") as file:
             np.save(file, coefficients)
-    else:
-        raise UserError(f"{path}: a light is written as .json or .npy, and drawn as .png")
     return path

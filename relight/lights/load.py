@@ -229,7 +229,7 @@ def _read_coefficients(path: Path, convention: str | None) -> Light:
             array, declared_convention = (content, None) if isinstance(content, list) else _parse_json(path, content)
             named_convention = declared_convention or named_convention
         else:
-            array = _parse_rows(read_text(path))
+            array = _parse_rows(path, read_text(path))
     except (ValueError, TypeError, OverflowError, EOFError, RecursionError) as error:
         raise UserError(f"{path} is not a table of coefficients ({str(error).splitlines()[0][:120]})") from error
     notes = []
@@ -239,8 +239,10 @@ def _read_coefficients(path: Path, convention: str | None) -> Light:
     return Light(coefficients, str(path), notes=notes)
 
 
-def _parse_rows(text: str) -> np.ndarray:
+def _parse_rows(path: Path, text: str) -> np.ndarray:
     """Parses rows of numbers between blanks, commas or semicolons; beside semicolons and tabs a comma is a point."""
+    if text.startswith("split"):  # the first column of a light set
+        raise UserError(f"{path} is a set of lights: name one of them, such as {path}:0")
     point = "." if re.search(r"[;\t]", text) and not re.search(r"\d\.\d", text) else " "
     lines = (re.sub(r'[;"]', " ", line.split("#")[0].replace(",", point)) for line in text.splitlines())
     return np.array([[float(word) for word in line.split()] for line in lines if line.strip()])

@@ -108,11 +108,11 @@ def format_statistics(light: Light) -> list[tuple[str, str]]:
     layout = [("layout of the panorama", light.panorama.layout)] if light.panorama else []
     return [
         *layout,
-        ("reference brightness, E(0,0,1)", f"{stats['reference']:.3f}"),
-        ("mean irradiance", f"{stats['mean']:.3f}"),
+        ("reference brightness, E(0,0,1)", f"{stats['reference']:.5g}"),
+        ("mean irradiance", f"{stats['mean']:.5g}"),
         ("darkest, brightest / mean", f"{stats['least'] / stats['mean']:.2f}  {stats['most'] / stats['mean']:.2f}"),
         ("from above, below / mean", f"{stats['up']:.2f}  {stats['down']:.2f}"),
-        ("front, back", f"{stats['front_mean']:.3f}  {stats['back_mean']:.3f}"),
+        ("front, back", f"{stats['front_mean']:.5g}  {stats['back_mean']:.5g}"),
         ("contrast |L1| / L00", f"{stats['first']:.2f}"),
         ("structure |L2| / L00", f"{stats['second']:.2f}"),
         ("main direction: right, up", direction),

@@ -8,7 +8,7 @@ from samples import write_pfm
 from typer.testing import CliRunner
 
 from relight.core.errors import UserError
-from relight.lights import Light, load_light, reference_brightness, write_light
+from relight.lights import Light, LightSet, load_light, reference_brightness, write_light, write_light_set
 from relight.lights.commands import app
 from relight.panoramas import generate_room, orient, project
 from relight.sh import irradiance
@@ -206,8 +206,27 @@ def test_the_command_prints_writes_and_draws(tmp_path, monkeypatch):
     picture = np.asarray(Image.open(tmp_path / "a.png").convert("RGB"), float)
     assert picture.shape[0] > 500 and picture.std() > 30
     assert isinstance(run(app, ["nowhere.hdr"]).exception, UserError)
-    assert "and drawn as .png" in str(run(app, ["room:12", "--out", str(tmp_path / "a.jpg")]).exception)
+    for wrong, why in (("a.jpg", "and drawn as .png"), ("a.dpr.npy", "its name says dpr")):
+        done = run(app, ["even", *(f"--out={tmp_path / name}" for name in ("first.png", "first.json", wrong))])
+        assert why in str(done.exception) and not [*tmp_path.glob("first.*")], "nothing is written"
     assert run(app, ["--help"]).exit_code == 0
+
+
+@pytest.mark.parametrize("exposure", ["1", "1e-6"])
+def test_the_command_prints_lights_of_every_size(exposure):
+    done = CliRunner().invoke(app, ["even", "--exposure", exposure])
+    first = re.search(r"0, 0 \D*([-.e\d]+)", done.output)
+    mean = re.search(r"mean irradiance +(.+)", done.output)
+    expected = float(exposure) * np.sqrt(4 * np.pi) / np.pi  # of irradiance 1
+    assert (float(first[1]), float(mean[1])) == pytest.approx((expected, float(exposure)), rel=1e-6)
+
+
+def test_the_table_of_a_light_set_is_recognised(tmp_path):
+    rows = (np.full(1, value) for value in ("train", "room:7", 0.0, 1.0, ""))
+    write_light_set(LightSet(np.ones((1, 9, 3), np.float32), *rows), tmp_path)
+    assert load_light(f"{tmp_path / 'lights.csv'}:0").coefficients.shape == (9, 3)
+    with pytest.raises(UserError, match=r"lights.csv is a set of lights: name one of them, such as .*lights.csv:0$"):
+        load_light(tmp_path / "lights.csv")
 
 
 ROWS = [[round(0.5 - 0.1 * row + 0.2 * column, 2) for column in range(3)] for row in range(9)]
