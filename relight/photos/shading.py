@@ -84,7 +84,7 @@ def max_luminance(transport: np.ndarray, light: np.ndarray) -> float:
     return float((phases * weights * np.where(np.arange(len(weights)), 2, 1)).sum(1).real.max())
 
 
-def _saturation(light: np.ndarray) -> float:
+def saturation(light: np.ndarray) -> float:
     """Returns the factor by which a light (K,3) counts as brighter than its luminance, if a channel would burn."""
     mean = np.maximum(light[0], 0)
     return max(1.0, CHANNEL * float(mean.max()) / max(float(luminance(mean)), 1e-9))
@@ -111,5 +111,5 @@ def exposure_factor(
         before, after = max_luminance(mean, old), max_luminance(mean, new)
     else:
         before, after = (float(luminance(shading(transport[mask], light)).mean()) for light in (old, new))
-    before, after = before * _saturation(old), after * _saturation(new)
+    before, after = before * saturation(old), after * saturation(new)
     return before / after if after > 1e-6 and before > 1e-6 else 1.0

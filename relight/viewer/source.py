@@ -12,6 +12,8 @@ from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.lights import load_light, reference_brightness
 from relight.maps import Maps
+from relight.panoramas import luminance
+from relight.photos.shading import saturation
 from relight.sh import UNOCCLUDED_T00
 from relight.viewer.figure import Figure
 
@@ -38,8 +40,9 @@ LIGHTS = {
 def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
     """Returns the lights that a page offers.
 
-    The first is scaled to the reference brightness BRIGHTNESS or, where that would dazzle as it comes from behind, to
-    this mean irradiance; the others are scaled to the mean radiance of the first.
+    The first is scaled so that the reference brightness is BRIGHTNESS or, where that would dazzle as it comes from
+    behind, the mean irradiance of its brightest channel. The others get the brightness of the first: luminance of the
+    mean radiance, times `saturation`.
 
     Args:
         texts: lights as `relight.lights.load_light` reads them; LIGHTS if there are none.
@@ -55,8 +58,9 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
     texts_by_name = {stem if stems.count(stem) == 1 else text: text for stem, text in zip(stems, texts)} or LIGHTS
     lights = {name: load_light(text).coefficients for name, text in texts_by_name.items()}
     first = next(iter(lights.values()))
-    level = max(reference_brightness(first) / first[0].mean(), UNOCCLUDED_T00)  # irradiance over mean radiance
-    return {name: light * (BRIGHTNESS / level / light[0].mean()) for name, light in lights.items()}
+    scale = BRIGHTNESS / max(reference_brightness(first), UNOCCLUDED_T00 * first[0].max())
+    bright = {name: float(luminance(np.maximum(light[0], 0))) * saturation(light) for name, light in lights.items()}
+    return {name: light * (scale * next(iter(bright.values())) / bright[name]) for name, light in lights.items()}
 
 
 def load(weights: Path | None) -> "Relighter":

@@ -46,7 +46,13 @@ def test_lights_are_brought_to_one_brightness(tmp_path):
     lights = named_lights()
     first = next(iter(lights.values()))
     assert irradiance(first, np.array([0, 0, 1.0])).max() == pytest.approx(0.8)
-    np.testing.assert_allclose([light[0].sum() for light in lights.values()], first[0].sum())
+    means = [np.maximum(light[0], 0) for light in lights.values()]
+    brightness = [max(mean @ [0.2126, 0.7152, 0.0722], 0.6 * mean.max()) for mean in means]
+    np.testing.assert_allclose(brightness, brightness[0])
+    for names, expected in ((("#ffffff", "#ff0000"), (0.8, 0.8 / 0.6)), (("#ff0000", "#ffffff"), (0.8, 0.8 * 0.6))):
+        pair = named_lights(f"key:{color}@0,0,0" for color in names).values()
+        toward = [irradiance(light, np.array([0, 0, 1.0])).max() for light in pair]
+        np.testing.assert_allclose(toward, expected, err_msg="as the page scales a light of one's own")
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         write_light(load_light("room:7"), tmp_path / folder / "hall.json")
