@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import torch
 
+import relight.learning.__main__ as program
 from relight.core.errors import UserError
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet, draw_pairs
@@ -341,3 +342,16 @@ def test_bf16_on_a_cpu_without_it_says_so(run, monkeypatch, capsys, capability):
     run(precision="bf16", steps=1, batch=1)()
     lines = [line for line in capsys.readouterr().err.splitlines() if "bfloat16" in line]
     assert len(lines) == (capability is None)
+
+
+def test_without_the_workflow_each_network_has_its_own_state_and_curve(monkeypatch):
+    beside = []
+    monkeypatch.setattr(program, "train", lambda recipe, inputs, *files: beside.append([str(file) for file in files]))
+    for out in ("a/net.s0", "a/net.s1", "a/net.safetensors"):
+        monkeypatch.setattr(sys, "argv", ["", "--packed=p", "--lights=l", "--split=s", f"--out={out}", "scale=smoke"])
+        program.main()
+    assert beside == [
+        ["a/net.s0", "a/net.s0.state.pt", "a/net.s0.csv"],
+        ["a/net.s1", "a/net.s1.state.pt", "a/net.s1.csv"],
+        ["a/net.safetensors", "a/net.state.pt", "a/net.csv"],
+    ]
