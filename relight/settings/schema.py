@@ -14,15 +14,15 @@ QUANTITIES = (  # that are scored; the first six are those of the paper's Table 
     "shading", "transport", "normal", "ao", "light", "albedo",
     "shading_true_light", "transport_with_ao", "reconstruction", "relit", "sphere",
 )  # fmt: skip
-# What is read of a quantity: its label, 1 if less is better or else -1, and the only quantity that has it, or None. Two
-# are signs of a collapse, in which the albedo takes up the shading: contrast falls, and the share rises.
+# What is read of a quantity: its label, 1 if less is better, -1 if more is, or 0 if the truth's value is best, and the
+# only quantity that has it, or None. As the albedo takes up the shading in a collapse, contrast falls and share rises.
 READINGS: dict[str, tuple[str, int, str | None]] = {
     "rmse": ("RMSE", 1, None),
     "rmse_element": ("RMSE per element", 1, None),
     "ssim": ("SSIM", -1, None),
     "ssim_range2": ("SSIM, range 2", -1, None),
-    "contrast": ("contrast", -1, "shading"),
-    "share": ("share of the picture", 1, "albedo"),
+    "contrast": ("contrast", 0, "shading"),
+    "share": ("share of the picture", 0, "albedo"),
 }
 BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is")
 AXES = ("auto", "+x", "-x", "+y", "-y", "+z", "-z")

@@ -10,7 +10,7 @@ from relight.core.errors import UserError
 from relight.evaluation.report.formats import TextTable, number, other_columns, score_grid, to_markdown, write_tables
 from relight.evaluation.report.page import section
 from relight.evaluation.report.sections import write_score_table
-from relight.evaluation.scoring.comparisons import MARGIN, Verdict, compare_estimates, correct, orderings
+from relight.evaluation.scoring.comparisons import MARGIN, Verdict, compare_estimates, compare_rows, correct, orderings
 from relight.evaluation.scoring.labels import LABELS
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores, gather, read_scores, write_scores
@@ -52,6 +52,19 @@ def test_experiment_table_best_and_not_significant():
     mean = np.mean([s.columns["shading_rmse"] for s in given["sfsnet"]])
     assert cells["sfsnet"]["shading_rmse"].mean == pytest.approx(mean)
     assert "ao_rmse" not in cells["ours_full"] and not cells["sfsnet_ao"]["ao_rmse"].best  # alone in its column
+
+
+@pytest.mark.parametrize("column", ["shading_contrast", "albedo_share"])
+def test_what_is_best_as_the_truth_has_it_is_not_ranked(column):
+    given = rows(names=("ours_min", "ours_full"))
+    for (trainings,), level in zip(given.values(), (0.5, 1.5)):
+        trainings.columns[column] = level * trainings.columns["shading_ssim"]
+    table = experiment_table("mine", given, {}, TABLE2_COLUMNS)
+    assert not any(cells[column].best or cells[column].p is not None for cells in table.rows.values())
+    assert {head for head, _ in score_grid(table, [column]).frame} <= {"contrast", "share of the picture"}
+    found = compare_rows(table, "ours_full", "ours_min", (column,))[column]
+    assert found.verdict is Verdict.DIFFERENT and found.verdict.is_significant
+    assert found.gain == pytest.approx(2, rel=0.05) and 0 < found.interval[0] < found.gain  # three times as large
 
 
 def test_experiment_table_baselines_do_not_compete():

@@ -20,7 +20,8 @@ from relight.evaluation.scoring.tables import Table
 from relight.evaluation.scoring.truth import COLUMNS
 from relight.settings.schema import READINGS
 
-SIGNS = {Verdict.BETTER: "✓", Verdict.WORSE: "✗", Verdict.EQUIVALENT: "≈", Verdict.OPEN: "?"}
+SIGNS = dict(zip(Verdict, "✓✗≠≈?"))
+ARROWS = {1: " ↓", -1: " ↑", 0: ""}  # toward what is better
 
 
 @dataclass
@@ -152,7 +153,7 @@ def score_grid(table: Table, columns: Iterable[str]) -> TextTable:
     heads = []
     for column in present:
         reading, sign, _ = READINGS[COLUMNS[column][1]]
-        heads.append((f"{reading} {'↓' if sign > 0 else '↑'}", quantity_label(column)))
+        heads.append((f"{reading}{ARROWS[sign]}", quantity_label(column)))
     cells = [[values.get(column) for column in present] for *_, values in rows]
     index = pd.Index([name for name, *_ in rows], dtype=object)
     columns = pd.MultiIndex.from_arrays([[head[level] for head in heads] for level in (0, 1)])

@@ -19,13 +19,14 @@ class Verdict(Enum):
 
     BETTER = "better"
     WORSE = "worse"
+    DIFFERENT = "different"  # in a column without `sign`
     EQUIVALENT = "equivalent"  # the difference is significantly smaller than MARGIN
     OPEN = "open"  # neither a difference nor equivalence is significant
 
     @property
     def is_significant(self) -> bool:
-        """Whether one of the rows is significantly better."""
-        return self in (Verdict.BETTER, Verdict.WORSE)
+        """Whether the rows differ significantly."""
+        return self not in (Verdict.EQUIVALENT, Verdict.OPEN)
 
 
 @dataclass
@@ -51,14 +52,15 @@ class Comparison:
 
     @property
     def verdict(self) -> Verdict:
-        """BETTER or WORSE if they differ significantly, EQUIVALENT if significantly by less than MARGIN, else OPEN."""
-        if self.p < ALPHA:
-            return Verdict.BETTER if sign(self.column) * self.difference.mean < 0 else Verdict.WORSE
-        return Verdict.EQUIVALENT if self.p_equivalent < ALPHA else Verdict.OPEN
+        """What the first is if they differ significantly; EQUIVALENT if they do by less than MARGIN; else OPEN."""
+        if self.p >= ALPHA:
+            return Verdict.EQUIVALENT if self.p_equivalent < ALPHA else Verdict.OPEN
+        worse = sign(self.column) * self.difference.mean
+        return Verdict.BETTER if worse < 0 else Verdict.WORSE if worse > 0 else Verdict.DIFFERENT
 
     @property
     def gain(self) -> float:
-        """How much better the first row is, relative to the second."""
+        """How much better the first row is, relative to the second; or larger, without `sign`."""
         return self._relative(self.difference.mean)
 
     @property
@@ -75,8 +77,8 @@ class Comparison:
         return self.difference.bound(ALPHA) / level if level else np.inf
 
     def _relative(self, difference: float) -> float:
-        """Returns a difference first minus second over the second mean, positive if the first is better."""
-        return -sign(self.column) * difference / abs(self.second) if self.second else 0.0
+        """Returns a difference first minus second over the second mean, positive if `gain` is."""
+        return -(sign(self.column) or -1) * difference / abs(self.second) if self.second else 0.0
 
 
 def compare_estimates(column: str, first: Estimate, second: Estimate) -> Comparison:

@@ -147,7 +147,7 @@ def estimates(rows: Rows, column: str, pool: Rows, fixed: Iterable[str] = ()) ->
 
 
 def rank(networks: list[dict[str, Estimate]], columns: Iterable[str]) -> None:
-    """Marks the best network of each column, and compares the others with it, in place.
+    """Marks the best network of each column that has a `sign`, and compares the others with it, in place.
 
     Args:
         networks: the estimates of each, by column.
@@ -156,7 +156,7 @@ def rank(networks: list[dict[str, Estimate]], columns: Iterable[str]) -> None:
     others, p = [], []
     for column in columns:
         cells = [row[column] for row in networks if column in row]
-        if len(cells) < 2:
+        if len(cells) < 2 or not sign(column):
             continue
         best = min(cells, key=lambda cell: sign(column) * cell.mean)
         best.best = True

@@ -49,7 +49,7 @@ def in_order(columns: Iterable[str]) -> list[str]:
 
 
 def sign(column: str) -> int:
-    """Returns 1 for columns where less is better, and -1 where more is."""
+    """Returns 1 for columns where less is better, -1 where more is, and 0 where the truth's value is best."""
     return READINGS[COLUMNS[column][1]][1]
 
 
