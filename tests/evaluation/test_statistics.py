@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from relight.evaluation.scoring.scores import Scores
 from relight.evaluation.scoring.statistics import Estimate, compare, estimate, holm, pooled_spread
+from relight.evaluation.scoring.tables import estimates
 
 RNG = np.random.default_rng(5)
 
@@ -27,6 +29,30 @@ def test_estimate_interval_coverage(figures, lights, trainings):
         found = estimate(rows[0], pooled_spread(list(rows)), noise_seed=trial, resamples=400, seed=trial)
         covered += found.low <= 1 <= found.high
     assert 0.925 <= covered / 400 <= 0.985
+
+
+@pytest.mark.parametrize("correlation", [0.4, 1])
+def test_estimate_interval_of_values_that_share_a_light_with_the_next(correlation):
+    """Light n lights value n, and by another but correlated amount value n - 1: the standard error is known."""
+    squares, covered, lights = [], 0, 10
+    for trial in range(500):
+        rng = np.random.default_rng(trial)
+        own = rng.normal(0, 1, lights)
+        new = correlation * own + np.sqrt(1 - correlation**2) * rng.normal(0, 1, lights)
+        values = np.broadcast_to(own + np.roll(new, -1), (1, 2, lights))
+        found = estimate(values, resamples=400, seed=trial, chained=True)
+        squares.append((found.margin / stats.t.ppf(0.975, lights - 1)) ** 2)
+        covered += found.low <= 0 <= found.high
+    assert np.mean(squares) == pytest.approx((2 + 2 * correlation) / lights, rel=0.1)
+    assert covered / 500 > 0.9
+
+
+@pytest.mark.parametrize("column", ["relit_rmse", "shading_rmse"])
+def test_only_relit_pictures_depend_on_the_next_light(column):
+    values = np.repeat(np.sin(np.arange(20) * np.pi / 10)[None], 8, 0)  # slow waves: neighbours are alike
+    rows = {"a": [Scores([str(i) for i in range(8)], list(range(20)), {column: values})]}
+    found, apart = estimates(rows, column, {})["a"].margin, estimate(values[None]).margin
+    assert found == pytest.approx(apart * np.sqrt((1 + 2 * np.cos(np.pi / 10)) * 19 / 17) ** (column == "relit_rmse"))
 
 
 def test_compare_agrees_with_the_paired_t_test():

@@ -5,7 +5,8 @@ the mean. The pairs (figure, light) are not independent samples, since they shar
 
 * The interval of a mean is a bootstrap of crossed factors (Owen 2007), which resamples whole figures and whole lights
   independently. For few levels percentile intervals are too narrow, so the resamples of a factor with n levels are
-  expanded by sqrt(n/(n-1)) * t/z (Hesterberg 2015).
+  expanded by sqrt(n/(n-1)) * t/z (Hesterberg 2015). Where neighbouring lights are not independent, as in `relit`, the
+  resamples of lights are expanded by their covariance, too (Aronow, Samii and Assenova 2015).
 * Two rows are compared by the differences of their pairs, in a two-way analysis of variance with random effects:
   Student's t with the degrees of freedom of Satterthwaite (Clark 1973). A bootstrap of a dozen figures is unreliable in
   the tails, where the corrected p-values of a table are: it makes several times too many false claims.
@@ -110,6 +111,21 @@ def _expansion_factor(levels: int) -> float:
     return float(np.sqrt(levels / (levels - 1)) * t.ppf(tail, levels - 1) / norm.ppf(tail))
 
 
+def _neighbours_factor(deviations: np.ndarray) -> float:
+    """Returns the factor on the standard error of a mean of which each value has a cause in common with the next.
+
+    `deviations` (L,) are those of the values from their mean, in a circle. With the variance v of a value and the
+    covariance c of neighbours, the mean has the variance (v + 2c) / L. Unbiased estimates of v + 2c, and of v where c
+    is 0, are the sums below over L - 3 and L - 1. The factor is at least 1, since c can be estimated but roughly; with
+    fewer than four values it is unknown.
+    """
+    count, squares = len(deviations), float(deviations @ deviations)
+    if count < 4 or not squares:
+        return 1.0
+    both = squares + 2 * float(deviations @ np.roll(deviations, 1))
+    return float(np.sqrt(max(1.0, both / squares * (count - 1) / (count - 3))))
+
+
 @dataclass
 class Spread:
     """The standard deviation between trainings of their means, and its degrees of freedom; 0 if it is unknown."""
@@ -133,6 +149,7 @@ def estimate(
     noise_seed: int = 0,
     resamples: int = RESAMPLES,
     seed: int = 0,
+    chained: bool = False,
 ) -> Estimate:
     """Estimates the mean of a row and its interval.
 
@@ -144,6 +161,7 @@ def estimate(
         noise_seed: seed of the noise that stands for the spread of trainings; another one for each row of a table.
         resamples: their number.
         seed: random seed of the resamples; rows with the same seed are resampled alike.
+        chained: whether a value depends on the next light, too, as for relit pictures.
 
     Returns:
         The estimate. With one figure its interval is infinite; with one light it holds for that light only.
@@ -162,7 +180,9 @@ def estimate(
     for axis, levels in enumerate((figures, lights)):
         if levels > 1:
             weights = resample_weights(levels, resamples, seed + 1000 * axis)
-            resampled += _expansion_factor(levels) * (weights @ (pair_means.mean(1 - axis) - mean))
+            deviations = pair_means.mean(1 - axis) - mean
+            factor = _neighbours_factor(deviations) if axis and chained else 1.0
+            resampled += _expansion_factor(levels) * factor * (weights @ deviations)
     if freedom:
         resampled += error * np.random.default_rng([noise_seed, trainings]).standard_t(freedom, resamples)
     ends = np.quantile(resampled, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])

@@ -142,7 +142,8 @@ def estimates(rows: Rows, column: str, pool: Rows, fixed: Iterable[str] = ()) ->
         if (given := values(trainings)) is not None:
             row_spread = None if row in fixed else spread
             figures_and_lights = trainings[0].figures, trainings[0].lights
-            estimated[row] = estimate(given, row_spread, figures_and_lights, noise_seed=number)
+            relit = COLUMNS[column][0] == "relit"
+            estimated[row] = estimate(given, row_spread, figures_and_lights, noise_seed=number, chained=relit)
     return estimated
 
 
