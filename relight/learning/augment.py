@@ -87,10 +87,7 @@ def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Ge
         shading=shading,
         relit=albedo * shading,
         exposure=exposure,
-        inside=index.inside,
-        interior=index.interior,
-        pixel=index.pixel,
-        below=index.below,
+        **vars(index),
         size=size,
         mask_pixels=float(index.inside.sum()),
     )
@@ -308,8 +305,7 @@ def _perturbed_masks(mask: Tensor, settings: Augment, generators: list[np.random
     offset = F.interpolate(
         mask.new_tensor(np.stack(fields))[:, None], mask.shape[-2:], mode="bilinear", align_corners=False
     ).clamp(-radius, radius)
-    dilated = eroded = mask
-    out = mask
+    dilated = eroded = out = mask
     for step in range(1, radius + 1):
         dilated, eroded = F.max_pool2d(dilated, 3, 1, 1), 1 - F.max_pool2d(1 - eroded, 3, 1, 1)
         out = torch.where(offset >= step - 0.5, dilated, torch.where(offset <= 0.5 - step, eroded, out))
@@ -326,11 +322,6 @@ def _over_random_background(scene: Tensor, mask: Tensor, generators: list[np.ran
     fields = []
     for rng in generators:
         grain = int(rng.choice([1, 4, 16]))
-        fields.append(np.exp(rng.uniform(-3, 0)) * np.exp(0.6 * rng.normal(size=(3, grain, grain))))
-    background = torch.cat(
-        [
-            F.interpolate(scene.new_tensor(field)[None], (size, size), mode="bilinear", align_corners=False)
-            for field in fields
-        ]
-    )
-    return torch.where(mask > 0, scene, background)
+        field = scene.new_tensor(np.exp(rng.uniform(-3, 0)) * np.exp(0.6 * rng.normal(size=(1, 3, grain, grain))))
+        fields.append(F.interpolate(field, (size, size), mode="bilinear", align_corners=False))
+    return torch.where(mask > 0, scene, torch.cat(fields))

@@ -359,24 +359,13 @@ def draw_pairs(seed: int, step: int, batch: int, figures: int, lights: int, orde
         (batch, 2) int64 indices of figure and light.
     """
     epoch, place = np.divmod(step * batch + np.arange(batch), figures * lights)
-    chosen = np.array([epoch_order(seed, int(e), figures, lights, order)[p] for e, p in zip(epoch, place)])
+    chosen = np.array([_epoch_order(seed, int(e), figures, lights, order)[p] for e, p in zip(epoch, place)])
     return np.stack([chosen // lights, chosen % lights], 1)
 
 
 @lru_cache(maxsize=4)
-def epoch_order(seed: int, epoch: int, figures: int, lights: int, order: str) -> np.ndarray:
-    """Returns the order of the pairs of figure and light in an epoch.
-
-    Args:
-        seed: of the training.
-        epoch: from 0.
-        figures: number of figures.
-        lights: number of lights.
-        order: `shuffled`, all pairs in random order; `rows`, figures in random order, each with its lights in a row.
-
-    Returns:
-        (figures * lights,) int64 numbers of pairs, figure * lights + light.
-    """
+def _epoch_order(seed: int, epoch: int, figures: int, lights: int, order: str) -> np.ndarray:
+    """Returns the pairs (figures * lights,) of an epoch in their order, as figure * lights + light."""
     rng = generator(seed, epoch)
     if order == "shuffled":
         return rng.permutation(figures * lights)

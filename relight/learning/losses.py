@@ -129,10 +129,7 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> tuple[Tensor
             add({f"extra_{name}": value}, weight)
     if not weighted:
         raise UserError("every weight in the group loss is 0: give one, such as loss=full")
-    total = weighted[0]
-    for term_value in weighted[1:]:
-        total = total + term_value
-    return total, values
+    return sum(weighted[1:], weighted[0]), values
 
 
 def transport_losses(c: Comparison) -> dict[str, Tensor]:

@@ -246,11 +246,10 @@ class Refinement(nn.Module):
         transport = transport * mask
         weighted = (albedo**2)[:, :, None] * transport[:, None]  # (B,3,K,P)
         data = weighted @ transport[:, None].mT / pixels[..., None]
-        factor = (0.5 * self.trust).exp()[:, None, None] * (torch.eye(3, device=light.device) + self.coupling)
+        eye = torch.eye(3, device=light.device)
+        factor = (0.5 * self.trust).exp()[:, None, None] * (eye + self.coupling)
         prior = factor @ factor.mT  # (K,3,3)
-        blocks = torch.diag_embed(prior.permute(1, 2, 0)) + data[:, :, None] * torch.eye(3, device=light.device).view(
-            3, 3, 1, 1
-        )  # (B,3,3,K,K)
+        blocks = torch.diag_embed(prior.permute(1, 2, 0)) + data[:, :, None] * eye.view(3, 3, 1, 1)  # (B,3,3,K,K)
         right = (albedo * image) @ transport.mT / pixels + (prior @ light[..., None])[..., 0].mT
         return blocks.transpose(2, 3).flatten(3).flatten(1, 2), right.flatten(1)
 
@@ -309,10 +308,8 @@ class Network(nn.Module):
         if "normal" in outputs:
             outputs["normal"] = F.normalize(outputs["normal"].float(), dim=1, eps=1e-6)
         if self.refinement:
-            maps = with_transport(
-                {name: outputs[name].movedim(1, -1) for name in outputs if name != "light"}, self.order
-            )
-            transport = maps["transport"].movedim(-1, 1)
+            maps = {name: values.movedim(1, -1) for name, values in outputs.items() if name != "light"}
+            transport = with_transport(maps, self.order)["transport"].movedim(-1, 1)
             outputs["light"] = self.refinement(outputs["light"], outputs["albedo"], transport, image, mask)
         return outputs
 

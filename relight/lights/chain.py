@@ -93,7 +93,7 @@ def project_panoramas(panoramas: Panoramas, order: int) -> tuple[list[str], np.n
     else:
         folder = Path(panoramas.folder or "")
         sources = list_panoramas(folder)
-        light_of = partial(file_light, panoramas=panoramas, order=order)
+        light_of = partial(_file_light, panoramas=panoramas, order=order)
     projected: dict[str, np.ndarray] = {}
     unreadable: dict[str, str] = {}
     repaired: dict[str, str] = {}
@@ -126,17 +126,10 @@ def generated_light(source: str, order: int, flip: bool = False) -> np.ndarray:
     return orient(project(Panorama(GENERATORS[kind](int(seed))), order), 0.0, flip)
 
 
-def file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarray, list[str]] | str:
-    """Reads one panorama of a folder and projects it.
+def _file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarray, list[str]] | str:
+    """Reads one panorama of a folder and projects it: its light (K,3), and the reader's repairs.
 
-    Args:
-        source: path of the file within `panoramas.folder`.
-        panoramas: layout, orientation and repair.
-        order: of the spherical harmonics.
-
-    Returns:
-        The light (K,3) and the reader's repairs; or, for a file that cannot be read, the message of the error, since
-        one bad file must not end a long run.
+    For a file that cannot be read, it returns the message of the error, since one bad file must not end a long run.
     """
     path = Path(panoramas.folder or "") / source
     try:

@@ -59,6 +59,7 @@ def build_viewer(
     background: str | None = None,
     title: str = "relight",
     limit: int | None = None,
+    additions: Additions = VIEWER,
 ) -> None:
     """Writes the page of one or several figures, which it offers by their titles.
 
@@ -71,25 +72,6 @@ def build_viewer(
         title: title of the page.
         limit: bytes of the page; by default LIMIT, and FURTHER for each figure after the first. Figures are coded as
             finely as fits (figure.QUALITIES).
-
-    Raises:
-        UserError: if the figures do not fit, or there is no figure or light.
-    """
-    write_text(out, page_text(figures, lights, background, title, limit))
-
-
-def page_text(
-    figures: Sequence[Figure],
-    lights: Mapping[str, np.ndarray],
-    background: str | None = None,
-    title: str = "relight",
-    limit: int | None = None,
-    additions: Additions = VIEWER,
-) -> str:
-    """Returns the HTML of a page for several figures.
-
-    Args:
-        figures, lights, background, title, limit: as of `build_viewer`.
         additions: what the page has beyond the viewer.
 
     Raises:
@@ -132,4 +114,4 @@ def page_text(
         f"{embed(figure, bytes_for_maps)}</script>"
         for figure in progress(figures, "figures coded")
     )
-    return re.sub(f"%({'|'.join(parts)})%", lambda match: parts[match[1]], template)
+    write_text(out, re.sub(f"%({'|'.join(parts)})%", lambda match: parts[match[1]], template))

@@ -12,7 +12,7 @@ from relight.core.errors import UserError
 from relight.core.files import atomic_folder
 from relight.photos.mask import selfie
 from relight.viewer import runtime
-from relight.viewer.build import Additions, page_text
+from relight.viewer.build import Additions, build_viewer
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import Figure
 
@@ -73,8 +73,7 @@ def build_site(
             worker=bundle(STUDIO / "worker.js"),
             settings={"web": {"size": size, "files": sizes}},
         )
-        text = page_text(figures, lights, title=title, additions=additions)
-        (folder / "index.html").write_text(text, encoding="utf-8")
+        build_viewer(folder / "index.html", figures, lights, title=title, additions=additions)
         shutil.copyfile(STUDIO / "licenses.txt", folder / "LICENSES.txt")
         (folder / "README.md").write_text(readme(title), encoding="utf-8")
         version = hashlib.sha256()

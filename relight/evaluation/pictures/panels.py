@@ -26,18 +26,9 @@ from relight.evaluation.scoring.truth import Inferred, Truth
 from relight.learning.data import RelitSet
 
 COLUMNS = (
-    "picture",
-    "albedo",
-    "normal",
-    "AO",
-    "shading",
-    "shading error",
-    "light",
-    "transport 0",
-    "transport 1",
-    "transport 2",
-    "relit",
-)
+    "picture", "albedo", "normal", "AO", "shading", "shading error", "light",
+    "transport 0", "transport 1", "transport 2", "relit",
+)  # fmt: skip
 CELL_HEIGHT = 300  # pixels
 LARGE_BALL, SMALL_BALL = 0.8, 0.26  # diameter over the width of a cell: alone in it, and in its corner
 GAP, GUTTER, TOP, LINE = 6, 150, 60, 24  # pixels: between cells, left of them, above them, of a line of text
