@@ -98,13 +98,12 @@ def test_emblem_is_on_a_panel_of_each_garment_with_a_logo(body, name):
         assert max(np.abs(color - fabric.first).max() for color in shown) > 0.1
 
 
-@pytest.mark.parametrize("side", [256, 2048])  # of pixels coarser and finer than the samples
-def test_images_show_marks_in_the_atlas(side):
+def test_images_show_marks_in_the_atlas():
     a = np.linspace(0, 0.4, 65)
     x, y = np.meshgrid(a, a)
     faces = grid_faces(65, 65)[:, ::-1]
     cloth = np.stack([x, y], -1).reshape(-1, 2)[faces]
-    laid = panels.lay_out(["front"], np.zeros(len(faces), int), cloth, side)
+    laid = panels.lay_out(["front"], np.zeros(len(faces), int), cloth, 256)
     far = np.abs(cloth[..., 0] - 0.2)
     found = marks.images(laid, {"seam": far, "edge": far / 2, "rub": 0 * far, "bend": 0 * far})
     u0, _, column, row, w, h = laid.boxes[0]
@@ -113,6 +112,18 @@ def test_images_show_marks_in_the_atlas(side):
     want = np.abs(u - 0.2)[8:-8]
     assert np.abs(found["seam"][inside] - want).max() < 0.003
     assert np.abs(found["edge"][inside] - want / 2).max() < 0.0015
+
+
+def test_images_have_no_holes_in_an_atlas_finer_than_the_samples():
+    a = np.linspace(0, 0.4, 33)  # samples are 6 mm or 32 pixels apart
+    faces = grid_faces(33, 33)[:, ::-1]
+    cloth = np.stack(np.meshgrid(a, a), -1).reshape(-1, 2)[faces]
+    laid = panels.lay_out(["front"], np.zeros(len(faces), int), cloth, 2048)
+    found = marks.images(laid, {"seam": np.full(faces.shape, 0.1), "edge": cloth[..., 0]})
+    np.testing.assert_allclose(found["seam"], 0.1, atol=1e-6)
+    _, _, column, row, w, h = laid.boxes[0]
+    u = (np.arange(w) + 0.5 - panels.GUTTER) / laid.scale
+    assert np.abs(found["edge"][row : row + h, column : column + w] - u).max() < 0.006
 
 
 def test_aged_sews_seams_and_hems_and_fades_knees():
