@@ -76,6 +76,23 @@ def test_hood_opens_before_the_chest_of_a_turned_trunk(body, spine):
     assert closed and np.abs(np.degrees(np.arctan2(x, z))).max() < 8
 
 
+@pytest.mark.parametrize("name", ["shirt", "jacket", "blazer", "coat"])
+def test_a_collar_has_no_smeared_texture(body, standing, name):
+    """By the area of each face in the texture, in square metres, against that in space."""
+    pattern = patterns.build_pattern(body, wardrobe()[name], 1)
+    level, atlas = pattern.levels[-1], panels.lay_out(*panels.cloth_coordinates(pattern), 1024)
+    uv, per_metre = np.zeros((len(level.fitted), 2)), atlas.scale / atlas.side
+    uv[level.faces] = atlas.uv
+    cloth, neck = standing[0].skin(level.weights, level.fitted), collars.neck_of(standing[0])
+    vertices, faces, corners = collars.collar(cloth, level.faces, uv, wardrobe()[name].collar, neck, per_metre)
+    flat = np.pad(corners / per_metre, [(0, 0), (0, 0), (0, 1)])
+    true, drawn = (
+        np.linalg.norm(np.cross(part[:, 1] - part[:, 0], part[:, 2] - part[:, 0]), axis=1)
+        for part in (vertices[faces], flat)
+    )
+    assert true[drawn < 0.3 * true].sum() < 0.2 * true.sum()
+
+
 def test_hem_has_the_texture_of_one_panel(body, standing):
     """Each face's longest side in the texture, in metres, against its longest side in space."""
     outfit = outfits.sample_outfit(np.random.default_rng(0), body.person)

@@ -37,6 +37,7 @@ BAND = 0.030  # standard deviation of the average by which a neckband smooths th
 BAND_RANGE = 0.045  # width of the cloth beside the neckline that moves with it, metres
 PATH_STEPS = 10  # of a path over the cloth
 THICKNESS = 0.0025  # metres
+TORN = 0.06  # metres on the flat panels, beyond which a face has corners in two of them
 SEAM_OFFSET = 0.0005  # metres below the border where a collar begins: vertices at the same place would be merged
 HOOD_CLEARANCE = 0.002  # metres between a hood and the cloth
 HOOD_SMOOTHING = 30  # times that a hood's paths, and the cloth under it, are averaged with their neighbours
@@ -259,6 +260,22 @@ def _rows_over(
     return rows
 
 
+def into_panel(faces: np.ndarray, cloth: np.ndarray, ring: np.ndarray) -> np.ndarray:
+    """Returns the unit direction (r,2) from each vertex of a border into its panel, along which a collar lies on it.
+
+    Args:
+        faces: (F,3) of the garment.
+        cloth: (n,2) of its vertices on the flat panels, metres.
+        ring: (r,) vertices of the border, in order.
+    """
+    step = cloth[faces].mean(1, keepdims=True) - cloth[faces]
+    step[np.linalg.norm(step, axis=2).max(1) > TORN] = 0
+    summed = np.zeros_like(cloth)
+    np.add.at(summed, faces, step)
+    direction = smooth_line(summed[ring], 20, closed=False)  # over seams
+    return direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-9)
+
+
 def collar(
     vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, kind: str, neck: Neck, uv_per_metre: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
@@ -309,8 +326,10 @@ def collar(
     points = np.concatenate([vertices[ring] - SEAM_OFFSET * neck.up, strip])
     points, shell, corner = thickened(points, strip_faces, THICKNESS, rings=None)
     row, column = np.divmod(strip_faces.ravel()[corner], len(ring))  # of each corner in the strip
-    corner_uv = uv[ring][column] - np.stack([0 * column, travel[row, column] * uv_per_metre], axis=-1)
-    is_torn = np.ptp(corner_uv[..., 0], axis=1) > 0.06 * uv_per_metre  # across a seam between panels: use one of them
+    opens = kind in ("lapel", "stand")  # down an open front; the others lie above the panels' upper sides
+    direction = into_panel(faces, uv / uv_per_metre, ring) if opens else np.tile([0.0, -1.0], (len(ring), 1))
+    corner_uv = uv[ring][column] + (travel[row, column] * uv_per_metre)[..., None] * direction[column]
+    is_torn = np.ptp(corner_uv[..., 0], axis=1) > TORN * uv_per_metre  # across a seam between panels: use one of them
     corner_uv[is_torn] = corner_uv[is_torn][:, :1]
     return points, shell, np.clip(corner_uv, 0.001, 0.999)
 
