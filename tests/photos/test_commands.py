@@ -113,7 +113,7 @@ def bad(tmp_path, weights):
     yield [me, "--mask", tmp_path / "none.png"], "no file"
     yield [me, "--light", tmp_path / "light.hdr"], "light.hdr"
     yield [me, "--light", "room:x"], "room:x"
-    yield [me, "--background", "nothing such"], "background"
+    yield [me, "--background", "nothing such"], "background .* is not keep"
     yield [me, "--weights", tmp_path / "old.pt"], "no network of relight"
     yield [me, "--weights", tmp_path / "mine.safetensors"], "`relight export mine.safetensors mine.onnx` writes"
     yield [me, "--out", me], "would be overwritten"

@@ -133,23 +133,6 @@ def test_fit_edge_without_background_or_inside(mask):
     assert np.abs(fitted[mask == 255].astype(int) - 255).max() <= 142 and (fitted[0] == mask[0]).all()
 
 
-def relit(codes, mask, gain):
-    """The photo with a gain on its figure, as `render` composes it over the photo's own background, in codes."""
-    linear = LINEAR[codes]
-    alpha = mask.astype(np.float32) / 255
-    front = estimate_foreground(linear, alpha)
-    return 255 * encode(np.clip(linear + alpha[..., None] * (front * np.float32(gain) - front), 0, 1))
-
-
-def test_relit_black_cloth_keeps_its_hue_at_the_rim():
-    codes, _, inward = composite(BLACK_CLOTH, SKY)
-    found = relit(codes, fit_edge(codes, soft(inward + 2), automatic=True), 4.0)
-    inside = (inward > 1) & (inward < 6)
-    true = 255 * encode(4 * np.array(BLACK_CLOTH))
-    assert np.abs(np.median(found[inside], 0) - true).max() < 4
-    assert (found[inside].max(-1) - found[inside].min(-1)).mean() < 20
-
-
 def test_estimated_foreground_leaves_no_background_below_black():
     """A mask that takes sky for a white hat: what is split off is no more than is there."""
     codes, _, inward = composite(WHITE_CLOTH, SKY)

@@ -57,16 +57,6 @@ def overlap(a, b):
     return (a & b).sum() / (a | b).sum()
 
 
-def test_setup_from_a_wheel(run, wheel, bright):
-    assert "photos without a mask" in run("mask", "setup", "--from", wheel)
-    path = selfie.network_file()
-    assert sorted(p.name for p in path.parent.iterdir()) == [
-        "selfie_segmentation.onnx",
-        "selfie_segmentation.onnx.LICENSE",
-    ]
-    assert path.with_name(f"{path.name}.LICENSE").read_text() == "Apache License"
-
-
 def test_what_is_no_such_wheel_changes_nothing(run, wheel, bright, tmp_path):
     selfie.setup(wheel)
     (tmp_path / "text.whl").write_text("no wheel")
@@ -90,7 +80,10 @@ def test_setup_by_pip(run, wheel, bright, monkeypatch):
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(wheel.parent))
     assert "36 MB" in run("mask", "setup")
-    assert selfie.network_file().read_bytes() == convert(bright)
+    network = selfie.network_file()
+    assert {path.name for path in network.parent.iterdir()} == {network.name, f"{network.name}.LICENSE"}
+    assert network.read_bytes() == convert(bright)
+    assert network.with_name(f"{network.name}.LICENSE").read_text() == "Apache License"
     failed = subprocess.CompletedProcess([], 1, "", "WARNING: slow\nERROR: no route to the index")
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: failed)
     with pytest.raises(UserError, match=r"\(no route to the index\): run `pip download --no-deps .*--from FILE.whl`"):

@@ -1,4 +1,4 @@
-"""The weights that ship: small, readable, and of use on a figure and in rooms that they have not seen."""
+"""The weights that ship are of use on a figure and in rooms that they have not seen."""
 
 from dataclasses import replace
 
@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 
 import relight
 from relight.core import srgb
-from relight.photos.network import WEIGHTS
 from relight.photos.trust import ERROR
 from relight.settings import composed
 from relight.viewer.source import PORTRAIT_MASK
@@ -32,10 +31,6 @@ def photo_of(maps, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The figure as an 8-bit photo under a light (9,3), and its true shading (H,W,3)."""
     shading = np.maximum(maps.transport @ light, 0)
     return srgb.to_bytes(srgb.encode(maps.albedo * shading)), shading
-
-
-def test_weights_are_small():
-    assert WEIGHTS.stat().st_size <= 16 * 2**20
 
 
 @pytest.mark.slow
