@@ -4,6 +4,7 @@ import base64
 import hashlib
 import io
 import json
+import shutil
 import struct
 import tarfile
 import zlib
@@ -11,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 from skimage.metrics import structural_similarity
 
@@ -64,6 +66,11 @@ def tarball(path: Path, files: dict[str, bytes]) -> str:
             entry.size = len(data)
             archive.addfile(entry, io.BytesIO(data))
     return base64.b64encode(hashlib.sha512(path.read_bytes()).digest()).decode()
+
+
+def node() -> str:
+    """The program that runs JavaScript; without it the test is skipped."""
+    return shutil.which("node") or pytest.skip("no node on this machine")
 
 
 def rgbe(pixels: np.ndarray) -> np.ndarray:

@@ -9,16 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 CODE = re.compile(r"`((?:relight|tests|conf|benchmarks|workflow)/[\w/.-]+\.(?:py|yaml|smk|js))(?::(\w+))?`")
-FOLDERS = (
-    ".",
-    ".github",
-    "docs",
-    "docs/lab",
-    "docs/joss",
-    "integrations/blender",
-    "integrations/comfyui",
-    "relight/weights",
-)
+FOLDERS = ". .github docs docs/lab docs/joss integrations/blender integrations/comfyui relight/weights".split()
 PAGES = sorted(page for folder in FOLDERS for page in (ROOT / folder).glob("*.md"))
 
 WRAPPED = [page for page in PAGES if page.parent.name in ("docs", "lab")]

@@ -102,39 +102,22 @@ def header(network: Path = OUT) -> dict:
         return json.loads(file.metadata()["relight"])
 
 
-def check_run(training: Training, run, made: dict, points: list[tuple[int, float]]) -> None:
-    """Parameters, metrics and artifacts of a run are those of the training that wrote a network.
-
-    Args:
-        training: where it is.
-        run: in MLflow.
-        made: the header of the network.
-        points: its curve.
-    """
-    assert run.info.status == "FINISHED" and run.data.tags["fingerprint"] == made["fingerprint"]
-    settings = {part: made[part] for part in ("model", "loss", "train", "augment")}
-    assert run.data.params == {key: str(value) for key, value in flat(settings).items()}
-    folder = Path("mlruns") / run.info.run_id / "artifacts"
-    assert training.logged(run) == points
-    drawn = [int(path.name.split("+")[2]) for path in sorted(folder.glob("images/*.png"))]
-    assert sorted(drawn) == [4, 8], "a picture an epoch"
-    assert (folder / "curve" / CURVE.name).exists()
-
-
-def logged_network(run) -> bytes:
-    """The file of the network that a run logged."""
-    return (Path("mlruns") / run.info.run_id / "artifacts/network" / OUT.name).read_bytes()
-
-
 def test_other_settings_are_another_run_and_each_tells_its_own(training):
     told = []
     for lr in (2e-3, 1e-3):
         training(lr=lr)
         told.append((header(), curve()))
     for run, (made, points) in zip(training.runs(), told, strict=True):
-        check_run(training, run, made, points)
+        assert run.info.status == "FINISHED" and run.data.tags["fingerprint"] == made["fingerprint"]
+        settings = {part: made[part] for part in ("model", "loss", "train", "augment")}
+        assert run.data.params == {key: str(value) for key, value in flat(settings).items()}
+        assert training.logged(run) == points
+        folder = Path("mlruns") / run.info.run_id / "artifacts"
+        drawn = [int(path.name.split("+")[2]) for path in sorted(folder.glob("images/*.png"))]
+        assert sorted(drawn) == [4, 8], "a picture an epoch"
+        assert (folder / "curve" / CURVE.name).exists()
     assert [run.info.run_name for run in training.runs()] == ["one.s0 (earlier)", "one.s0"]
-    assert logged_network(run) == OUT.read_bytes()
+    assert (folder / "network" / OUT.name).read_bytes() == OUT.read_bytes()
 
 
 @pytest.mark.parametrize("broken", ["artifacts", "database", "lock", "server"])

@@ -34,20 +34,11 @@ def test_a_flat_folder(tmp_path):
 
 
 def test_the_layouts_of_renderpeople_thuman_and_own_folders(tmp_path):
-    touch(
-        tmp_path,
-        "rp_aaron_posed_013_OBJ/rp_aaron_posed_013_30k.obj",
-        "rp_aaron_posed_013_OBJ/rp_aaron_posed_013_100k.obj",
-        "rp_aaron_posed_013_OBJ/tex/rp_aaron_posed_013_dif_8k.jpg",
-        "rp_aaron_posed_014_OBJ/rp_aaron_posed_014.obj",
-        "0001/0001.obj",
-        "0001/material0.jpeg",
-        "eve/standing.glb",
-        "eve/sitting.glb",
-        "adam/standing.glb",
-        "adam/standing_30k.glb",
-        "people/rp_bob_posed_001_OBJ/rp_bob_posed_001.obj",
-    )
+    for name in ("013_OBJ/rp_aaron_posed_013_30k.obj", "013_OBJ/rp_aaron_posed_013_100k.obj",
+                 "013_OBJ/tex/rp_aaron_posed_013_dif_8k.jpg", "014_OBJ/rp_aaron_posed_014.obj"):  # fmt: skip
+        touch(tmp_path, f"rp_aaron_posed_{name}")
+    touch(tmp_path, "people/rp_bob_posed_001_OBJ/rp_bob_posed_001.obj", "0001/0001.obj", "0001/material0.jpeg")
+    touch(tmp_path, "eve/standing.glb", "eve/sitting.glb", "adam/standing.glb", "adam/standing_30k.glb")
     assert listed(tmp_path) == {
         "0001": ("0001/0001.obj", "0001"),
         "adam_standing": ("adam/standing.glb", "adam"),

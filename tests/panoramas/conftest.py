@@ -1,12 +1,12 @@
 """The reader of Radiance pictures that the viewer's page has."""
 
 import json
-import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from samples import node
 
 PAGE = Path(__file__).parents[2] / "relight/viewer/web/page/hdr.js"
 SCRIPT = """import { readFileSync } from "node:fs";
@@ -25,13 +25,12 @@ SCRIPT = """import { readFileSync } from "node:fs";
 def on_the_page(tmp_path) -> Callable[[list[bytes]], list]:
     """The function that returns pixels, shape and note of each file by the page's JavaScript; without pixels, the
     note is the error. The files are 0.hdr, 1.hdr and so on in `tmp_path`."""
-    if (node := shutil.which("node")) is None:
-        pytest.skip("no node on this machine")
+    program = node()
 
     def read(files: list[bytes]) -> list:
         for number, data in enumerate(files):
             (tmp_path / f"{number}.hdr").write_bytes(data)
-        command = [node, "--input-type=module", "-e", SCRIPT, PAGE.as_uri(), str(tmp_path), str(len(files))]
+        command = [program, "--input-type=module", "-e", SCRIPT, PAGE.as_uri(), str(tmp_path), str(len(files))]
         return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
 
     return read

@@ -72,11 +72,8 @@ def damaged(data: bytes, rng: np.random.Generator) -> tuple[bytes, str]:
 def outcomes(jobs: Iterable[tuple[str, Path, bytes | None]], memory: int) -> list[str]:
     """What readers, functions of readers.py by name, make of files one after the other: "read" or "error" for each.
 
-    Fails where one ends otherwise than by UserError in one line, hangs, or takes more than `memory`; the file stays.
-
-    Args:
-        jobs: reader, path, and the bytes of a file that is written for it and removed afterwards.
-        memory: of the process, in kilobytes.
+    Fails where one ends otherwise than by UserError in one line, hangs, or takes more than `memory` kilobytes; the file
+    stays. Jobs are reader, path, and the bytes of a file that is written for it and removed afterwards.
     """
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-c", LOOP, str(Path(__file__).parent)]

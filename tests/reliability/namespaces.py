@@ -5,11 +5,7 @@ import subprocess
 
 
 def mounted(*places: str) -> list[str]:
-    """The beginning of a command line in a mount namespace, with a tmpfs at each of the places.
-
-    Args:
-        *places: options of mount, "none", and the folder.
-    """
+    """The beginning of a command line in a mount namespace, with a tmpfs at each place: options, "none", folder."""
     mounts = " && ".join(f"mount -t tmpfs {place}" for place in places)
     return ["unshare", "-rm", "sh", "-c", f'{mounts} && exec "$@"', "sh"]
 

@@ -1,7 +1,7 @@
-import shutil
 import subprocess
 
 import pytest
+from samples import node
 
 from relight.viewer.build import PAGE
 from relight.viewer.bundle import bundle
@@ -15,9 +15,6 @@ def write(folder, **modules):
 
 
 def test_each_module_runs_once_before_those_that_import_it_and_keeps_its_names(tmp_path):
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("no node on this machine")
     main = write(
         tmp_path,
         base="const hidden = 1, log = [];\nexport function note(text) { log.push(text); return log; }\n",
@@ -26,7 +23,7 @@ def test_each_module_runs_once_before_those_that_import_it_and_keeps_its_names(t
         main='import { one } from "./left.js";\nimport { two } from "./right.js";\nimport { note } from "./base.js";\n'
         "console.log(JSON.stringify([...note(one + two), typeof hidden]));\n",
     )
-    done = subprocess.run([node, "-e", bundle(main)], capture_output=True, text=True, check=True)
+    done = subprocess.run([node(), "-e", bundle(main)], capture_output=True, text=True, check=True)
     assert done.stdout == '["left","right",3,"undefined"]\n'
 
 

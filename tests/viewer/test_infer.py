@@ -2,13 +2,14 @@
 
 import base64
 import json
-import shutil
+import re
 import subprocess
 import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
+import samples
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
@@ -52,13 +53,6 @@ const ask = (task, values) => new Promise((done, fail) => {
   self.onmessage({ data: { task, values } });
 });
 """
-KINDS = {
-    "Uint8ClampedArray": np.uint8,
-    "Float32Array": np.float32,
-    "Float64Array": np.float64,
-    "Uint8Array": np.uint8,
-    "Int32Array": np.int32,
-}
 # The twin of `invented`, below.
 RUN = """
 async function run(image, mask) {
@@ -97,18 +91,18 @@ def node(module, program, values, before=""):
 
     `before` runs before the module.
     """
-    found = shutil.which("node")
-    if found is None:
-        pytest.skip("no node on this machine")
     (path,) = STUDIO.parent.glob(f"*/{module}.js")
     script = before + bundle(path) + program + PROGRAM
-    done = subprocess.run([found, "-e", script], input=json.dumps(values), capture_output=True, text=True)
+    done = subprocess.run([samples.node(), "-e", script], input=json.dumps(values), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout, object_hook=arrays)
 
 
 def arrays(value):
-    return np.frombuffer(base64.b64decode(value["data"]), KINDS[value["kind"]]) if "kind" in value else value
+    """Arrays in place of their kinds, such as Uint8ClampedArray, and bytes."""
+    if "kind" not in value:
+        return value
+    return np.frombuffer(base64.b64decode(value["data"]), re.sub("Clamped|Array", "", value["kind"]).lower())
 
 
 def picture(height, width, centres, seed=0):

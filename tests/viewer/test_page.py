@@ -328,15 +328,7 @@ def test_lamps_are_placed_by_mouse_and_keys(balls):
 def test_the_address_shows_the_same_picture(page, html):
     page.open(html)
     lamp = {"azimuth": 45, "elevation": 30, "color": "#ffaa66", "strength": 1.5, "softness": 12}
-    state = START | {
-        "light": 2,
-        "yaw": -35.5,
-        "tilt": 10,
-        "view": "shading",
-        "stops": 0.5,
-        "lamps": [lamp],
-        "room": 0.5,
-    }
+    state = START | dict(light=2, yaw=-35.5, tilt=10, view="shading", stops=0.5, lamps=[lamp], room=0.5)
     expected = page.pixels(**state)
     address = page.run("relight.address()")
     page.open(html, address="#" + address)

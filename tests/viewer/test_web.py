@@ -1,18 +1,14 @@
 """The JavaScript of the viewer by its own tests, where node is on this machine."""
 
-import shutil
 import subprocess
 from pathlib import Path
 
-import pytest
+from samples import node
 
 TESTS = Path(__file__).parent / "web"
 
 
 def test_javascript_passes_its_own_tests():
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("no node on this machine")
     files = map(str, sorted(TESTS.glob("*.test.js")))
-    done = subprocess.run([node, "--test", *files], cwd=TESTS, capture_output=True, text=True)
+    done = subprocess.run([node(), "--test", *files], cwd=TESTS, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]

@@ -35,12 +35,6 @@ def start(repo: Path, command: list[str], variables: dict[str, str] | None = Non
     """A program in a repository, whose package Python finds before the installed one.
 
     It ends with this process, however that ends: a test that is killed leaves no workflow behind.
-
-    Args:
-        repo: see `copy`.
-        command: its words.
-        variables: more of its environment.
-        options: of `subprocess.Popen`.
     """
     paths = [str(repo), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {**os.environ, **(variables or {}), "PYTHONPATH": os.pathsep.join(paths)}

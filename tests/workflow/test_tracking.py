@@ -64,16 +64,6 @@ def write(uri: str, seed: int) -> None:
     os._exit(0)  # as if it were killed
 
 
-def write_at_once(folder: Path, uri: str) -> None:
-    """Trainings of a workflow, all at the same time, in a folder."""
-    jobs = [FORKS.Process(target=chdir_and_call, args=(folder, write, uri, seed)) for seed in range(WRITERS)]
-    for job in jobs:
-        job.start()
-    for job in jobs:
-        job.join(timeout=300)
-    assert [job.exitcode for job in jobs] == WRITERS * [0]
-
-
 def make_database_and_be_killed() -> None:
     """Stops between the file and its tables."""
     store.select_store(URI)
@@ -94,7 +84,12 @@ def folder(tmp_path_factory) -> Path:
     job.start()
     job.join(timeout=120)
     assert job.exitcode == -9
-    write_at_once(folder, URI)
+    jobs = [FORKS.Process(target=chdir_and_call, args=(folder, write, URI, seed)) for seed in range(WRITERS)]
+    for job in jobs:
+        job.start()
+    for job in jobs:
+        job.join(timeout=300)
+    assert [job.exitcode for job in jobs] == WRITERS * [0]
     return folder
 
 
@@ -108,8 +103,8 @@ def runs(client) -> list:
     return client.search_runs([client.get_experiment_by_name("test").experiment_id], order_by=["attributes.run_name"])
 
 
-def check_writers(client) -> None:
-    """Each of the trainings has its own parameters and metrics, and none is above or below another."""
+def test_connect_processes_share_a_new_store(client, folder):
+    assert {path.name for path in folder.iterdir()} == {"mlflow.db", ".mlflow.lock"}
     trainings = runs(client)
     assert [run.info.run_name for run in trainings] == [f"ours.s{seed}" for seed in range(WRITERS)]
     for seed, run in enumerate(trainings):
@@ -119,11 +114,6 @@ def check_writers(client) -> None:
         assert run.data.metrics["loss/validation"] == seed
         tags = {**TAGS, "row": "ours", "seed": str(seed), "mlflow.runColor": COLORS[0]}
         assert run.data.tags.items() >= tags.items()
-
-
-def test_connect_processes_share_a_new_store(client, folder):
-    assert {path.name for path in folder.iterdir()} == {"mlflow.db", ".mlflow.lock"}
-    check_writers(client)
 
 
 def record(uri: str, losses: dict[str, float]) -> None:
