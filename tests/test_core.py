@@ -74,11 +74,6 @@ def core(tmp_path_factory):
     return run
 
 
-def test_core_has_ten_direct_dependencies():
-    assert len(PROJECT["dependencies"]) <= 10
-    assert not {"torch", "snakemake", "mlflow", "open3d-cpu", "pymeshlab"} & core_packages()
-
-
 def test_torch_cannot_be_imported_in_the_core(core):
     assert core(program="import torch").returncode != 0
 

@@ -118,18 +118,14 @@ def bad(tmp_path, weights):
     yield [me, "--weights", tmp_path / "mine.safetensors"], "`relight export mine.safetensors mine.onnx` writes"
     yield [me, "--out", me], "would be overwritten"
     yield [me, "--out", tmp_path / "me_mask.png"], "me_mask.png would be overwritten"
-    for flag, name in (("--light", "place:{}@30"), ("--lit-by", "even + place:{}"), ("--background", "{}")):
-        yield (
-            [me, flag, name.format(tmp_path / "me_mask.png"), "--mask", me, "--out", tmp_path / "me_mask.png"],
-            "be overwr",
-        )
+    mask = tmp_path / "me_mask.png"
+    for flag, name in (("--light", f"place:{mask}@30"), ("--lit-by", f"even + place:{mask}"), ("--background", mask)):
+        yield [me, flag, name, "--mask", me, "--out", mask], "me_mask.png would be overwritten"
     yield [me, "--maps", "--out", "one.png"], "--maps writes several files, and --out one.png is one picture"
     yield [me, "--background", "none", "--out", "one.jpg"], "a JPEG cannot be transparent"
-    yield [me, "--lit-by", "auto"], "lit by auto: name the light, or leave it out"
     yield [me, "--out", me / "sub"], "nothing can be written there"
     yield [me, me, "--out", "two.png"], "two.png is one picture, and there are several photos: give a folder"
     yield [me, "--out", "out.psd"], "give a folder, or a picture ending in .jpg or .png"
-    yield [me, "--out", "/proc/relight"], "nothing can be written there"
     yield [me, "--background", tmp_path / "none.png"], r"background: there is no file .*none\.png"
     yield [me, "--blur", "3"], "a panorama or a picture behind can be blurred, not the background keep"
     yield [me, "--mask", me], "is the photo itself"

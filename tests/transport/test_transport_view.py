@@ -160,12 +160,6 @@ def test_the_figure_fills_the_picture_from_everywhere(offset):
         assert np.ptp(at, axis=0).max() == pytest.approx(long, rel=1e-9)
 
 
-def test_a_long_lens_is_orthographic():
-    mesh = balls()
-    np.testing.assert_allclose(shown(mesh, View(30, -10, 10000)), shown(mesh, View(30, -10)), atol=5e-3)
-    assert np.abs(shown(mesh, View(30, -10, 25)) - shown(mesh, View(30, -10))).max() > 0.1
-
-
 def test_directions_of_a_view():
     """The front goes to image right for yaw > 0, and a camera that stands higher sees the top."""
     np.testing.assert_allclose(View(90).rotation @ [0, 0, 1], [1, 0, 0], atol=1e-15)
