@@ -67,9 +67,7 @@ def test_closure_follows_functions_stubs_and_plain_imports(package):
         ("settings/__init__.py", "ROOT = 2\n", False, False),
     ],
 )
-def test_code_hash_changes_with_what_a_rule_runs_and_with_nothing_else(
-    package, name, text, bake_differs, lights_differs
-):
+def test_code_hash_changes_with_what_a_rule_runs_alone(package, name, text, bake_differs, lights_differs):
     bake, lights = hashes()
     assert hashes() == (bake, lights)
     (package / name).parent.mkdir(exist_ok=True)

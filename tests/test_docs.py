@@ -57,13 +57,10 @@ def words(page: str) -> str:
 
 def test_numbers_that_stand_on_two_pages_agree():
     """The orderings of the README are those of the results, and the errors of the weights those of their card."""
-    told = re.search(
-        r"(\d+) of the (\d+) orderings .*? hold, (\d+) are reversed, (\d+) .*? and (\d+) open", words("README.md")
-    )
-    found = re.search(
-        r"prints (\d+) orderings .*?\*\*(\d+) hold here, (\d+) are reversed, (\d+) are .*? and (\d+) are open",
-        words("docs/lab/results.md"),
-    )
+    says = r"(\d+) of the (\d+) orderings .*? hold, (\d+) are reversed, (\d+) .*? and (\d+) open"
+    told = re.search(says, words("README.md"))
+    says = r"prints (\d+) orderings .*?\*\*(\d+) hold here, (\d+) are reversed, (\d+) are .*? and (\d+) are open"
+    found = re.search(says, words("docs/lab/results.md"))
     assert sorted(told.groups()) == sorted(found.groups())
     card = dict(re.findall(r"name: (\w+), value: ([\d.]+)", words("relight/weights/README.md")))
     assert len(card) == 4
@@ -81,9 +78,8 @@ def test_the_first_hour_runs_and_prints_what_its_page_says(tmp_path, monkeypatch
     for cell, printed in run(page, tmp_path):
         if cell["output"] is not None:
             assert number.sub("#", printed).split() == number.sub("#", cell["output"]).split()
-            found, told = (
-                [float(n.replace(",", "")) for n in number.findall(text)] for text in (printed, cell["output"])
-            )
+            texts = printed, cell["output"]
+            found, told = ([float(n.replace(",", "")) for n in number.findall(text)] for text in texts)
             np.testing.assert_allclose(found, told, rtol=0.1, atol=0.05)
     shown = re.findall(r"\]\(images/(first_hour_\d\.jpg)\)", page)
     assert shown == sorted(path.name for path in tmp_path.iterdir()) and len(shown) == 8

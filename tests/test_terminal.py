@@ -23,13 +23,11 @@ TERMINALS = {
 def test_a_light_is_printed_on_every_terminal(tmp_path, name):
     environment, degree, file = TERMINALS[name]
     path = os.fsencode(tmp_path) + b"/K\xf6.hdr"
+    pixels = bytes([200, 100, 50, 128] * 4 + [9, 9, 9, 128] * 4)
     with open(path, "wb") as panorama:
-        panorama.write(
-            b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + bytes([200, 100, 50, 128] * 4 + [9, 9, 9, 128] * 4)
-        )
-    kept = {
-        key: value for key, value in os.environ.items() if not key.startswith(("LC_", "LANG", "PYTHONUTF8", "PYTHONIO"))
-    }
+        panorama.write(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n" + pixels)
+    given = ("LC_", "LANG", "PYTHONUTF8", "PYTHONIO")
+    kept = {key: value for key, value in os.environ.items() if not key.startswith(given)}
     command = [os.fsencode(sys.executable), b"-m", b"relight.cli", b"light", path]
     done = subprocess.run(command, capture_output=True, env={**kept, **environment, "COLUMNS": "300"})
     assert done.returncode == 0, done.stderr.decode(errors="replace")[-2000:]

@@ -23,9 +23,8 @@ def two():
     mask = np.hypot(row - 12, 1.5 * (column - 11)) < 10
 
     def one():
-        maps = {
-            name: rng.uniform(0, 1, (SIDE, SIDE, n)) for name, n in (("albedo", 3), ("transport", 9), ("shading", 3))
-        }
+        channels = {"albedo": 3, "transport": 9, "shading": 3}
+        maps = {name: rng.uniform(0, 1, (SIDE, SIDE, n)) for name, n in channels.items()}
         return Intrinsics(mask, **maps, light=rng.normal(size=(9, 3)))
 
     return one(), one()

@@ -87,9 +87,8 @@ def test_score_of_the_loop_on_the_page(drawn, tmp_path, monkeypatch):
     (tmp_path / "benchmark").symlink_to(drawn)
     exec(method + loop, {"my_model": model, "np": np})
     answer(drawn, tmp_path / "as_it_is", "as_it_is")
-    mine, theirs = (
-        read_scores(score(drawn, folder).parent) for folder in (tmp_path / "answers/mine", tmp_path / "as_it_is")
-    )
+    folders = tmp_path / "answers/mine", tmp_path / "as_it_is"
+    mine, theirs = (read_scores(score(drawn, folder).parent) for folder in folders)
     assert np.allclose(mine["full"], theirs["ratio"])
     assert len(seen) == 12 and all(view.dtype == np.uint8 and view.ndim == 3 and view.std() > 1 for view in seen)
 
@@ -138,9 +137,7 @@ def test_score_and_answer_refuse(drawn, truth, tmp_path):
     with pytest.raises(UserError, match="is not a benchmark file of relight"):
         score(drawn, truth)
     path.unlink()
-    with pytest.raises(
-        UserError, match=r"there is no .*g900000\.1\.npz: a folder of answers must have one .npz for each"
-    ):
+    with pytest.raises(UserError, match=r"there is no .*g900000\.1\.npz: a folder of answers must have one .npz for"):
         score(drawn, truth)
     with pytest.raises(UserError, match="there is no such folder of answers"):
         score(drawn, tmp_path / "nowhere")
@@ -205,9 +202,8 @@ def test_comparison_tables_and_command(drawn, truth, tmp_path):
     out.mkdir()
     says = CliRunner().invoke(app, ["benchmark", "report", str(truth), str(tmp_path / "as_it_is"), "-o", str(out)])
     assert says.exit_code == 0 and "| as_it_is " in says.output
-    assert {p.name for p in out.iterdir()} == {
-        f"benchmark_{name}.{suffix}" for name in ("pictures", "maps", "invariance") for suffix in ("csv", "md")
-    }
+    names = ("pictures", "maps", "invariance")
+    assert {p.name for p in out.iterdir()} == {f"benchmark_{name}.{end}" for name in names for end in ("csv", "md")}
     before = {path.name for path in Path.cwd().iterdir()}
     for more in ([], [str(tmp_path / "benchmark_pictures.csv")]):  # beside the answers, where `*` finds it again
         assert CliRunner().invoke(app, ["benchmark", "report", str(tmp_path / "as_it_is"), *more]).exit_code == 0

@@ -196,9 +196,8 @@ def test_half_floats_are_taken_as_they_are(nodes, portrait, kind):
     half = nodes["RelightRelight"]().run(image, light, *PLAIN, mask)
     full = nodes["RelightRelight"]().run(image.float(), light, *PLAIN, mask.float())
     torch.testing.assert_close(half, full)
-    torch.testing.assert_close(
-        nodes["RelightInferMaps"]().run(image, mask), nodes["RelightInferMaps"]().run(image.float(), mask.float())
-    )
+    infer = nodes["RelightInferMaps"]().run
+    torch.testing.assert_close(infer(image, mask), infer(image.float(), mask.float()))
 
 
 @pytest.mark.parametrize("encoding", ["sRGB", "linear"])

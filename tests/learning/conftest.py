@@ -32,9 +32,8 @@ def figure(rng: np.random.Generator, name: str, size: int = SIZE, order: int = 2
     stripes = np.sin(x[..., None] * rng.uniform(4, 9, 3) + y[..., None] * rng.uniform(4, 9, 3) + rng.uniform(0, 6, 3))
     albedo = 0.35 + 0.25 * np.sign(stripes)
     maps = {"albedo": albedo, "normal": normal, "transport": transport, "ao": share, "depth": 1 - w}
-    maps = {
-        key: (value * (mask if value.ndim == 2 else mask[..., None])).astype(np.float32) for key, value in maps.items()
-    }
+    where = {2: mask, 3: mask[..., None]}
+    maps = {key: (value * where[value.ndim]).astype(np.float32) for key, value in maps.items()}
     info = {"name": name, "subject": name, "size": size, "order": order, "rays": 1, "seed": 0}
     return Maps(mask=mask, coverage=mask.astype(np.float32), info=info, **maps)
 
@@ -53,9 +52,8 @@ def make_world(folder: Path, size: int = SIZE) -> dict[str, Path]:
     lights = np.concatenate([lights, 0.5 * (lights[:1] + lights[3:4])])
     split = np.array(["train", "test", "train", "train", "unusual", "train", "validation"])
     np.savez(paths["lights"], coefficients=lights, split=split, source=np.array([f"room {i}" for i in range(7)]))
-    paths["split"].write_text(
-        json.dumps({"train": names[:4], "validation": [names[5]], "test": [names[4], "left out"]})
-    )
+    dealt = {"train": names[:4], "validation": [names[5]], "test": [names[4], "left out"]}
+    paths["split"].write_text(json.dumps(dealt))
     return paths
 
 

@@ -40,9 +40,7 @@ def test_compact_places_are_those_of_the_packed_set(data):
     most, ours = batch.inside.shape[1], places.inside.shape[1]
     for i in range(4):
         own = int(batch.inside[i].sum())
-        assert torch.equal(places.pixel.view(4, -1)[i, :own], batch.pixel.view(4, -1)[i, :own]), (
-            "raster order of the mask"
-        )
+        assert torch.equal(places.pixel.view(4, -1)[i, :own], batch.pixel.view(4, -1)[i, :own]), "raster order"
         assert torch.equal(places.below.view(4, -1)[i, :own] - i * ours, batch.below.view(4, -1)[i, :own] - i * most)
     torch.testing.assert_close(places.gather(batch.scatter(batch.albedo))[:, :count], batch.albedo[:, :count])
 
@@ -238,10 +236,9 @@ def test_the_gloss_of_the_maps_is_what_shines(data, augment):
     inside, gloss = batch.inside.bool()[..., 0], torch.zeros(*batch.inside.shape[:2], 2)
     gloss[..., 0] = 0.5
     gloss[:, ::2, 1] = 1.0
-    plain = augment_batch(batch, augment(exposure=(-1.0, -1.0)), generators(4, 5), data.size)
-    shiny = augment_batch(
-        replace(batch, gloss=gloss), augment(gloss=1.0, exposure=(-1.0, -1.0)), generators(4, 5), data.size
-    )
+    half = (-1.0, -1.0)  # the exposure
+    plain = augment_batch(batch, augment(exposure=half), generators(4, 5), data.size)
+    shiny = augment_batch(replace(batch, gloss=gloss), augment(gloss=1.0, exposure=half), generators(4, 5), data.size)
     more = batch.gather(shiny.image - plain.image).amax(-1)
     matt = inside & (gloss[..., 1] == 0)
     assert more[matt].abs().max() < 1e-6 and (more[inside & ~matt] > 0).float().mean() > 0.5

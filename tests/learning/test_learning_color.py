@@ -7,9 +7,8 @@ from relight.learning.color import LINEAR, decode, encode, quantised
 
 
 def test_srgb_by_its_published_points():
-    assert decode(torch.tensor([0.0, 0.04045, 0.5, 1.0])).tolist() == pytest.approx(
-        [0, 0.0031308, 0.2140411, 1], abs=1e-6
-    )
+    codes, linear = torch.tensor([0.0, 0.04045, 0.5, 1.0]), [0, 0.0031308, 0.2140411, 1]
+    assert decode(codes).tolist() == pytest.approx(linear, abs=1e-6)
     x = torch.linspace(0, 1, 1001)
     torch.testing.assert_close(decode(encode(x)), x, atol=1e-6, rtol=0)
 

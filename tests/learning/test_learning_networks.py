@@ -147,9 +147,8 @@ def test_refined_light_solves_the_weighted_least_squares(size):
     nn.init.normal_(refinement.coupling, 0, 0.3, generator=generator)
     refined = refinement(light, albedo, transport, image * mask, mask)
     every = max(1, size // Refinement.SIDE)
-    roots = refinement.trust.detach().double().exp().sqrt()[:, None, None] * (
-        torch.eye(3) + refinement.coupling.detach()
-    )
+    trust = refinement.trust.detach().double().exp().sqrt()[:, None, None]
+    roots = trust * (torch.eye(3) + refinement.coupling.detach())
     for b in range(2):
         rows, columns = np.nonzero(mask[b, 0, ::every, ::every].numpy())
         at = (b, slice(None), rows * every, columns * every)

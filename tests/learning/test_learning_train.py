@@ -63,6 +63,7 @@ def run(tmp_path, world, model, loss, schedule, augment):
 
 
 PLUS = dict(optimizer="muon", average=0.9, mirror=True, color="photo", pairs="rows")
+BF16 = dict(precision="bf16", schedule="constant")
 PHOTO = {
     "model_changes": dict(name="unet", light_head="pooled", refine=True),
     "augment_changes": dict(framing=0.5, tint=0.2, exposure=[-1.0, 0.5], camera=1.0),
@@ -71,9 +72,7 @@ PHOTO = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "changes", [{}, PLUS, {"precision": "bf16", "schedule": "constant"}, PHOTO], ids=["plain", "plus", "bf16", "photo"]
-)
+@pytest.mark.parametrize("changes", [{}, PLUS, BF16, PHOTO], ids=["plain", "plus", "bf16", "photo"])
 def test_the_same_again_and_the_same_after_any_interruption(run, changes):
     undisturbed = run("whole", **changes)
     whole = undisturbed()
@@ -163,9 +162,8 @@ def test_what_is_logged(run, capsys):
             found = {key.removeprefix(prefix): value for key, value in values.items() if key.startswith(prefix)}
             named = {key: found[key] for key in found if key not in ("loss", "lr") and "/" not in key}
             assert len(named) == 15
-            weight = {"tv_transport": 64 / 1024, "light": 3.0} | {
-                key: 2.0 for key in named if key.startswith("shading")
-            }
+            weight = dict.fromkeys((key for key in named if key.startswith("shading")), 2.0)
+            weight |= {"tv_transport": 64 / 1024, "light": 3.0}
             expected = sum(weight.get(key, 1.0) * value for key, value in named.items())
             assert found["loss"] == pytest.approx(expected, rel=1e-5)
     rows = list(csv.DictReader(short.curve.open()))
@@ -221,9 +219,8 @@ def test_the_moving_average_is_what_is_kept(run):
 def test_going_on_from_another_network_with_its_decoders_frozen(run):
     first = run("first")
     first()
-    alone = {
-        key: 0.0 for key in ("albedo", "transport", "light", "tv_albedo", "tv_transport", "shading", "reconstruction")
-    }
+    others = "albedo transport light tv_albedo tv_transport shading reconstruction"
+    alone = dict.fromkeys(others.split(), 0.0)
     tuned = run("tuned", None, alone, start=str(first.out), only="encoder", lr=1e-4)
     tuned()
     losses = {"loss", "reconstruction_full"}
@@ -240,9 +237,8 @@ def test_going_on_from_another_network_with_its_decoders_frozen(run):
 def test_learning_rate(schedule):
     cosine = schedule(steps=100, warmup=10, lr=1.0)
     assert [learning_rate(cosine, step) for step in (0, 4)] == pytest.approx([0.1, 0.5], rel=0.02)
-    assert learning_rate(cosine, 50) == pytest.approx(0.51) and learning_rate(cosine, 99) == pytest.approx(
-        0.02, abs=1e-3
-    )
+    assert learning_rate(cosine, 50) == pytest.approx(0.51)
+    assert learning_rate(cosine, 99) == pytest.approx(0.02, abs=1e-3)
     halves = [schedule(steps=50, lr=1.0, warmup=0, span=span) for span in ([0.0, 0.5], [0.5, 1.0])]
     whole = schedule(steps=100, lr=1.0, warmup=0)
     for half, first in zip(halves, (0, 50)):

@@ -77,9 +77,8 @@ def test_pairs_are_of_validation_figures_and_lights(tmp_path, world, loss):
 
 @pytest.mark.parametrize("count", [1, 5])
 def test_any_number_of_pairs_makes_a_picture(tmp_path, world, loss, count):
-    (tmp_path / "split.json").write_text(
-        json.dumps({"train": [], "validation": [f"figure{i}" for i in range(count)], "test": []})
-    )
+    dealt = {"train": [], "validation": [f"figure{i}" for i in range(count)], "test": []}
+    (tmp_path / "split.json").write_text(json.dumps(dealt))
     validation = Validation(RelitSet(world["packed"], world["lights"], 2, "paper"), tmp_path / "split.json", loss(), 64)
     _, picture = validation(Oracle(validation.batch), drawn=True)
     assert validation.pairs == count and picture.ndim == 3 and picture.shape[2] == 3

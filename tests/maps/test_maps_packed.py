@@ -43,13 +43,8 @@ def test_the_file_is_plain_safetensors(folder):
     pack_maps([folder / "a1.exr", folder / "b1.exr"], folder / "packed.safetensors")
     arrays = load_file(folder / "packed.safetensors")  # the library's own reader checks the layout
     pixels = int(arrays["offset"][-1])
-    assert {key: value.shape for key, value in arrays.items()} == {
-        "offset": (3,),
-        "transport": (pixels, 9),
-        "albedo": (pixels, 3),
-        "normal": (pixels, 2),
-        "mask": (2, 11),
-    }
+    shapes = {"transport": (pixels, 9), "albedo": (pixels, 3), "normal": (pixels, 2), "offset": (3,), "mask": (2, 11)}
+    assert {key: value.shape for key, value in arrays.items()} == shapes
     per_pixel = sum(arrays[key].nbytes for key in ("transport", "albedo", "normal")) / pixels
     assert per_pixel == 25  # so 345 figures of 150,000 pixels at 1024 px take 1.34e9 bytes with their masks
     assert 345 * (150_000 * per_pixel + 1024**2 / 8) < 1.5e9

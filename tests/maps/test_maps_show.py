@@ -14,16 +14,9 @@ def test_panels(tmp_path):
     inside = mask[..., None]
     transport = np.zeros((50, 50, 9), np.float32)
     transport[..., 0], transport[..., 3] = 0.8862 * mask, -0.5 * mask
-    maps = Maps(
-        mask=mask,
-        coverage=mask.astype(np.float32),
-        albedo=(inside * np.float32([0.5, 0.25, 0.1])).astype(np.float32),
-        normal=(inside * np.float32([0, 0, 1])).astype(np.float32),
-        depth=mask.astype(np.float32),
-        ao=(mask * 0.75).astype(np.float32),
-        transport=transport,
-    )
-    write_maps_picture(tmp_path / "a.png", maps)
+    albedo, normal = inside * np.float32([0.5, 0.25, 0.1]), inside * np.float32([0, 0, 1])
+    coverage = depth = mask.astype(np.float32)
+    write_maps_picture(tmp_path / "a.png", Maps(mask, coverage, albedo, normal, depth, 0.75 * depth, transport))
     shown = np.asarray(Image.open(tmp_path / "a.png"))
     width = 15 + 2  # a margin of a fiftieth of the image on each side
     assert shown.shape[1] == 4 * width and shown.shape[0] > 32

@@ -104,9 +104,8 @@ def test_ply_of_two_textures(tmp_path):
 def test_textures_are_found_by_any_spelling(tmp_path, statement):
     """What trimesh loses silently: options, backslashes, capitals, the folders of somebody else's disk."""
     picture(tmp_path / "tex" / "A b.png")
-    (tmp_path / "a.mtl").write_text(
-        f"newmtl skin\nKa 0 0 0\nKd 0.8 0.8 0.8\nillum 2\n\tmap_Kd {statement}\nmap_Bump none.png\n"
-    )
+    text = f"newmtl skin\nKa 0 0 0\nKd 0.8 0.8 0.8\nillum 2\n\tmap_Kd {statement}\nmap_Bump none.png\n"
+    (tmp_path / "a.mtl").write_text(text)
     mesh = read_mesh(quad_obj(tmp_path / "a.obj", "skin", "skin", extra="mtllib a.mtl"))
     (material,) = mesh.materials
     assert tuple(material.texture[-1, -1]) == RED and tuple(material.texture[0, 0]) == (255, 255, 255)
@@ -180,9 +179,8 @@ def test_glb_of_another_writer(tmp_path):
         box = trimesh.creation.box()
         box.unmerge_vertices()
         image = Image.new("RGB", (4, 4), color)
-        material = trimesh.visual.material.PBRMaterial(
-            baseColorTexture=image, baseColorFactor=[255, 128, 255, 255], name=name
-        )
+        base = {"baseColorTexture": image, "baseColorFactor": [255, 128, 255, 255]}
+        material = trimesh.visual.material.PBRMaterial(**base, name=name)
         box.visual = trimesh.visual.TextureVisuals(uv=np.resize(uv, (len(box.vertices), 2)), material=material)
         matrix = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3], [0.3, 0, 0])
         matrix[:3, 3] += 5

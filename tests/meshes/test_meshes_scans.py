@@ -107,9 +107,7 @@ LEGAL = st.one_of(
     st.text(st.characters(blacklist_characters="/\0", blacklist_categories=("Cs",)), min_size=1, max_size=60),
     st.text("aA1_-.'\"${}()`;&|\\ \n\t*?[]~#%=,:", min_size=1, max_size=251),
     st.binary(min_size=1, max_size=251).map(lambda b: os.fsdecode(b.replace(b"/", b"a").replace(b"\0", b"b"))),
-    st.sampled_from(
-        ["null", "true", "1e5", "1_000", "a{output}", "-rf", "Zoe\u0308", "Zo\u00eb", "A" * 251, "a" * 251]
-    ),
+    st.sampled_from(["null", "true", "1e5", "1_000", "a{output}", "-rf", "Zoe\u0308", "Zoë", "A" * 251, "a" * 251]),
 )
 
 

@@ -113,10 +113,8 @@ def test_a_pose_is_the_weighted_sum_over_its_joints(tmp_path, kind, scale, split
         none = np.zeros_like(weights[0])
         joints, weights = [joints[0], np.roll(joints[0], 2, 1)], [none, none.copy()]
         weights[0][:, :2], weights[1][:, :2] = weight[:, :2], weight[:, 2:]
-    file.scene["meshes"], file.scene["skins"] = (
-        [file.mesh(points, joints, weights)],
-        [file.skin([1, 2, 3, 4, 5], inverse)],
-    )
+    file.scene["meshes"] = [file.mesh(points, joints, weights)]
+    file.scene["skins"] = [file.skin([1, 2, 3, 4, 5], inverse)]
     file.scene["nodes"].append({"mesh": 0, "skin": 0, **MOVED})
     file.scene["scenes"][0]["nodes"].insert(0, 6)  # before the joints
     np.testing.assert_allclose(file.read(tmp_path).vertices, expected, rtol=1e-4, atol=1e-4)
@@ -150,10 +148,8 @@ def test_a_mirrored_rig_shows_its_outside(tmp_path):
     mesh = file.read(tmp_path)
     a, b, c = mesh.vertices[mesh.faces[0]]
     assert np.cross(b - a, c - a)[2] > 0
-    expected = np.array([-0.6, 0, 0.4])
-    np.testing.assert_allclose(
-        mesh.normal[0] / np.linalg.norm(mesh.normal[0]), expected / np.linalg.norm(expected), atol=1e-6
-    )
+    found, expected = mesh.normal[0], np.array([-0.6, 0, 0.4])
+    np.testing.assert_allclose(found / np.linalg.norm(found), expected / np.linalg.norm(expected), atol=1e-6)
 
 
 def test_vertices_without_weights_go_with_their_first_joint(tmp_path):

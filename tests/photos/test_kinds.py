@@ -402,9 +402,8 @@ def pages(path, *kinds):
     """A TIFF whose pages have these NewSubfileTypes."""
     with tifffile.TiffWriter(path) as file:
         for number, kind in enumerate(kinds):
-            file.write(
-                RGB if number == 0 or not kind else RGB[::2, ::2].copy(), photometric="rgb", subfiletype=bool(kind)
-            )
+            pixels = RGB if number == 0 or not kind else RGB[::2, ::2].copy()
+            file.write(pixels, photometric="rgb", subfiletype=bool(kind))
     with tifffile.TiffFile(path, mode="r+b") as file:
         for page, kind in zip(file.pages, kinds):
             page.tags[254].overwrite(kind)

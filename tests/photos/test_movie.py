@@ -140,10 +140,8 @@ def test_frames_and_masks_are_paired_by_name_and_by_number(tmp_path):
         mask[: i // 2 + 1] = 255
         Image.fromarray(mask).save(tmp_path / "masks" / f"{i}_mask.png")
     frames = read_frames(tmp_path)[0]
-    pairs = [
-        (photo.name, int((photo.coverage > 127).sum()) // 8)
-        for photo in with_masks(tmp_path, frames, tmp_path / "masks")
-    ]
+    photos = with_masks(tmp_path, frames, tmp_path / "masks")
+    pairs = [(photo.name, int((photo.coverage > 127).sum()) // 8) for photo in photos]
     assert pairs == [(str(i), i // 2 + 1) for i in range(1, 12)]
 
 
@@ -250,9 +248,8 @@ def test_what_moves_is_not_smeared():
     def infer(picture, crop):
         value = next(values)
         image = np.full((8, 8, 3), value, np.float32)
-        return Person(
-            crop, coverage, mask, image, image, np.full((8, 8, 9), value, np.float32), np.ones((9, 3), np.float32)
-        )
+        transport, light = np.full((8, 8, 9), value, np.float32), np.ones((9, 3), np.float32)
+        return Person(crop, coverage, mask, image, image, transport, light)
 
     pixels = np.zeros((20, 20, 3), np.uint8)
     smooth = smooth_over_time([Picture(pixels, coverage=coverage)] * 4, 8, infer)

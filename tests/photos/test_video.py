@@ -129,13 +129,9 @@ def test_pixels_are_square(tmp_path):
 
 @pytest.mark.parametrize(
     "times",
-    [
-        [*range(30), *range(30, 90, 3), *range(90, 120)],
-        [0, 1, 2, 150, 151],
-        [0, 90, 180, 480, 570],
-        [0, 21, 42, 63, 153, 174],
-    ],
-)
+    [[*range(30), *range(30, 90, 3), *range(90, 120)], [0, 1, 2, 150, 151], [0, 90, 180, 480, 570],
+     [0, 21, 42, 63, 153, 174]],
+)  # fmt: skip
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
 def test_each_frame_is_seen_at_its_time(tmp_path, times, suffix):
     write(tmp_path / f"a{suffix}", WIDE, times=times)
@@ -152,9 +148,7 @@ def test_a_clip_that_changes_its_size_is_refused(tmp_path):
         write(tmp_path / f"{name}.h264", picture(width, 96))
     joined = tmp_path / "c.h264"
     joined.write_bytes((tmp_path / "a.h264").read_bytes() + (tmp_path / "b.h264").read_bytes())
-    with pytest.raises(
-        UserError, match=r"frame 4 is 64 x 96 pixels, and those before are 128 x 96: a clip has one size"
-    ):
+    with pytest.raises(UserError, match=r"frame 4 is 64 x 96 pixels, and those before are 128 x 96: a clip has one"):
         list(read_frames(joined)[0])
 
 
@@ -174,10 +168,8 @@ def test_the_movie_has_the_sound_of_its_clip(tmp_path, capsys, late):
     write(tmp_path / "silent.mp4", WIDE, times=range(60))
     wave = 0.5 * np.sin(2 * np.pi * 440 * np.arange(2 * rate) / rate, dtype=np.float32)
     with av.open(str(tmp_path / "silent.mp4")) as silent, av.open(str(clip), "w") as file:
-        video, audio = (
-            file.add_stream_from_template(silent.streams.video[0]),
-            file.add_stream("aac", rate, layout="mono"),
-        )
+        video = file.add_stream_from_template(silent.streams.video[0])
+        audio = file.add_stream("aac", rate, layout="mono")
         for packet in silent.demux(video=0):
             if packet.dts is not None:
                 packet.stream = video

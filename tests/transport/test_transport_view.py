@@ -104,9 +104,8 @@ def test_transport_is_the_frontal_one_turned(view):
     frame = tangent_frames(normals, random_azimuths(len(pixel), 3)) @ rotation.T
     plain = tangent_frames(normals @ rotation.T, np.zeros(len(pixel)))
     azimuth = np.arctan2(*(np.einsum("px,px->p", frame[:, 0], plain[:, axis]) for axis in (1, 0)))
-    again, _ = integrate(
-        still, points @ rotation.T, normals @ rotation.T, geometric @ rotation.T, rays, order, azimuth=azimuth
-    )
+    in_camera = (vectors @ rotation.T for vectors in (points, normals, geometric))
+    again, _ = integrate(still, *in_camera, rays, order, azimuth=azimuth)
     found = maps.transport[maps.mask]
     assert 0.5 < (found[:, 0] / unoccluded(normals, 0)[:, 0]).mean() < 0.95  # balls shade each other: a real test
     exact = np.abs(found - again).max(1)
@@ -120,10 +119,8 @@ def test_bounced_transport_is_rotated_too():
     view = View(-120, 10)
     maps = baker.maps(view)
     pixel, points, geometric, normals = seen(baker, view, 24)
-    azimuth = random_azimuths(len(pixel), 0)
-    _, gathered = integrate(
-        baker.gather_caster, points, normals, geometric, 32, radiosity=baker.radiosity, azimuth=azimuth
-    )
+    options = {"radiosity": baker.radiosity, "azimuth": random_azimuths(len(pixel), 0)}
+    _, gathered = integrate(baker.gather_caster, points, normals, geometric, 32, **options)
     expected = np.einsum("jk,pkc->pjc", rotation_matrix(view.rotation), gathered)
     np.testing.assert_allclose(maps.bounced[maps.mask], expected, atol=1e-6)
     assert maps.bounced[..., 0, 0].max() > 0.1
@@ -148,13 +145,8 @@ def test_the_figure_fills_the_picture_from_everywhere(offset):
     vertices = rng.uniform(-1, 1, (198, 3)) ** 3 * [0.5, 0.9, 0.4]
     mesh = mesh_of(vertices + offset, np.arange(198).reshape(-1, 3))
     long = np.ptp(mesh.vertices.astype(float), axis=0)[:2].max()
-    for view in (
-        *VIEWS,
-        View(90, 15, 18),
-        View(180, -15, 10000),
-        View(20, 90),
-        *(random_view(f"a{i}") for i in range(9)),
-    ):
+    others = View(90, 15, 18), View(180, -15, 10000), View(20, 90), *(random_view(f"a{i}") for i in range(9))
+    for view in (*VIEWS, *others):
         at = shown(mesh, view)
         np.testing.assert_allclose(at.min(0) + at.max(0), 0, atol=1e-9 * long)
         assert np.ptp(at, axis=0).max() == pytest.approx(long, rel=1e-9)

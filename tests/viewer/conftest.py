@@ -43,9 +43,8 @@ class Page:
     """One tab: `run` evaluates JavaScript (awaiting promises) and returns its JSON value."""
 
     def __init__(self, folder, *flags):
-        program = os.environ.get("CHROMIUM") or next(
-            filter(None, map(shutil.which, ("chromium", "google-chrome"))), None
-        )
+        found = filter(None, map(shutil.which, ("chromium", "google-chrome")))
+        program = os.environ.get("CHROMIUM") or next(found, None)
         if program is None:
             pytest.skip("no Chromium on this machine")
         here, there = os.pipe(), os.pipe()  # the browser reads descriptor 3 and writes descriptor 4
@@ -61,15 +60,9 @@ class Page:
             os.dup2(read, 3)
             os.dup2(write, 4)
 
-        self.process = subprocess.Popen(
-            [program, *flags],
-            preexec_fn=connect,
-            pass_fds=(3, 4),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-            env=os.environ | {"TMPDIR": str(folder)},
-        )
+        options = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+        options["env"] = os.environ | {"TMPDIR": str(folder)}
+        self.process = subprocess.Popen([program, *flags], preexec_fn=connect, pass_fds=(3, 4), **options)
         os.close(here[0])
         os.close(there[1])
         self.to, self.back, self.buffer, self.number, self.session = here[1], there[0], b"", 0, None
@@ -109,9 +102,8 @@ class Page:
     def open(self, path, width=900, height=640, ratio=1, mobile=False, motion="reduce", address=""):
         """Loads a file or an http address; with reduced motion, as by default, it opens without a turn of the light."""
         self.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": motion}])
-        self.send(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=ratio, mobile=mobile
-        )
+        size = {"width": width, "height": height, "deviceScaleFactor": ratio, "mobile": mobile}
+        self.send("Emulation.setDeviceMetricsOverride", **size)
         self.send("Emulation.setTouchEmulationEnabled", enabled=mobile)
         self.events.clear()
         self.send("Page.navigate", url="about:blank")  # else another address of the same page would not load it anew

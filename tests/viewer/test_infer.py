@@ -111,9 +111,8 @@ def picture(height, width, centres, seed=0):
     pixels = gaussian_filter(generator.random((height, width, 3)), (2, 2, 0)) * 700 - 150
     y, x = np.mgrid[:height, :width]
     reach = 0.3 * width / len(centres)
-    mask = sum(
-        np.clip((1 - np.hypot((x - c) / reach, (y - height / 2) / (0.42 * height))) * 900, 0, 255) for c in centres
-    )
+    down = (y - height / 2) / (0.42 * height)
+    mask = sum(np.clip((1 - np.hypot((x - c) / reach, down)) * 900, 0, 255) for c in centres)
     return pixels.clip(0, 255).astype(np.uint8), np.rint(mask).clip(0, 255).astype(np.uint8)
 
 
@@ -235,9 +234,8 @@ def test_resampling_is_pillows(name, size):
     plane, part = generator.integers(0, 256, (37, 52)).astype(np.uint8), [3.3, 2.1, 47.9, 30.5]
     floats, integers = node("resample", program, {"plane": plane.ravel().tolist(), "size": size, "part": part})
     kind = Image.Resampling[name.upper()]
-    exact, rounded = (
-        np.asarray(Image.fromarray(each).resize(size, kind, part)) for each in (plane.astype(np.float32), plane)
-    )
+    planes = map(Image.fromarray, (plane.astype(np.float32), plane))
+    exact, rounded = (np.asarray(each.resize(size, kind, part)) for each in planes)
     np.testing.assert_allclose(floats.reshape(size[::-1]), exact, atol=1e-3)
     assert np.abs(integers.reshape(size[::-1]).astype(int) - rounded).max() <= 1
     assert (integers.reshape(size[::-1]) == rounded).mean() > 0.99

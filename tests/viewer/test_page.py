@@ -172,9 +172,8 @@ def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photo
     square = Crop(0, 0, size, (0, size), (0, size), size)
     light = own.astype(np.float32)
     figure = Inferred(square, coverage, maps.mask, LINEAR[photo], maps.albedo, maps.transport, light)
-    new = turned(
-        lights["Behind"] * exposure_factor(light, lights["Behind"], maps.transport, maps.mask, turning=True), -60, 20
-    )
+    factor = exposure_factor(light, lights["Behind"], maps.transport, maps.mask, turning=True)
+    new = turned(lights["Behind"] * factor, -60, 20)
     state = START | {"light": 3, "yaw": -60, "tilt": 20, "stops": 0.5, "color": "#4080c0"}
     color = Background("color", color=np.array([0x40, 0x80, 0xC0], np.uint8), shadow=False)
     for mode in ("ratio", "full"):
@@ -247,9 +246,8 @@ def test_a_panorama_is_seen_behind_the_figure(balls, maps, lights):
     generator = np.random.default_rng(4)
     blocks = np.kron(generator.uniform(0.02, 0.2, (8, 16, 3)), np.ones((16, 16, 1))).astype(np.float32)
     balls.call("(bytes) => relight.openPanorama(new File([new Uint8Array(bytes)], 'blocks.hdr'))", list(hdr(blocks)))
-    pixels = balls.pixels(
-        **START | {"light": 3, "background": "light", "yaw": 40, "tilt": 20, "room": 0.5, "stops": 0.3}
-    )
+    state = START | {"light": 3, "background": "light", "yaw": 40, "tilt": 20, "room": 0.5, "stops": 0.3}
+    pixels = balls.pixels(**state)
     light = project(Panorama(values(blocks).astype(np.float32)))
     gain = exposure_factor(lights["Window"], light, maps.transport, maps.mask, turning=True)
     rotation = rotation_of(40, 20)
@@ -308,11 +306,8 @@ def test_lamps_are_placed_by_mouse_and_keys(balls):
         "return [a.x + a.width / 2, a.y + a.height / 2, b.width, b.height]; })()"
     )
     side = 0.46 * min(width, height) / 2
-    for kind, at in [
-        ("mousePressed", (x, y)),
-        ("mouseMoved", (width / 2 + side, height / 2)),
-        ("mouseReleased", (0, 0)),
-    ]:
+    places = {"mousePressed": (x, y), "mouseMoved": (width / 2 + side, height / 2), "mouseReleased": (0, 0)}
+    for kind, at in places.items():
         point = {"x": at[0], "y": at[1]}
         balls.send("Input.dispatchMouseEvent", type=kind, button="left", buttons=1, clickCount=1, **point)
     lamp = balls.run("relight.state.lamps[0]")
@@ -361,9 +356,7 @@ def test_a_movie_is_one_turn_at_the_size_of_the_image(balls, tmp_path, maps, lig
     with av.open(str(path)) as movie:
         frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
     assert len(frames) > 1 and frames[0].shape == (96, 96, 3)  # a slow machine leaves frames out
-    turn = [
-        codes(maps.albedo * relit_shading(maps, turned(lights["Window"], 15 + yaw, 0))) for yaw in range(0, 360, 20)
-    ]
+    turn = [codes(maps.albedo * relit_shading(maps, turned(lights["Window"], yaw, 0))) for yaw in range(15, 375, 20)]
     nearest = [np.argmin([np.abs(frame - picture)[maps.mask].mean() for picture in turn]) for frame in frames]
     onward = [step or len(turn) for step in np.trim_zeros(nearest, "f")]  # the last may be nearest to a whole turn
     assert nearest[0] == 0 and onward and onward == sorted(onward), "the light goes around"
@@ -384,12 +377,8 @@ def test_keyboard_mouse_and_touch_turn_the_light(page, html):
     def state(name):
         return page.run(f"relight.state.{name}")
 
-    for key, name, value in [
-        ("ArrowRight", "yaw", 5),
-        ("ArrowUp", "tilt", 5),
-        ("]", "light", 1),
-        ("3", "view", "shading"),
-    ]:
+    keys = {"ArrowRight": ("yaw", 5), "ArrowUp": ("tilt", 5), "]": ("light", 1), "3": ("view", "shading")}
+    for key, (name, value) in keys.items():
         page.send("Input.dispatchKeyEvent", type="keyDown", key=key)
         page.send("Input.dispatchKeyEvent", type="keyUp", key=key)
         assert state(name) == value
@@ -423,10 +412,8 @@ def test_every_control_has_a_name_and_nothing_was_fetched(page, photo_html):
     page.open(photo_html)
     nodes = page.send("Accessibility.getFullAXTree")["nodes"]
     roles = ("button", "slider", "radio", "combobox", "ColorWell", "image", "img")
-    named = [
-        (n["role"]["value"], n["name"]["value"]) for n in nodes if n["role"]["value"] in roles and not n["ignored"]
-    ]
-    assert len(named) > 18 and all(name.strip() for _, name in named)
+    names = [n["name"]["value"] for n in nodes if n["role"]["value"] in roles and not n["ignored"]]
+    assert len(names) > 18 and all(name.strip() for name in names)
     requests = [e["params"]["request"]["url"] for e in page.events if e.get("method") == "Network.requestWillBeSent"]
     assert all(url.startswith(("file:", "data:")) for url in requests)
     assert not [e for e in page.events if e.get("method") == "Runtime.exceptionThrown"]
@@ -436,11 +423,8 @@ def test_every_control_has_a_name_and_nothing_was_fetched(page, photo_html):
 def test_a_figure_has_its_maps_from_each_source(page, tmp_path, maps, lights):
     """Two figures with two sources each: one entry a figure, and the source stays when the figure changes."""
     dark = replace(maps, albedo=maps.albedo / 2)
-    figures = [
-        Figure(title, own, source=source)
-        for title in ("One", "Two")
-        for source, own in (("truth", maps), ("net", dark))
-    ]
+    sources = {"truth": maps, "net": dark}
+    figures = [Figure(title, own, source=source) for title in ("One", "Two") for source, own in sources.items()]
     build_viewer(tmp_path / "g.html", figures, lights)
     page.open(tmp_path / "g.html")
 
@@ -483,10 +467,8 @@ STREET = """async (pixels, width, height, isBehind) => {
 
 
 def test_gallery_offers_its_figures_and_forgets_the_photo(page, tmp_path, maps, lights, photograph):
-    small = replace(
-        maps,
-        **{k: getattr(maps, k)[8:88] for k in ("mask", "coverage", "albedo", "normal", "depth", "ao", "transport")},
-    )
+    layers = ("mask", "coverage", "albedo", "normal", "depth", "ao", "transport")
+    small = replace(maps, **{name: getattr(maps, name)[8:88] for name in layers})
     figures = [Figure("One", maps, photograph[0] / 255, photograph[1]), Figure("Two", small)]
     build_viewer(tmp_path / "g.html", figures, lights, title="All")
     page.open(tmp_path / "g.html")

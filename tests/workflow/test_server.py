@@ -56,7 +56,5 @@ def test_a_server_of_others_needs_no_port_here(started, capsys):
 def test_an_experiment_that_is_not_among_the_others_is_not_made(tmp_path):
     track = Track(f"sqlite:///{tmp_path}/a.db", "mine")
     assert server._experiment(track) == server._experiment(track) == "1"
-    with pytest.raises(
-        UserError, match=r"a\.db has no experiment typo: `relight run name=typo` makes it; there are mine"
-    ):
+    with pytest.raises(UserError, match=r"db has no experiment typo: `relight run name=typo` makes it; there are mine"):
         server._experiment(replace(track, experiment="typo"))

@@ -222,9 +222,8 @@ def test_serve_is_one_server_that_ends_with_it_and_takes_runs(tmp_path):
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     words = ["ui", f"track.uri=sqlite:///{tmp_path}/a.db", "track.experiment=test", "--port", str(port)]
-    server = subprocess.Popen(
-        [sys.executable, "-m", "relight.cli", *words], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    )
+    command = [sys.executable, "-m", "relight.cli", *words]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
         line = server.stdout.readline()
         address = f"http://127.0.0.1:{port}"

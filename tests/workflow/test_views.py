@@ -103,9 +103,8 @@ def test_outfits_are_maps_of_their_own_that_share_transport(made):
     for end in ("", ".v1"):
         own, other = (read_maps(made / f"maps/{look}{end}.exr") for look in ("bob", "bob.o1"))
         np.testing.assert_array_equal(own.transport, other.transport)
-        np.testing.assert_allclose(
-            other.albedo[other.mask], np.broadcast_to([0.5, 0.2, 0.1], own.albedo[own.mask].shape), atol=1e-3
-        )
+        shown = other.albedo[own.mask]
+        np.testing.assert_allclose(shown, np.broadcast_to([0.5, 0.2, 0.1], shown.shape), atol=1e-3)
         assert own.albedo[own.mask].min() > 0.9
         record = {key: other.info[key] for key in ("name", "figure", "subject", "outfit", "fabrics")}
         assert record == {"name": f"bob.o1{end}", "figure": "bob", "subject": "bob", "outfit": 1, "fabrics": ["plain"]}
