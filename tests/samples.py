@@ -117,17 +117,12 @@ def random_maps(name: str = "figure ü", size: int = 9, order: int = 2, bounced:
         return (inside * rng.uniform(low, 1, (size, size, *channels))).astype(np.float32)
 
     normal, transport = noise(3, low=-1), noise(k, low=-0.5)
-    return Maps(
-        mask=mask,
-        coverage=noise(),
-        albedo=noise(3),
-        normal=normal / np.linalg.norm(normal, axis=2, keepdims=True).clip(1e-9),
-        depth=mask + noise(),
-        ao=(transport[..., 0] / 0.886227).clip(0, 1),
-        transport=transport,
-        bounced=noise(k, 3) if bounced else None,
-        info={"name": name, "subject": name[0], "size": size, "order": order, "repairs": {"holes": 3}},
-    )
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True).clip(1e-9)
+    ao = (transport[..., 0] / 0.886227).clip(0, 1)
+    info = {"name": name, "subject": name[0], "size": size, "order": order, "repairs": {"holes": 3}}
+    maps = Maps(mask, noise(), noise(3), normal, mask + noise(), ao, transport, info=info)
+    maps.bounced = noise(k, 3) if bounced else None
+    return maps
 
 
 def snowman(size: int, seed: int) -> Maps:

@@ -11,15 +11,11 @@ from relight.core import libraries
 from relight.core.errors import UserError
 
 NEEDS = {
-    "libEGL.so.1": ["libGLdispatch.so.0"],
-    "libGL.so.1": ["libGLdispatch.so.0", "libGLX.so.0"],
-    "libOpenGL.so.0": ["libGLdispatch.so.0"],
-    "libX11.so.6": ["libxcb.so.1"],
-    "libGLX.so.0": ["libX11.so.6", "libGLdispatch.so.0"],
-    "libxcb.so.1": ["libXau.so.6", "libXdmcp.so.6"],
-    "libXdmcp.so.6": ["libbsd.so.0"],
-    "libbsd.so.0": ["libmd.so.0"],
-}
+    "libEGL.so.1": ["libGLdispatch.so.0"], "libGL.so.1": ["libGLdispatch.so.0", "libGLX.so.0"],
+    "libOpenGL.so.0": ["libGLdispatch.so.0"], "libGLX.so.0": ["libX11.so.6", "libGLdispatch.so.0"],
+    "libX11.so.6": ["libxcb.so.1"], "libxcb.so.1": ["libXau.so.6", "libXdmcp.so.6"],
+    "libXdmcp.so.6": ["libbsd.so.0"], "libbsd.so.0": ["libmd.so.0"],
+}  # fmt: skip
 ALL = sorted({*libraries.LIBRARIES, *NEEDS, *(name for names in NEEDS.values() for name in names)})
 
 

@@ -97,13 +97,7 @@ def test_what_is_listed_as_not_run_stands_on_a_page():
 
 @pytest.mark.parametrize(
     "line",
-    [
-        "relight bakes scan.obj",
-        "relight bake --ray 3 a.obj",
-        "relight run trian.lr=1",
-        "make al",
-        "python -m relight.learnign",
-    ],
+    ["relight bakes a.obj", "relight bake --ray 3 a.obj", "relight run trian.lr=1", "make al", "python -m relight.no"],
 )
 def test_a_wrong_line_is_noticed(line):
     with pytest.raises(Exception, match=r"No such|trian|neither|assert|None"):

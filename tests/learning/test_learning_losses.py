@@ -151,9 +151,7 @@ def test_against_the_formulas(tiny_world, loss, name, reduction):
 
 def parts_of(name: str) -> set[str]:
     """The outputs that a loss must teach: those in its name, all of them for `full`."""
-    if name == "detail_shading":  # under the true light
-        return {"transport"}
-    if name == "relit_shading":
+    if name in ("detail_shading", "relit_shading"):  # under true lights
         return {"transport"}
     if name in ("relit_image", "exclusion"):
         return {"albedo", "transport"}

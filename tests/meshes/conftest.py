@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from samples import mesh_of
 
 from relight.meshes import Material, Mesh
 
@@ -41,15 +42,10 @@ def make_person(rings=12, **moved) -> Mesh:
         count += len(points)
     vertices, faces = np.concatenate(vertices), np.concatenate(faces)
     uv = vertices[faces][..., :2] / 2 + 0.5  # a planar chart, so that the uv of a corner can be told from its place
-    return Mesh(
-        vertices=vertices.astype(np.float32),
-        faces=faces.astype(np.int32),
-        uv=uv.astype(np.float32),
-        material=np.concatenate(material).astype(np.int16),
-        materials=[Material(np.array([0.5, 0.2, 0.1], np.float32)), Material(np.array([0.1, 0.2, 0.5], np.float32))],
-        color=(vertices[faces] / 2).clip(0, 1).astype(np.float32),
-        info={"name": "person"},
-    )
+    fields = {"uv": uv.astype(np.float32), "color": (vertices[faces] / 2).clip(0, 1).astype(np.float32)}
+    fields["material"] = np.concatenate(material).astype(np.int16)
+    materials = [Material(np.float32(color)) for color in ((0.5, 0.2, 0.1), (0.1, 0.2, 0.5))]
+    return mesh_of(vertices, faces, **fields, materials=materials, info={"name": "person"})
 
 
 @pytest.fixture

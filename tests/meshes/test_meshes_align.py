@@ -7,7 +7,7 @@ import pytest
 from samples import mesh_of
 
 from relight.core.errors import UserError
-from relight.meshes import Mesh, align
+from relight.meshes import align
 from relight.meshes.alignment import axes_rotation, read_align_table
 from relight.meshes.axes import AXES, find_axes
 from relight.settings import Align
@@ -218,13 +218,7 @@ def test_align_warns_of_a_piece_of_floor(person, size, up):
     if size:
         corners = 0.5 * size * np.array([(-1, 0, -1), (1, 0, -1), (1, 0, 1), (-1, 0, 1)], np.float32)
         faces = len(mesh.vertices) + np.array([[0, 2, 1], [0, 3, 2]])
-        mesh = Mesh(
-            vertices=np.concatenate([mesh.vertices, corners]),
-            faces=np.concatenate([mesh.faces, faces]).astype(np.int32),
-            uv=np.concatenate([mesh.uv, mesh.uv[:2]]),
-            material=np.concatenate([mesh.material, mesh.material[:2]]),
-            materials=mesh.materials,
-        )
+        mesh = mesh_of(np.concatenate([mesh.vertices, corners]), np.concatenate([mesh.faces, faces]))
     if up == "z":
         mesh.vertices = mesh.vertices[:, [2, 0, 1]]
     found = align(mesh, Align(up="auto", front="auto"))

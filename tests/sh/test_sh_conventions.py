@@ -32,6 +32,10 @@ def shade(light, names, frame):
     return sum(np.outer(terms[name], row) for name, row in zip(names, light))
 
 
+def relight(light):
+    return shade(light, OURS, lambda x, y, z: (x, y, z))
+
+
 def kanamori(light):
     names = ["1", "x", "y", "z", "xy", "yz", "xz", "3z2-1", "x2-y2"]
     return shade(light[:, ::-1], names, lambda x, y, z: (x, y, z))  # columns B, G, R
@@ -81,25 +85,12 @@ def unreal(light):
     return np.pi * (linear + quadratic + c2 / 2 * light[8] * (x * x - y * y))
 
 
-def plain(scale):
-    """Coefficients that hold A_l already: the polynomials without it."""
-    bands = np.repeat(A, [1, 3, 5])[:, None]
-    return lambda light: shade(light * scale / bands, OURS, lambda x, y, z: (x, y, z))
-
-
+BANDS = np.repeat(A, [1, 3, 5])[:, None]  # which coefficients of irradiance hold already
 THEIRS = {
-    "relight": lambda light: shade(light, OURS, lambda x, y, z: (x, y, z)),
-    "kanamori2018": kanamori,
-    "ramamoorthi2001": ramamoorthi,
-    "dpr": dpr,
-    "shtools": dpr,
-    "pifu": lambda light: shade(light, OURS, lambda x, y, z: (x, y, z)),
-    "threejs": threejs,
-    "unity": unity,
-    "unreal": unreal,
-    "irradiance": plain(1),
-    "irradiance_pi": plain(np.pi),
-}
+    "relight": relight, "pifu": relight, "kanamori2018": kanamori, "ramamoorthi2001": ramamoorthi, "dpr": dpr,
+    "shtools": dpr, "threejs": threejs, "unity": unity, "unreal": unreal,
+    "irradiance": lambda light: relight(light / BANDS), "irradiance_pi": lambda light: relight(light * np.pi / BANDS),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CONVENTIONS)

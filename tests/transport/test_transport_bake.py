@@ -227,14 +227,9 @@ def test_results_do_not_depend_on_threads_or_batches():
 def test_outfits_share_all_but_albedo_and_gloss():
     mesh = screen(np.full((2, 2, 3), 200, np.uint8), z=-0.5)
     wall = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0]])  # casts its shade on the screen
-    mesh = replace(
-        mesh,
-        vertices=np.concatenate([mesh.vertices, wall]).astype(np.float32),
-        faces=np.concatenate([mesh.faces, [[4, 5, 6]]]).astype(np.int32),
-        uv=np.concatenate([mesh.uv, np.zeros((1, 3, 2), np.float32)]),
-        material=np.array([0, 0, 1], np.int16),
-        materials=[*mesh.materials, GREY],
-    )
+    fields = {"uv": np.concatenate([mesh.uv, np.zeros((1, 3, 2), np.float32)]), "material": np.int16([0, 0, 1])}
+    faces = np.concatenate([mesh.faces, [[4, 5, 6]]])
+    mesh = mesh_of(np.concatenate([mesh.vertices, wall]), faces, [*mesh.materials, GREY], **fields)
     other = Material(np.array([0.1, 0.2, 0.3], np.float32), roughness=0.25, specular=0.75)
     settings = replace(read_preset("bake"), size=32, rays=32, supersample=2)
     own, changed = Baker(replace(mesh, outfits=[{0: other}]), settings).outfits()
