@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from relight.settings import Model
+
 FOLDERS = [Path(__file__).parents[1] / name for name in ("tools", "benchmarks")]
 
 
@@ -28,8 +30,6 @@ def test_every_script_can_be_imported(scripts):
 
 
 def test_a_step_of_the_timed_training_runs(scripts, tmp_path):
-    from relight.settings import Model
-
     training = importlib.import_module("training")
     model = Model("ours", 0.125, "batch", 0.5, 2, "clip", "strided", False, "image")
     case = training.Case(model, 64, 2, "f32", "cpu", False, tmp_path)

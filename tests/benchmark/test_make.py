@@ -8,6 +8,7 @@ from relight.benchmark.files import BenchmarkSet
 from relight.benchmark.make import make, write_panorama
 from relight.benchmark.picture import Settings
 from relight.core.errors import UserError
+from relight.figures import dress
 from relight.panoramas import Panorama, project, read_panorama
 
 
@@ -63,8 +64,6 @@ def test_make_refuses_folders_and_settings(painter, drawn, settings, tmp_path):
 
 
 def test_make_mesh_takes_a_spare_seed(monkeypatch):
-    import relight.figures.dress as dress
-
     asked = []
 
     def refuse(seed, detail, texture):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from relight.benchmark import make
 from relight.benchmark import recipes as recipes_module
 from relight.benchmark.lights import Lamplight, panorama, resampled
 from relight.benchmark.recipes import HASHES, digest, draw_recipe, draw_recipes, with_gloss
@@ -37,8 +38,6 @@ def test_draw_recipes_of_real_lights():
 
 
 def test_make_of_real_lights_needs_the_panoramas(monkeypatch, tmp_path, settings):
-    from relight.benchmark import make
-
     monkeypatch.setenv("RELIGHT_DATA", str(tmp_path))
     monkeypatch.setattr(make, "import_mitsuba", lambda: None)
     with pytest.raises(UserError, match="not set up: run once `relight light setup`"):
@@ -47,13 +46,11 @@ def test_make_of_real_lights_needs_the_panoramas(monkeypatch, tmp_path, settings
 
 def test_panorama_of_a_real_place_keeps_the_power_of_its_sun(monkeypatch, tmp_path):
     """A sun of one pixel, turned and tipped, still has its share of the light."""
-    from relight.benchmark.make import write_panorama
-
     monkeypatch.setenv("RELIGHT_DATA", str(tmp_path))
     pixels = np.full((256, 512, 3), 0.1, np.float32)
     pixels[60, 130] = 5000
     (tmp_path / "panoramas").mkdir()
-    write_panorama(tmp_path / "panoramas" / f"{NAMES[3]}.exr", Panorama(pixels))
+    make.write_panorama(tmp_path / "panoramas" / f"{NAMES[3]}.exr", Panorama(pixels))
     light = project(Panorama(pixels), 2)[:, 1]
     for yaw in (0.0, 32.0, 77.0, 181.0):
         found = project(panorama(Lamplight("real", 3, 0.0, yaw), 5.0, 0.6), 2)[:, 1]
@@ -61,11 +58,9 @@ def test_panorama_of_a_real_place_keeps_the_power_of_its_sun(monkeypatch, tmp_pa
 
 
 def test_make_refuses_changed_recipes(monkeypatch, painter, tmp_path, settings):
-    from relight.benchmark.make import make
-
     monkeypatch.setattr(recipes_module, "TINT", 0.16)
     with pytest.raises(RuntimeError, match="those of a published set must not"):
-        make(tmp_path, "report", None, settings)
+        make.make(tmp_path, "report", None, settings)
 
 
 def test_draw_recipes_refuses_names_and_counts():

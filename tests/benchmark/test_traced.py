@@ -7,7 +7,9 @@ import pytest
 import trimesh
 from samples import mesh_of
 
+from relight.benchmark import make as making
 from relight.benchmark import picture as module
+from relight.benchmark.files import BenchmarkSet
 from relight.benchmark.lights import Lamplight
 from relight.benchmark.methods import true_maps
 from relight.benchmark.picture import Settings, render_picture
@@ -62,9 +64,6 @@ def traced(person):
 
 def test_render_picture_true_maps_agree_with_the_tracer(traced, person, tmp_path, monkeypatch):
     """Through the files and the row `true_maps`, as they are scored."""
-    from relight.benchmark import make as making
-    from relight.benchmark.files import BenchmarkSet
-
     recipe, drawn = traced
     making.save_picture(tmp_path, recipe.name, person.info["name"], asdict(recipe), drawn)
     making.write_index(tmp_path, "report", [recipe.name], asdict(SETTINGS))

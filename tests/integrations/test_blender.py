@@ -17,7 +17,8 @@ import pytest
 
 FOLDER = Path(__file__).parents[2] / "integrations" / "blender"
 SIZE = 96  # pixels of a render
-in_blender = pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="needs bpy, Blender as a module")
+bpy = importlib.import_module("bpy") if importlib.util.find_spec("bpy") else None
+in_blender = pytest.mark.skipif(bpy is None, reason="needs bpy, Blender as a module")
 
 
 def load(name: str, path: Path, **options):
@@ -69,7 +70,6 @@ def test_manifest_has_what_blender_requires():
 @pytest.fixture(scope="module")
 def addon():
     """The extension, registered."""
-    bpy = pytest.importorskip("bpy")
     sys.path += map(str, Path(bpy.utils.resource_path("LOCAL")).glob("python/lib/python3.*/site-packages"))
     module = load("relight_addon", FOLDER / "__init__.py", submodule_search_locations=[str(FOLDER)])
     module.register()
@@ -80,8 +80,6 @@ def addon():
 @pytest.fixture
 def scene(addon):
     """An empty scene with a panorama of smooth, lopsided, colored light, and a camera that sees x and z in [-1,1]."""
-    import bpy
-
     bpy.ops.wm.read_factory_settings(use_empty=True)
     for handlers in addon.HANDLERS:  # new files remove all that do not persist
         assert addon.follow in handlers
@@ -113,8 +111,6 @@ def scene(addon):
 
 def rendered(scene, path: Path, samples: int) -> np.ndarray:
     """Returns the render (SIZE,SIZE,4) of a scene by Cycles."""
-    import bpy
-
     scene.cycles.samples, scene.render.filepath = samples, str(path)
     bpy.ops.render.render(write_still=True)
     return read_render(path)
@@ -122,8 +118,6 @@ def rendered(scene, path: Path, samples: int) -> np.ndarray:
 
 def read_render(path: Path) -> np.ndarray:
     """Returns a render (SIZE,SIZE,4) that Blender wrote."""
-    import bpy
-
     values = np.empty(SIZE * SIZE * 4, np.float32)
     bpy.data.images.load(str(path)).pixels.foreach_get(values)
     return values.reshape(SIZE, SIZE, 4)[::-1]
@@ -131,8 +125,6 @@ def read_render(path: Path) -> np.ndarray:
 
 def white():
     """Returns a matte white material."""
-    import bpy
-
     material = bpy.data.materials.new("white")
     nodes = material.node_tree.nodes
     nodes.clear()
@@ -144,8 +136,6 @@ def white():
 
 def head():
     """Returns a monkey's head of fine faces that fits into the picture, turned by nothing."""
-    import bpy
-
     bpy.ops.mesh.primitive_monkey_add(size=1.4)
     item = bpy.context.active_object
     bpy.ops.object.shade_smooth()
@@ -172,8 +162,6 @@ def agree(mine: np.ndarray, truth: np.ndarray, mean: float = 0.02, like: float =
 @pytest.mark.parametrize("bounces", [0, 2])
 def test_import_maps_shows_what_cycles_renders(addon, scene, tmp_path, bounces):
     """Of the same head, baked by relight in its own frame: x to the right, y up, z toward the camera."""
-    import bpy
-
     item = head()
     item.data.materials.append(white())
     scene.cycles.max_bounces = bounces
@@ -193,8 +181,6 @@ def test_import_maps_shows_what_cycles_renders(addon, scene, tmp_path, bounces):
 
 @in_blender
 def test_a_rendered_animation_has_the_light_of_each_frame(addon, scene, tmp_path):
-    import bpy
-
     item, sockets = head(), [node.inputs for node in scene.world.node_tree.nodes]
     rotation, strength = (next(s[name] for s in sockets if name in s) for name in ("Rotation", "Strength"))
     bpy.ops.relight.bake_transport(rays=16)
@@ -218,8 +204,6 @@ def test_a_rendered_animation_has_the_light_of_each_frame(addon, scene, tmp_path
 @in_blender
 @pytest.mark.parametrize("linked", [True, False])
 def test_a_duplicate_turns_on_its_own(addon, scene, linked):
-    import bpy
-
     item = head()
     bpy.ops.relight.bake_transport(rays=16)
     before = light_of(addon, item)
@@ -234,8 +218,6 @@ def test_a_duplicate_turns_on_its_own(addon, scene, linked):
 @in_blender
 def test_mirrored_objects_bake_and_turn_as_mirrors(addon, scene, tmp_path):
     """Baked as a mirror image, and back: each time as Cycles renders it in matte white."""
-    import bpy
-
     item = head()
     item.data.materials.append(white())
     item.scale.x, item.rotation_euler = -1, (0, 0, 0.6)
@@ -248,7 +230,7 @@ def test_mirrored_objects_bake_and_turn_as_mirrors(addon, scene, tmp_path):
         item.material_slots[0].link = "OBJECT"
 
 
-def lit(scene, item, material) -> None:
+def lit(item, material) -> None:
     """Shows an object in a material, in all of its slots."""
     for slot in item.material_slots:
         slot.material = material
@@ -257,8 +239,6 @@ def lit(scene, item, material) -> None:
 @in_blender
 def test_baking_keeps_materials_and_undo_restores_all(addon, scene, tmp_path):
     """The base color, here red and a picture, becomes the albedo; so the render is Cycles' of two matte materials."""
-    import bpy
-
     item = head()
     red, painted = white(), white()
     red.name, painted.name = "red", "painted"
@@ -320,8 +300,6 @@ def turned_texture(nodes, link, source):
 
 def turned_by_object(nodes, link, source):
     """The panorama in the axes of an object, which turns after it is chosen."""
-    import bpy
-
     place, empty = nodes["Texture Coordinate"], bpy.data.objects.new("empty", None)
     bpy.context.collection.objects.link(empty)
     place.object = empty
@@ -334,8 +312,6 @@ def turned_by_object(nodes, link, source):
 @pytest.mark.parametrize("change", [sky, hue, two_backgrounds, turned_texture, turned_by_object])
 def test_any_world_gives_the_light_that_cycles_gives(addon, scene, tmp_path, change):
     """To a ball, which sees half of it everywhere."""
-    import bpy
-
     bpy.ops.mesh.primitive_uv_sphere_add(segments=64, ring_count=32)
     bpy.ops.object.shade_smooth()
     item = bpy.context.active_object
@@ -345,15 +321,13 @@ def test_any_world_gives_the_light_that_cycles_gives(addon, scene, tmp_path, cha
     change(nodes, scene.world.node_tree.links.new, source)
     bpy.context.view_layer.update()
     mine = rendered(scene, tmp_path / "mine.exr", 16)
-    lit(scene, item, white())
+    lit(item, white())
     limits = (0.05, 0.95) if change is sky else (0.02, 0.98)  # order 2 makes a sun soft
     agree(mine, rendered(scene, tmp_path / "truth.exr", 128), *limits)
 
 
 @in_blender
 def test_a_large_panorama_is_shrunk_once(addon, scene):
-    import bpy
-
     item, panorama = head(), next(node for node in scene.world.node_tree.nodes if node.type == "TEX_ENVIRONMENT")
     bpy.ops.relight.bake_transport(rays=16)
     before = light_of(addon, item)
@@ -376,8 +350,6 @@ def test_a_large_panorama_is_shrunk_once(addon, scene):
 
 @in_blender
 def test_what_cannot_be_followed_is_told_in_the_panel(addon, scene):
-    import bpy
-
     head()
     bpy.ops.relight.bake_transport(rays=16)
     panorama = next(node for node in scene.world.node_tree.nodes if node.type == "TEX_ENVIRONMENT")
@@ -394,8 +366,6 @@ def test_what_cannot_be_followed_is_told_in_the_panel(addon, scene):
 
 @in_blender
 def test_baking_needs_object_mode_and_wants_vertices(addon, scene, capfd):
-    import bpy
-
     bpy.ops.mesh.primitive_cube_add()
     bpy.ops.object.mode_set(mode="EDIT")
     assert not bpy.ops.relight.bake_transport.poll()
@@ -407,8 +377,6 @@ def test_baking_needs_object_mode_and_wants_vertices(addon, scene, capfd):
 @in_blender
 def test_modifiers_and_shape_keys_are_baked_and_objects_shade_each_other(addon, scene, tmp_path):
     """A head behind a subdivision and a shape key, beside a ball; against Cycles in matte white."""
-    import bpy
-
     bpy.ops.mesh.primitive_monkey_add(size=1)
     item = bpy.context.active_object
     bpy.ops.object.shade_smooth()
@@ -428,7 +396,7 @@ def test_modifiers_and_shape_keys_are_baked_and_objects_shade_each_other(addon, 
     assert bpy.ops.relight.bake_transport(rays=256) == {"FINISHED"}
     mine = rendered(scene, tmp_path / "mine.exr", 16)
     for each in (item, ball):
-        lit(scene, each, white())
+        lit(each, white())
     agree(mine, rendered(scene, tmp_path / "truth.exr", 128))
     alone = ball.data.color_attributes["Transport 0"].data
     open_side = [alone[i].color[0] for i, v in enumerate(ball.data.vertices) if v.co.x < -0.4]
@@ -438,8 +406,6 @@ def test_modifiers_and_shape_keys_are_baked_and_objects_shade_each_other(addon, 
 
 @in_blender
 def test_saved_file_keeps_plane_and_light(addon, scene, tmp_path):
-    import bpy
-
     maps = tmp_path / "ball.exr"
     bpy.ops.mesh.primitive_uv_sphere_add(radius=0.9)
     bpy.ops.wm.obj_export(filepath=str(tmp_path / "ball.obj"), export_materials=False)
@@ -456,8 +422,6 @@ def test_saved_file_keeps_plane_and_light(addon, scene, tmp_path):
 
 @in_blender
 def test_problems_are_told_in_one_sentence(addon, scene, tmp_path, monkeypatch):
-    import bpy
-
     head()
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(RuntimeError, match=r"relight does not start .*: name the program in the preferences"):
@@ -472,8 +436,6 @@ def test_problems_are_told_in_one_sentence(addon, scene, tmp_path, monkeypatch):
 
 @in_blender
 def test_blender_builds_the_extension(addon, tmp_path):
-    import bpy
-
     (tool,) = Path(bpy.utils.resource_path("LOCAL")).glob("scripts/addons_core/bl_pkg/cli/blender_ext.py")
     words = ["build", "--source-dir", FOLDER, "--output-filepath", tmp_path / "relight.zip"]
     done = subprocess.run([sys.executable, tool, *words], capture_output=True, text=True)

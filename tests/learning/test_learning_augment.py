@@ -8,7 +8,7 @@ import pytest
 import torch
 from PIL import Image
 
-from relight.learning.augment import RED_PER_BLUE, augment_batch, specular_reflection
+from relight.learning.augment import RED_PER_BLUE, _reframed, augment_batch, specular_reflection
 from relight.learning.camera import compress_jpeg
 from relight.learning.color import photograph
 from relight.learning.data import RelitSet, compact_index
@@ -110,8 +110,6 @@ def test_cut_figures_end_below_and_fill_the_square_again(data, augment, monkeypa
 
 
 def test_a_figure_whose_legs_lie_to_one_side_is_never_cut_away(augment, monkeypatch):
-    from relight.learning.augment import _reframed
-
     framed(monkeypatch, cut=1.0)
     mask = torch.zeros(1, 1, 64, 64)
     mask[..., 4:60, 8:14] = 1  # the body at the left, the legs on the ground at the right
@@ -122,8 +120,6 @@ def test_a_figure_whose_legs_lie_to_one_side_is_never_cut_away(augment, monkeypa
 
 
 def test_half_the_size_is_the_mean_of_four_pixels(augment):
-    from relight.learning.augment import _reframed
-
     maps = torch.rand(1, 2, 16, 16)
     small, mask = _reframed(maps, torch.ones(1, 1, 16, 16), augment(), generators(1), 8)
     expected = torch.nn.functional.avg_pool2d(maps, 2)

@@ -15,6 +15,7 @@ from snakemake.io import apply_wildcards
 from relight.core.errors import UserError
 from relight.core.files import atomic_write, is_unsafe_name
 from relight.meshes import Mesh, list_scans
+from relight.meshes.scans import read_scan
 
 
 def touch(folder, *names):
@@ -147,8 +148,6 @@ def test_one_name_in_two_formats_is_refused(tmp_path):
 
 
 def test_a_file_that_the_workflow_cannot_name_is_left_out_with_a_line(tmp_path, capsys, monkeypatch):
-    from relight.meshes.scans import read_scan
-
     odd_ones = ("a{output}.ply", "b\nc.ply", os.fsdecode(b"\xff.ply"))
     touch(tmp_path, *odd_ones)
     for name, scan in list_scans(tmp_path).items():

@@ -72,7 +72,7 @@ def test_repaired_pixels_get_the_mean_of_their_neighbours(tmp_path):
     for n, hole in enumerate(holes):
         broken[hole][n % 3] = (np.nan, np.inf, -np.inf)[n % 3]  # one channel is enough
     path = write_pfm(tmp_path / "a.pfm", broken)
-    with pytest.raises(UserError, match=r"23 of 3200 pixels are not finite numbers, the first in row 0, column 0"):
+    with pytest.raises(UserError, match=r"23 of 3200 pixels are not finite.*row 0, column 0.*--repair"):
         read_panorama(path)
     mended = read_panorama(path, repair=True)
     expected = np.where(np.isfinite(broken).all(-1, keepdims=True), broken, np.nan).astype(np.float64)
@@ -152,16 +152,9 @@ def test_exr_bombs_and_kinds_that_are_refused(tmp_path):
     (tmp_path / "bomb.exr").write_bytes(bomb)
     with pytest.raises(UserError, match="8192 x 4096"):
         read_panorama(tmp_path / "bomb.exr")
-    exr(tmp_path / "depth.exr", {"Z": np.ones((4, 8), np.float32)})
-    with pytest.raises(UserError, match="R, G and B"):
-        read_panorama(tmp_path / "depth.exr")
     chroma = {name: np.ones((4, 8), np.float32) for name in ("Y", "RY", "BY")}
     with pytest.raises(UserError, match="luminance-chroma"):
         read_panorama(exr(tmp_path / "chroma.exr", chroma))
-    nan = noise().astype(np.float16)
-    nan[1, 2] = np.inf
-    with pytest.raises(UserError, match=r"1 of 512 pixels are not finite.*row 1, column 2.*--repair"):
-        read_panorama(exr(tmp_path / "inf.exr", {"RGB": nan}))
 
 
 def test_a_damaged_exr_is_one_sentence_and_no_other_part_of_it_is_read(tmp_path, capfd):

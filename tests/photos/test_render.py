@@ -13,7 +13,7 @@ from relight.maps.square import crop_around
 from relight.panoramas import luminance
 from relight.photos.background import Background, read_background
 from relight.photos.color import apply_gain, to_codes, to_srgb8
-from relight.photos.person import Person, balanced
+from relight.photos.person import Person, balanced, infer_person
 from relight.photos.render import estimate_foreground, over, render
 from relight.photos.shading import (
     ANGLES,
@@ -287,8 +287,6 @@ def test_backgrounds(relighter, tmp_path, draw):
 @pytest.mark.slow
 def test_paper_networks_see_coded_values(relighter, weights, draw):
     """A network trained with color=paper gets the 8-bit values as they are."""
-    from relight.photos.person import infer_person
-
     pixels, mask = draw()
     paper, photo = (
         infer_person(replace(relighter.network, config={"train": {"color": color}}), pixels, mask)

@@ -11,17 +11,17 @@ from scipy.spatial import cKDTree
 
 import relight
 from relight.core import srgb
+from relight.lights import load_light
+from relight.meshes import align
 from relight.photos.trust import ERROR
 from relight.settings import composed
+from relight.transport import bake
 from relight.viewer.source import PORTRAIT_MASK
 
 
 @pytest.fixture(scope="module")
 def maps(figure):
     """Maps of the figure at 128 px."""
-    from relight.meshes import align
-    from relight.transport import bake
-
     axes = {"axes": {"up": "+y", "front": "+z"}}
     mesh = replace(figure, info=figure.info | axes)
     return bake(align(mesh, OmegaConf.to_object(composed()).align), 128, 64)
@@ -35,8 +35,6 @@ def photo_of(maps, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.slow
 def test_shading_goes_with_the_truth(maps):
-    from relight.lights import load_light
-
     relighter = relight.load()
     assert relighter.network.lights is not None and relighter.network.lights.shape[1:] == (9, 3)
     found = []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from relight.core.errors import UserError
-from relight.sh import CONVENTIONS, from_relight, irradiance, to_relight
+from relight.sh import CONVENTIONS, basis, from_relight, irradiance, to_relight
 from relight.sh.conventions import as_table
 
 SIX = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
@@ -109,8 +109,6 @@ def test_round_trips_are_exact(name):
 @pytest.mark.parametrize("name", ["ramamoorthi2001", "dpr"])
 def test_frames_hold_at_higher_orders(name):
     light = np.random.default_rng(2).normal(size=(25, 3))
-    from relight.sh import basis
-
     frame = {"ramamoorthi2001": NORMALS * [1, 1, -1], "dpr": NORMALS[:, [0, 2, 1]] * [1, -1, 1]}[name]
     np.testing.assert_allclose(basis(NORMALS, 4) @ to_relight(light, name), basis(frame, 4) @ light, atol=1e-13)
 

@@ -7,6 +7,8 @@ import pytest
 from samples import lights_of
 
 from relight.core.errors import UserError
+from relight.lab import page
+from relight.lights import write_light_set
 from relight.maps import write_maps
 from relight.viewer.build import build_viewer
 from relight.viewer.figure import Figure, pack
@@ -61,9 +63,6 @@ def test_a_tight_limit_costs_precision_before_it_refuses(tmp_path, maps, lights)
 
 @pytest.mark.slow
 def test_the_page_of_a_run_shows_some_test_figures(tmp_path, maps):
-    from relight.lab import page
-    from relight.lights import write_light_set
-
     names = [f"g{i:04d}" for i in range(40)]
     for name in names:
         write_maps(tmp_path / f"{name}.exr", replace(maps, info={"name": name, "order": 2}))

@@ -18,6 +18,7 @@ from relight.core.errors import UserError
 from relight.photos.network import read_network
 from relight.photos.scene import Scene
 from relight.viewer import runtime
+from relight.viewer.build import build_viewer
 from relight.viewer.figure import Figure
 from relight.viewer.site import build_site
 from relight.viewer.source import photo_figure
@@ -103,8 +104,6 @@ VIEWS = ("albedo", "shading", "ao", "relit")
 
 
 def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, exported, lights, tmp_path):
-    from relight.viewer.build import build_viewer
-
     pixels, alpha = photograph()
     page.open(address(server))
     page.run("relight.engine()")
@@ -142,8 +141,6 @@ def saved(page):
 
 
 def test_a_photo_is_saved_at_its_own_size(page, server, exported, lights, tmp_path):
-    from relight.viewer.build import build_viewer
-
     pixels, alpha = (np.asarray(Image.fromarray(part).resize((1100, 1500))) for part in photograph())
     page.open(address(server))
     opened(page, png(np.dstack([pixels, alpha])))

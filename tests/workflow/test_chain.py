@@ -9,6 +9,8 @@ import sys
 import pytest
 from repo import OUT, ROOT, WORDS, check_mlflow, output, planned, relight
 
+from relight.photos.network import read_network
+
 pytestmark = pytest.mark.slow
 
 
@@ -29,8 +31,6 @@ def test_report_is_one_page_with_pictures(done):
 
 
 def test_a_network_becomes_the_weights_of_photos(done, tmp_path):
-    from relight.photos.network import read_network
-
     make = runpy.run_path(str(ROOT / "tools" / "weights.py"))["main"]
     make.__globals__["OUT"] = tmp_path
     make(done / OUT, "ours_full.s0")

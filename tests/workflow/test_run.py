@@ -10,7 +10,9 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
+from relight import cli
 from relight.core.errors import UserError
+from relight.evaluation.report.build import remove_outdated
 from relight.lab import run as module
 from relight.lab.plan import Plan
 from relight.lab.record import compose_run
@@ -71,8 +73,6 @@ def test_results_are_made_by_one_workflow(calls, tmp_path):
 
 
 def test_settings_with_dashes_are_told():
-    from relight import cli
-
     words = ["run", "-n", "--experiment", "table1"]
     with pytest.raises(UserError, match="--experiment: a setting has no dashes and an equals sign, experiment="):
         cli.app(words)
@@ -189,8 +189,6 @@ def test_changed_code_is_told(calls, capsys, tmp_path):
 @pytest.mark.parametrize("changed", [False, True])
 def test_remove_outdated_of_experiments_that_are_not_in_the_run(tmp_path, changed):
     """As after a sweep under the name of earlier results: their tables stay unless the data set has changed since."""
-    from relight.evaluation.report.build import remove_outdated
-
     report, ends = tmp_path / "report", (".csv", ".md")
     report.mkdir()
     planned = {f"{name}{end}" for name in ("table1", "light_transfer") for end in ends}
