@@ -227,25 +227,6 @@ def test_broken_files_give_one_sentence(tmp_path, name):
     assert peak < 64 << 20
 
 
-def test_the_undamaged_files_are_read(tmp_path):
-    """The files that the cases above break are whole: each case tests its own flaw."""
-    whole = {
-        "a.ply": binary_ply(),
-        "b.ply": ascii_ply(ROWS + "".join(f"3 {a} {b} {c}\n" for a, b, c in TRIANGLES)),
-        "a.obj": obj(*USE),
-        "a.mtl": MTL.format("t.png").encode(),
-        "t.png": picture(),
-        "a.glb": glb_of(gltf()),
-        "a.gltf": json.dumps(gltf()).encode(),
-    }
-    for name, content in whole.items():
-        (tmp_path / name).write_bytes(content)
-    for name in ("a.ply", "b.ply", "a.obj", "a.glb", "a.gltf"):
-        mesh = read_mesh(tmp_path / name)
-        np.testing.assert_array_equal(mesh.vertices, POINTS)
-        np.testing.assert_array_equal(mesh.faces, TRIANGLES)
-
-
 @pytest.mark.parametrize("name", ["a.ply", "a.glb", "a.obj"])
 @pytest.mark.slow
 def test_files_cut_or_altered_anywhere_never_crash(tmp_path, name):

@@ -152,17 +152,11 @@ def test_a_mirrored_rig_shows_its_outside(tmp_path):
     np.testing.assert_allclose(found / np.linalg.norm(found), expected / np.linalg.norm(expected), atol=1e-6)
 
 
-def test_vertices_without_weights_go_with_their_first_joint(tmp_path):
-    file = File(nodes=[{"translation": [0, 0, 3]}, {"mesh": 0, "skin": 0}])
-    file.scene["meshes"] = [file.mesh(weights=[np.zeros((3, 4), "<f4")])]
-    file.scene["skins"] = [file.skin([0])]
-    np.testing.assert_allclose(file.read(tmp_path).vertices, TRIANGLE + [0, 0, 3])
-
-
-def test_a_part_of_a_skinned_mesh_without_joints_is_as_stored(tmp_path):
+@pytest.mark.parametrize(("given", "z"), [({"weights": [np.zeros((3, 4), "<f4")]}, 3), ({"joints": ()}, 0)])
+def test_vertices_without_weights_go_with_their_first_joint_and_without_joints_stay(tmp_path, given, z):
     file = File(nodes=[{"translation": [0, 0, 3]}, {"mesh": 0, "skin": 0, **MOVED}])
-    file.scene["meshes"], file.scene["skins"] = [file.mesh(joints=())], [file.skin([0])]
-    np.testing.assert_allclose(file.read(tmp_path).vertices, TRIANGLE)
+    file.scene["meshes"], file.scene["skins"] = [file.mesh(**given)], [file.skin([0])]
+    np.testing.assert_allclose(file.read(tmp_path).vertices, TRIANGLE + [0, 0, z])
 
 
 @pytest.mark.parametrize(

@@ -12,50 +12,46 @@ import OpenEXR
 from PIL import Image, ImageCms
 
 PLAIN = {  # readers whose result needs no check
-    "record": "relight.meshes.mesh:Mesh.load",
-    "network": "relight.learning.checkpoint:load_network",
-    "photo": "relight.photos.picture:Picture.of",
-    "scores": "relight.evaluation.scoring.scores:read_scores",
-    "axes": "relight.meshes.alignment:read_align_table",
+    "record": "meshes.mesh:Mesh.load",
+    "network": "learning.checkpoint:load_network",
+    "photo": "photos.picture:Picture.of",
+    "scores": "evaluation.scoring.scores:read_scores",
+    "axes": "meshes.alignment:read_align_table",
 }
 
 
 def __getattr__(name: str) -> Callable[[str], object]:
     if name not in PLAIN:
         raise AttributeError(name)
-    return pkgutil.resolve_name(PLAIN[name])
+    return relight(PLAIN[name])
+
+
+def relight(name: str) -> Callable[..., object]:
+    """A function of relight, imported where it is used: each reader is to need no more memory than its own imports."""
+    return pkgutil.resolve_name(f"relight.{name}")
 
 
 def panorama(path: str) -> None:
-    from relight.panoramas import project, read_panorama
-
-    light = project(read_panorama(path), 2)
+    light = relight("panoramas:project")(relight("panoramas:read_panorama")(path), 2)
     assert np.isfinite(light).all() and light[0].max() > 0
 
 
 def light(path: str) -> None:
-    from relight.lights import load_light
-
-    assert np.isfinite(load_light(path).coefficients).all()
+    assert np.isfinite(relight("lights:load_light")(path).coefficients).all()
 
 
 def light_set(path: str) -> None:
-    from relight.lights import read_light_set
-
-    lights = read_light_set(path)
+    lights = relight("lights:read_light_set")(path)
     assert np.isfinite(lights.coefficients).all() and len(lights.of("train")) <= len(lights)
 
 
 def training_lights(path: str) -> None:
-    from relight.learning.data import RelitSet
-
-    RelitSet(Path(path).parent / "whole.packed.safetensors", path, 1, "paper")
+    relight("learning.data:RelitSet")(Path(path).parent / "whole.packed.safetensors", path, 1, "paper")
 
 
 def split(path: str) -> None:
-    from relight.learning.data import read_split
-
-    assert all(isinstance(name, str) for names in read_split(path).values() for name in names)
+    parts = relight("learning.data:read_split")(path)
+    assert all(isinstance(name, str) for names in parts.values() for name in names)
 
 
 def maps(path: str) -> None:
@@ -67,24 +63,18 @@ def maps(path: str) -> None:
 
 
 def packed(path: str) -> None:
-    from relight.maps import PackedMaps
-
-    found = PackedMaps(path)
+    found = relight("maps:PackedMaps")(path)
     for i in range(len(found)):
         found.figure(i)
     found.arrays()
 
 
 def mask(path: str) -> None:
-    from relight.photos.mask.find import read_mask
-
-    assert read_mask(path, (12, 16))[0].shape == (12, 16)
+    assert relight("photos.mask.find:read_mask")(path, (12, 16))[0].shape == (12, 16)
 
 
 def textured(path: str) -> None:
     """An .obj whose material or texture is damaged: the file itself is only named by it."""
-    from relight.meshes import read_mesh
-
     path = Path(path)
     body = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl skin\nf 1/1 2/2 3/3\n"
     library = path if path.suffix == ".mtl" else path.with_name("names.mtl")
@@ -92,7 +82,7 @@ def textured(path: str) -> None:
         library.write_text(f"newmtl skin\nmap_Kd {path.name}\n")
     mesh = path.with_name("names.obj")
     mesh.write_text(f"mtllib {library.name}\n{body}")
-    read_mesh(mesh)
+    relight("meshes:read_mesh")(mesh)
 
 
 def pixels(mode: str = "RGB") -> Image.Image:
