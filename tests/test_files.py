@@ -42,11 +42,8 @@ def test_what_cannot_be_written_is_one_sentence(tmp_path):
 
 def test_nothing_is_written_below_a_file(tmp_path):
     (tmp_path / "file").write_text("")
-    for name, says in (
-        ("file/a.json", "file is a file"),
-        ("file/sub/a.json", "not a directory"),
-        (300 * "a", "too long"),
-    ):
+    reasons = {"file/a.json": "file is a file", "file/sub/a.json": "not a directory", 300 * "a": "too long"}
+    for name, says in reasons.items():
         with pytest.raises(UserError, match=f"{name} cannot be written: .*{says}"):
             write_text(tmp_path / name, "")
 

@@ -43,12 +43,8 @@ def installed(tmp_path_factory):
 @pytest.mark.slow
 def test_the_tools_work_from_a_wheel(installed, tmp_path):
     trimesh.creation.icosphere(2, radius=0.9).export(tmp_path / "ball.obj")
-    commands = [
-        "bake ball.obj --size 32 --rays 16",
-        "view ball.exr -l room:1",
-        "light numbers key:#ffeedd@45,30 --out light.json",
-        "scans check ball.obj",
-    ]
+    commands = ["bake ball.obj --size 32 --rays 16", "view ball.exr -l room:1", "scans check ball.obj"]
+    commands.append("light numbers key:#ffeedd@45,30 --out light.json")
     environment = {**os.environ, "PYTHONPATH": str(installed)}
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(installed), *commands],

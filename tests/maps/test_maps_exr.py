@@ -76,11 +76,7 @@ def test_foreign_and_broken_files_are_refused(tmp_path):
     write_maps(tmp_path / "good.exr", random_maps(size=40))
     whole = (tmp_path / "good.exr").read_bytes()
     (tmp_path / "cut.exr").write_bytes(whole[: len(whole) // 2])
-    for name, words in (
-        ("text", "not a readable"),
-        ("foreign", "not a file of maps"),
-        ("photo", "inferred from a photo"),
-        ("cut", "cut.exr"),
-    ):
+    says = {"text": "not a readable", "foreign": "not a file of maps", "photo": "inferred from", "cut": "cut.exr"}
+    for name, words in says.items():
         with pytest.raises(UserError, match=words):
             read_maps(tmp_path / f"{name}.exr")

@@ -21,16 +21,9 @@ def test_every_kind_of_picture_gives_the_same(relighter, photo_files):
     me, beside, pixels, mask = photo_files
     usual = relighter.relight(pixels, mask, LIGHT)
     assert not np.array_equal(usual, pixels)
-    for given in (
-        (me, beside),
-        (str(me), str(beside)),
-        (me, None),  # me_mask.png is found
-        (me, mask),
-        (pixels, beside),
-        (Image.fromarray(pixels), Image.fromarray(mask)),
-        (Image.open(me), beside),
-        (pixels, mask / 255),
-    ):
+    pairs = [(me, beside), (str(me), str(beside)), (me, mask), (pixels, beside), (pixels, mask / 255)]
+    pairs += [(Image.fromarray(pixels), Image.fromarray(mask)), (Image.open(me), beside)]
+    for given in (*pairs, (me, None)):  # me_mask.png is found
         assert np.array_equal(relighter.relight(*given, LIGHT), usual), given
     assert np.array_equal(relighter.infer(me)[0].light, relighter.infer(pixels, mask)[0].light)
     grey = pixels[..., 1]

@@ -106,10 +106,8 @@ def test_shadows_fall_away_from_the_light_and_end():
     ground = ground_under([standing()])
     h, w, _ = ground.occluded.shape
     here = int((280 - ground.rows[0]) / (ground.rows[1] - ground.rows[0]) * h)
-    for azimuth, darker, lighter in (
-        (75, np.s_[:, : w // 3], np.s_[:, -w // 3 :]),
-        (-75, np.s_[:, -w // 3 :], np.s_[:, : w // 3]),
-    ):
+    left, right = np.s_[:, : w // 3], np.s_[:, -w // 3 :]
+    for azimuth, darker, lighter in ((75, left, right), (-75, right, left)):
         shade = ground.shadows(lamp(azimuth, 35)).mean(-1)
         assert shade[darker].mean() < shade[lighter].mean() - 0.01
     behind, front = ground.shadows(lamp(0, 30)).mean(-1), ground.shadows(lamp(180, 30)).mean(-1)

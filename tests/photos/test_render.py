@@ -105,12 +105,8 @@ def test_a_tinted_light_is_the_photos_white():
     pixels, figure, mask = ball()
     tint, flat = np.array([1.3, 0.95, 0.65], np.float32), np.zeros((9, 3), np.float32)
     flat[0] = 0.8
-    card = replace(
-        figure,
-        albedo=np.full_like(figure.albedo, 0.4) * mask[..., None],
-        transport=figure.transport * (np.arange(9) == 0),
-        light=flat * tint,
-    )
+    albedo, transport = np.full_like(figure.albedo, 0.4) * mask[..., None], figure.transport * (np.arange(9) == 0)
+    card = replace(figure, albedo=albedo, transport=transport, light=flat * tint)
     (kept,) = balanced([card])
     white = tint / (tint @ LUMINANCE)
     assert np.allclose(kept.white, white, atol=1e-5) and np.ptp(kept.light, axis=1).max() < 1e-5
@@ -228,10 +224,8 @@ def cut_out(pixels, mask, hidden):
 def test_a_cut_out_stays_one_and_hidden_colors_do_not_matter(relighter, draw, background, edge):
     pixels, mask = draw()
     mask = mask if edge == "soft" else np.where(mask > 127, np.uint8(255), np.uint8(0))
-    one, other = (
-        relighter.relight(cut_out(pixels, mask, hidden), None, LIGHT, background=background)
-        for hidden in ((255, 0, 255), (0, 90, 0))
-    )
+    images = (cut_out(pixels, mask, hidden) for hidden in ((255, 0, 255), (0, 90, 0)))
+    one, other = (relighter.relight(image, None, LIGHT, background=background) for image in images)
     np.testing.assert_array_equal(one[mask > 0], other[mask > 0])
     if background != "#334455":
         np.testing.assert_array_equal(one[..., 3], mask)
@@ -288,10 +282,8 @@ def test_backgrounds(relighter, tmp_path, draw):
 def test_paper_networks_see_coded_values(relighter, weights, draw):
     """A network trained with color=paper gets the 8-bit values as they are."""
     pixels, mask = draw()
-    paper, photo = (
-        infer_person(replace(relighter.network, config={"train": {"color": color}}), pixels, mask)
-        for color in ("paper", "photo")
-    )
+    networks = (replace(relighter.network, config={"train": {"color": color}}) for color in ("paper", "photo"))
+    paper, photo = (infer_person(network, pixels, mask) for network in networks)
     assert np.abs(to_srgb8(photo.image) / 255.0 - paper.image)[photo.mask].max() < 0.003
     assert np.array_equal(render(pixels, [paper], paper.light), pixels)
 

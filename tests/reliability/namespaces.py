@@ -12,7 +12,5 @@ def mounted(*places: str) -> list[str]:
 
 def namespaced() -> bool:
     """Whether this user may mount in a namespace."""
-    return (
-        bool(shutil.which("unshare"))
-        and not subprocess.run([*mounted("none /mnt"), "true"], capture_output=True).returncode
-    )
+    command = [*mounted("none /mnt"), "true"]
+    return bool(shutil.which("unshare")) and not subprocess.run(command, capture_output=True).returncode

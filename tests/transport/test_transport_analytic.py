@@ -99,12 +99,10 @@ SCENES = {
 
 
 def caster_of(parts, offset=1e-5):
-    start = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
-    caster = RayCaster(
-        np.concatenate([vertices for vertices, _ in parts]),
-        np.concatenate([faces + s for (_, faces), s in zip(parts, start)]),
-        threads=1,
-    )
+    vertices, faces = zip(*parts)
+    start = np.cumsum([0, *map(len, vertices)])
+    faces = np.concatenate([each + first for each, first in zip(faces, start)])
+    caster = RayCaster(np.concatenate(vertices), faces, threads=1)
     caster.offset = offset  # walls of 10 km would make it 17 cm
     return caster
 

@@ -140,10 +140,8 @@ def test_supersampled_maps_are_means_of_a_finer_image():
     rng = np.random.default_rng(3)
     parts = [screen(z=-0.5)] + [ball(0.25, c) for c in rng.uniform(-0.6, 0.6, (12, 3)) * [1, 1, 0.4]]
     first = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
-    mesh = mesh_of(
-        np.concatenate([part.vertices for part in parts]),
-        np.concatenate([part.faces + begin for part, begin in zip(parts, first)]),
-    )
+    faces = np.concatenate([part.faces + begin for part, begin in zip(parts, first)])
+    mesh = mesh_of(np.concatenate([part.vertices for part in parts]), faces)
     coarse, shared, fine = bake(mesh, 32, 256), bake(mesh, 32, 256, supersample=4), bake(mesh, 128, 1024)
 
     def blocks(values):

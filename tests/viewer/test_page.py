@@ -116,11 +116,8 @@ def test_a_figure_drawn_in_tiles_has_no_seam_and_no_gap(page, tmp_path, is_disc)
     mask = np.hypot(x - 45, y - 37) < 34 if is_disc else np.ones(y.shape, bool)
     albedo = np.where(mask[..., None], decode(np.array([200, 100, 50]) / 255), 0)
     coverage, zero = mask.astype(np.float32), np.zeros((75, 91, 9))
-    build_viewer(
-        tmp_path / "even.html",
-        [Figure("even", Maps(mask, coverage, albedo, zero[..., :3], zero[..., 0], coverage, zero))],
-        {"Dim": np.full((9, 3), 0.1)},
-    )
+    figure = Figure("even", Maps(mask, coverage, albedo, zero[..., :3], zero[..., 0], coverage, zero))
+    build_viewer(tmp_path / "even.html", [figure], {"Dim": np.full((9, 3), 0.1)})
     page.open(tmp_path / "even.html")
     pixels = page.pixels(**START | {"view": "albedo", "background": "color", "color": "#00ff00"})
     assert (np.abs(pixels[..., :3] - np.where(mask[..., None], [200, 100, 50], [0, 255, 0])) <= 1).all()

@@ -88,10 +88,8 @@ def test_licences_of_all_packages_are_told():
     """And that of pymeshlab, which binds who passes it on, where one looks first."""
     tool = runpy.run_path(str(ROOT / "tools" / "licences.py"))
     page, names = tool["page"](), tool["locked"]()
-    told = {
-        canonicalize_name(name): licence
-        for name, licence in re.findall(r"^\| ([\w.-]+) \| \S+ \| (.+?) \|", page, re.M)
-    }
+    rows = re.findall(r"^\| ([\w.-]+) \| \S+ \| (.+?) \|", page, re.M)
+    told = {canonicalize_name(name): licence for name, licence in rows}
     others = page.rpartition("\n\n")[2]
     assert len(names) > 150
     assert not [name for name in names if canonicalize_name(name) not in told and name not in others]
