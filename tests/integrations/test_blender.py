@@ -18,7 +18,6 @@ import pytest
 FOLDER = Path(__file__).parents[2] / "integrations" / "blender"
 SIZE = 96  # pixels of a render
 bpy = importlib.import_module("bpy") if importlib.util.find_spec("bpy") else None
-in_blender = pytest.mark.skipif(bpy is None, reason="needs bpy, Blender as a module")
 
 
 def load(name: str, path: Path, **options):
@@ -69,7 +68,8 @@ def test_manifest_has_what_blender_requires():
 
 @pytest.fixture(scope="module")
 def addon():
-    """The extension, registered."""
+    """The extension, registered; without Blender as a module its tests are skipped."""
+    pytest.importorskip("bpy")
     sys.path += map(str, Path(bpy.utils.resource_path("LOCAL")).glob("python/lib/python3.*/site-packages"))
     module = load("relight_addon", FOLDER / "__init__.py", submodule_search_locations=[str(FOLDER)])
     module.register()
@@ -158,7 +158,6 @@ def agree(mine: np.ndarray, truth: np.ndarray, mean: float = 0.02, like: float =
     assert np.sqrt(((a - b) ** 2).mean()) < 0.06 * max(b.max(), 1) and np.corrcoef(a.ravel(), b.ravel())[0, 1] > like
 
 
-@in_blender
 @pytest.mark.parametrize("bounces", [0, 2])
 def test_import_maps_shows_what_cycles_renders(addon, scene, tmp_path, bounces):
     """Of the same head, baked by relight in its own frame: x to the right, y up, z toward the camera."""
@@ -179,7 +178,6 @@ def test_import_maps_shows_what_cycles_renders(addon, scene, tmp_path, bounces):
     agree(rendered(scene, tmp_path / "mine.exr", 16), truth)
 
 
-@in_blender
 def test_a_rendered_animation_has_the_light_of_each_frame(addon, scene, tmp_path):
     item, sockets = head(), [node.inputs for node in scene.world.node_tree.nodes]
     rotation, strength = (next(s[name] for s in sockets if name in s) for name in ("Rotation", "Strength"))
@@ -201,7 +199,6 @@ def test_a_rendered_animation_has_the_light_of_each_frame(addon, scene, tmp_path
     np.testing.assert_allclose(rendered(scene, tmp_path / "again.exr", 4), stills[1], atol=1e-3)
 
 
-@in_blender
 @pytest.mark.parametrize("linked", [True, False])
 def test_a_duplicate_turns_on_its_own(addon, scene, linked):
     item = head()
@@ -215,7 +212,6 @@ def test_a_duplicate_turns_on_its_own(addon, scene, linked):
     assert np.abs(light_of(addon, copy) - before).max() > 0.5
 
 
-@in_blender
 def test_mirrored_objects_bake_and_turn_as_mirrors(addon, scene, tmp_path):
     """Baked as a mirror image, and back: each time as Cycles renders it in matte white."""
     item = head()
@@ -236,7 +232,6 @@ def lit(item, material) -> None:
         slot.material = material
 
 
-@in_blender
 def test_baking_keeps_materials_and_undo_restores_all(addon, scene, tmp_path):
     """The base color, here red and a picture, becomes the albedo; so the render is Cycles' of two matte materials."""
     item = head()
@@ -308,7 +303,6 @@ def turned_by_object(nodes, link, source):
     empty.rotation_euler = (0.5, -0.3, 2)
 
 
-@in_blender
 @pytest.mark.parametrize("change", [sky, hue, two_backgrounds, turned_texture, turned_by_object])
 def test_any_world_gives_the_light_that_cycles_gives(addon, scene, tmp_path, change):
     """To a ball, which sees half of it everywhere."""
@@ -326,7 +320,6 @@ def test_any_world_gives_the_light_that_cycles_gives(addon, scene, tmp_path, cha
     agree(mine, rendered(scene, tmp_path / "truth.exr", 128), *limits)
 
 
-@in_blender
 def test_a_large_panorama_is_shrunk_once(addon, scene):
     item, panorama = head(), next(node for node in scene.world.node_tree.nodes if node.type == "TEX_ENVIRONMENT")
     bpy.ops.relight.bake_transport(rays=16)
@@ -348,7 +341,6 @@ def test_a_large_panorama_is_shrunk_once(addon, scene):
     assert bpy.data.images[".relight large"]["mark"] == 1
 
 
-@in_blender
 def test_what_cannot_be_followed_is_told_in_the_panel(addon, scene):
     head()
     bpy.ops.relight.bake_transport(rays=16)
@@ -364,7 +356,6 @@ def test_what_cannot_be_followed_is_told_in_the_panel(addon, scene):
     assert addon.WARNINGS == []
 
 
-@in_blender
 def test_baking_needs_object_mode_and_wants_vertices(addon, scene, capfd):
     bpy.ops.mesh.primitive_cube_add()
     bpy.ops.object.mode_set(mode="EDIT")
@@ -374,7 +365,6 @@ def test_baking_needs_object_mode_and_wants_vertices(addon, scene, capfd):
     assert "Cube has 8 vertices: subdivide it" in capfd.readouterr().out
 
 
-@in_blender
 def test_modifiers_and_shape_keys_are_baked_and_objects_shade_each_other(addon, scene, tmp_path):
     """A head behind a subdivision and a shape key, beside a ball; against Cycles in matte white."""
     bpy.ops.mesh.primitive_monkey_add(size=1)
@@ -404,7 +394,6 @@ def test_modifiers_and_shape_keys_are_baked_and_objects_shade_each_other(addon, 
     assert np.mean(open_side) < 0.9 * np.mean(other_side), "the head takes light from the ball"
 
 
-@in_blender
 def test_saved_file_keeps_plane_and_light(addon, scene, tmp_path):
     maps = tmp_path / "ball.exr"
     bpy.ops.mesh.primitive_uv_sphere_add(radius=0.9)
@@ -420,7 +409,6 @@ def test_saved_file_keeps_plane_and_light(addon, scene, tmp_path):
     np.testing.assert_allclose(rendered(bpy.context.scene, tmp_path / "after.exr", 8), before, atol=0.02)
 
 
-@in_blender
 def test_problems_are_told_in_one_sentence(addon, scene, tmp_path, monkeypatch):
     head()
     monkeypatch.setenv("PATH", str(tmp_path))
@@ -434,7 +422,6 @@ def test_problems_are_told_in_one_sentence(addon, scene, tmp_path, monkeypatch):
         bpy.ops.relight.import_maps(filepath=str(tmp_path / "picture.exr"))
 
 
-@in_blender
 def test_blender_builds_the_extension(addon, tmp_path):
     (tool,) = Path(bpy.utils.resource_path("LOCAL")).glob("scripts/addons_core/bl_pkg/cli/blender_ext.py")
     words = ["build", "--source-dir", FOLDER, "--output-filepath", tmp_path / "relight.zip"]
