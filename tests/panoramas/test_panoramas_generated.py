@@ -22,21 +22,14 @@ from relight.panoramas.radiosity import (
 )
 from relight.panoramas.rooms import CLEARANCE, sample_room
 
-COUNT = 160
-
 
 def lights_of(generate, count):
     return np.stack([project(Panorama(generate(seed))) for seed in range(count)])
 
 
 @pytest.fixture(scope="module")
-def coefficients():
-    return lights_of(generate_room, COUNT)
-
-
-@pytest.fixture(scope="module")
-def rooms(coefficients):
-    return measure(coefficients)
+def rooms():
+    return measure(lights_of(generate_room, 160))
 
 
 # Where the tenth, median and ninetieth of 160 rooms lie: four standard deviations and more about the means of twelve

@@ -36,13 +36,9 @@ class Static(SimpleHTTPRequestHandler):
 
 
 @pytest.fixture(scope="module")
-def web_runtime():
+def exported(exported_network):
     if not runtime.package_file().is_file():
         pytest.skip("onnxruntime-web is not set up")
-
-
-@pytest.fixture(scope="module")
-def exported(web_runtime, exported_network):
     return exported_network / "a.onnx"
 
 

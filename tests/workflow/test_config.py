@@ -186,8 +186,6 @@ def test_one_switch_does_all_that_the_paper_did():
     assert (train.lr, train.steps) == (1e-3, own.train.steps)
 
 
-@pytest.mark.parametrize("folder", ["a=b", "a, b", "a#b", "it's", 'say "hi"', "back\\", "ä:b", "{x}", "1e5"])
+@pytest.mark.parametrize("folder", ["a=b", "a, b", "a#b", "it's", 'say "hi"', "back\\", "ä:b", "x/{x}", "1e5"])
 def test_folders_may_have_any_sign(folder):
-    if folder.startswith(("[", "{")):
-        folder = "x/" + folder
     assert composed([f"figures.folder={folder}", "figures.source=scans"]).figures.folder == folder
