@@ -1,24 +1,14 @@
 """Progress shows the time left, and short stages print nothing."""
 
-import pytest
+import itertools
 
 import relight.core.progress
 from relight.core.progress import progress
 
 
-@pytest.fixture
-def clock(monkeypatch):
-    """A clock that steps by two seconds at each call."""
-    now = [0.0]
-
-    def monotonic():
-        now[0] += 2.0
-        return now[0]
-
-    monkeypatch.setattr(relight.core.progress.time, "monotonic", monotonic)
-
-
-def test_lines_with_time_left(clock, capsys):
+def test_lines_with_time_left(monkeypatch, capsys):
+    clock = itertools.count(2.0, 2.0)  # two seconds at each call
+    monkeypatch.setattr(relight.core.progress.time, "monotonic", lambda: next(clock))
     assert list(progress(range(10), "bake")) == list(range(10))
     lines = capsys.readouterr().err.splitlines()
     # 2 s an item: the first line after three of ten

@@ -208,20 +208,14 @@ def hdr(pixels):
     return f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n".encode() + rgbe(pixels).tobytes()
 
 
-@pytest.fixture(scope="module")
-def panorama():
-    generator = np.random.default_rng(2)
-    pixels = generator.random((16, 32, 3)) ** 6 * 40
-    pixels[10:, 5:25] = [0.5, 0.25, 2.0]  # runs
-    return pixels.astype(np.float32)
-
-
 def values(pixels):
     coded = rgbe(pixels).astype(float)
     return coded[..., :3] * 2 ** (coded[..., 3:] - 136)
 
 
-def test_a_dropped_panorama_lights_the_figure(balls, maps, lights, panorama):
+def test_a_dropped_panorama_lights_the_figure(balls, maps, lights):
+    panorama = np.random.default_rng(2).random((16, 32, 3)) ** 6 * 40
+    panorama[10:, 5:25] = [0.5, 0.25, 2.0]  # runs
     balls.call(
         """(bytes) => { const data = new DataTransfer();
         data.items.add(new File([new Uint8Array(bytes)], "kitchen.hdr"));

@@ -10,14 +10,10 @@ from relight.core.errors import UserError
 from relight.viewer import runtime
 
 
-@pytest.fixture(autouse=True)
-def own_data(tmp_path, monkeypatch):
-    monkeypatch.setenv("RELIGHT_DATA", str(tmp_path / "data"))
-
-
 @pytest.fixture
 def package(tmp_path, monkeypatch):
     """A package of the right files with short contents, which stands for the known version."""
+    monkeypatch.setenv("RELIGHT_DATA", str(tmp_path / "data"))
     path = tmp_path / "package.tgz"
     integrity = tarball(path, {f"package/dist/{name}": name.encode() for name in runtime.FILES})
     monkeypatch.setattr(runtime, "PACKAGE", replace(runtime.PACKAGE, integrity=integrity))
