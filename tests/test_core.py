@@ -168,7 +168,6 @@ def test_every_extra_that_is_named_exists():
 
 
 def test_no_module_of_the_core_imports_more(core):
-    """Every module of the core's packages is imported."""
     packages = ("lights", "panoramas", "photos", "sh", "viewer")
     names = [
         ".".join(path.relative_to(ROOT).with_suffix("").parts)

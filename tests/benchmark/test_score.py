@@ -25,7 +25,6 @@ from relight.photos.person import OPAQUE
 
 @pytest.fixture
 def truth(drawn, tmp_path):
-    """A folder of answers that are the truth."""
     out = tmp_path / "truth"
     out.mkdir()
     for entry in BenchmarkSet(drawn).entries:

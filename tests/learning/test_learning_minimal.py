@@ -19,7 +19,6 @@ PATH = Path(__file__).parents[2] / "examples" / "train_minimal.py"
 
 @pytest.fixture(scope="module")
 def minimal():
-    """The example as a module."""
     spec = importlib.util.spec_from_file_location("train_minimal", PATH)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -35,7 +35,6 @@ class Training:
         self.uri = f"sqlite:///{self.database}"
 
     def given(self, paths: dict | None = None, **changes) -> tuple:
-        """What the job is called with."""
         model, loss, schedule, augment = self.settings
         tracking = {"track": {"uri": changes.pop("uri", self.uri), "experiment": "test"}, "tags": {}, "rows": {}}
         groups = {"model": model(), "loss": loss(), "train": schedule(**changes), "augment": augment()}

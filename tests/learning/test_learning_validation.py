@@ -66,7 +66,6 @@ def test_without_figures_for_it_there_is_none(world, loss, tmp_path):
 
 
 def test_pairs_are_of_validation_figures_and_lights(tmp_path, world, loss):
-    """A light and a figure of the training or the test are never among them."""
     data = RelitSet(world["packed"], world["lights"], 2, "paper")
     found = Validation(data, world["split"], loss(), data.size)
     wanted = data.batch(data.figures(["figure5"]), np.flatnonzero(data.light_split == "validation"))

@@ -230,7 +230,6 @@ def test_broken_files_give_one_sentence(tmp_path, name):
 @pytest.mark.parametrize("name", ["a.ply", "a.glb", "a.obj"])
 @pytest.mark.slow
 def test_files_cut_or_altered_anywhere_never_crash(tmp_path, name):
-    """Prefixes of a file, and the file with one byte altered, all along it, are read or refused."""
     content = {"a.ply": binary_ply(), "a.glb": glb_of(gltf()), "a.obj": obj()}[name]
     random = np.random.default_rng(0)
     path = tmp_path / name

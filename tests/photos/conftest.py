@@ -31,7 +31,6 @@ def run():
 
 @pytest.fixture(scope="session", name="draw")
 def drawing():
-    """The function that draws a photo and its mask."""
     return draw
 
 

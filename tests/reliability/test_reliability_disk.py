@@ -85,7 +85,6 @@ def test_a_folder_that_is_not_ones_own_is_told(shared):
 
 
 def test_a_file_that_is_not_ones_own_is_told(shared):
-    """Each reader says so in one line that names the file."""
     os.chmod(shared, 0o777)  # one of them writes a file beside
     for reader, paths in readers.write_whole(shared).items():
         read = getattr(readers, reader)
