@@ -193,8 +193,8 @@ class Assembly:
         buckle = Material(np.array(METAL, np.float32), name="buckle")
         for part, paint in zip(parts, (accessory_paint("belt", self.side(share=8)), buckle)):
             vertices, faces = self.under_outer_tops(part, shown, outermost)
-            uv = np.stack([vertices[:, 0] - vertices[:, 2], vertices[:, 1]], axis=1) % 1.0
-            self.builder.add(vertices, faces, uv[faces], paint)
+            flat = np.stack([vertices[:, 0] - vertices[:, 2], vertices[:, 1]], axis=1)
+            self.builder.add(vertices, faces, (flat - flat.min(0))[faces], paint)
 
     def under_outer_tops(self, accessory: Surface, shown: list[np.ndarray], number: int) -> Surface:
         """Returns an accessory on the garment with this number in `cut`, pushed under the tops that are worn over it.

@@ -9,6 +9,7 @@ from relight.figures.body.person import build_body, sample_person
 from relight.figures.cloth.colliders import Collider
 from relight.figures.pose import stances
 from relight.figures.pose.motion import build_motion
+from relight.figures.surfaces import edges
 from relight.figures.tailor import footwear
 
 
@@ -27,6 +28,7 @@ def test_build_shoes_has_its_pieces_around_the_foot(body, shoe):
     assert names == expected == names & set(footwear.palette(shoe, (0.5, 0.4, 0.3), (0.1, 0.1, 0.1)))
     for part in parts:
         assert len(part.faces) and np.isfinite(part.vertices).all() and part.faces.max() < len(part.vertices)
+        assert part.name != "lace" or (edges(part.faces)[2] == 2).all(), "closed"
         used = part.vertices[np.unique(part.faces)]
         assert np.abs(used[:, 0]).max() < np.abs(skin[skin[:, 1] < 0.1, 0]).max() + 0.03
         top = (

@@ -110,6 +110,18 @@ def test_hem_has_the_texture_of_one_panel(body, standing):
         assert len(true[hem]) > 200 and (drawn < 4 * true)[hem].all()
 
 
+def test_belt_has_no_seam_in_its_texture(body, standing):
+    outfit = replace(outfits.sample_outfit(np.random.default_rng(0), body.person), belt=CLOTH)
+    pattern, builder = patterns.build_pattern(body, wardrobe()["jeans"], 0), Builder()
+    level = pattern.levels[-1]
+    x = standing[0].skin(level.weights, level.fitted)
+    worn = DrapedGarment(pattern, CLOTH, DrapeResult(x, [], np.ones(1)))
+    Assembly(builder, standing[0], outfit, [worn], DETAILS["draft"], 0).add_belt([x])
+    corners = builder.vertices[0][builder.faces[0]], builder.uv[0]  # of the ribbon, its texture 1 metre wide
+    true, drawn = (np.linalg.norm(part - np.roll(part, 1, axis=1), axis=2).max(1) for part in corners)
+    assert len(true) > 100 and (drawn < 1.5 * true).all() and 0 <= builder.uv[0].min() <= builder.uv[0].max() <= 1
+
+
 def test_tucked_top_is_pinned_below_the_waistband_only(body):
     top, bottom = fitting.tucked(wardrobe()["t-shirt"], wardrobe()["jeans"])
     pattern = patterns.build_pattern(body, top, 0)
