@@ -233,7 +233,7 @@ class PoseSolver:
         Args:
             side: "L" | "R".
             sign: 1 | -1, of x on that side of the body.
-            foot: its step, in lengths of the leg, and its turn and pitch, in degrees.
+            foot: its step, in lengths of the leg, and its turn and pitch, in degrees. On tiptoe the toes stay level.
             length: metres from hip to ankle.
             heels: degrees by which the heel of a shoe pitches the foot further, but not the toes.
         """
@@ -247,4 +247,4 @@ class PoseSolver:
         shin, _ = self.world_transform(f"lowerleg02.{side}")
         self.local[f"foot.{side}"] = shin.inv() * facing * Rotation.from_euler("x", foot.pitch + heels, degrees=True)
         for toe in (1, 2, 3, 4, 5):
-            self.local[f"toe{toe}-1.{side}"] = Rotation.from_euler("x", -heels, degrees=True)
+            self.local[f"toe{toe}-1.{side}"] = Rotation.from_euler("x", -heels - max(foot.pitch, 0), degrees=True)

@@ -250,7 +250,8 @@ def laces(outside: Upper, motion: Motion, count: int) -> Part:
     within_ends = HALF_LACE - np.abs(shape[:, 0] - middle)
     faces_up = np.where(facing[:, 1] + facing[:, 2] > 0.35, 1.0, -1.0)  # or forward
     field = np.minimum(np.minimum(HALF_LACE_WIDTH - from_band, within_ends), faces_up)  # positive on the laces
-    matrix, cut = clip(sparse.identity(len(shape), format="csr"), faces, field, snap=0)  # no edge has more than two faces
+    # Without `snap` no edge has more than two faces, though a few are slivers.
+    matrix, cut = clip(sparse.identity(len(shape), format="csr"), faces, field, snap=0)
     posed = motion.skin(matrix @ outside.weights, matrix @ shape + (matrix @ facing) * LACE_THICKNESS)
     vertices, cut, _ = thickened(posed, cut, LACE_THICKNESS, rings=2)
     return Part("lace", vertices, cut)
