@@ -84,6 +84,12 @@ def test_build_hair_leaves_the_face_free(head, heads, style):
         assert before.mean() < 0.002, part.kind
 
 
+@pytest.mark.parametrize("style", ["beanie", "cap"])
+def test_a_hat_has_no_seam_in_its_texture(heads, style):
+    for part in (part for part in heads[style] if part.kind == "hat"):
+        assert np.ptp(part.uv[part.faces], axis=1).max() < 0.1
+
+
 def test_build_hair_of_a_seed_is_the_same(head, heads):
     for part, twin in zip(heads["ponytail"], grown(head, "ponytail"), strict=True):
         assert np.array_equal(part.vertices, twin.vertices) and np.array_equal(part.uv, twin.uv)

@@ -46,7 +46,7 @@ def hat(motion: Motion, style: HairStyle) -> list[Strip]:
     )
     above_scalp = _hat_height(style, direction, down)
     points = centre + direction * (_scalp_radius(head, centre, direction) + above_scalp)[..., None]
-    uv = np.stack([around / (2 * np.pi) + 0.5, 1 - 0.5 * down], -1)
+    uv = np.stack([np.abs(around) / (2 * np.pi), 1 - 0.5 * down], -1)  # both sides alike, so without a seam
     parts = [(points.reshape(-1, 3), _row_faces(closed_rings(CROWN_ROWS, COLUMNS)), uv.reshape(-1, 2))]
     if style.hat == "cap":
         parts.append(_brim(points, azimuth))
