@@ -20,7 +20,9 @@ from relight.evaluation.scoring.tables import Table
 from relight.evaluation.scoring.truth import COLUMNS
 from relight.settings.schema import READINGS
 
-SIGNS = dict(zip(Verdict, "✓✗≠≈?"))
+SIGNS = {
+    Verdict.BETTER: "✓", Verdict.WORSE: "✗", Verdict.DIFFERENT: "≠", Verdict.EQUIVALENT: "≈", Verdict.OPEN: "?"
+}  # fmt: skip
 ARROWS = {1: " ↓", -1: " ↑", 0: ""}  # toward what is better
 
 
