@@ -27,7 +27,7 @@ from relight.photos.opening import list_photos, list_pictures, mask_in
 from relight.photos.person import Person, balanced, infer_person
 from relight.photos.picture import Given, Picture
 from relight.photos.scene import Scene, SceneOptions, require_white_balance
-from relight.photos.video import FPS, is_video, read_frames, write_video
+from relight.photos.video import FPS, at_constant_rate, is_video, read_frames, write_video
 
 T = TypeVar("T")
 LIGHT_RADIUS, CROP_RADIUS, TRANSPORT_RADIUS = 12, 4, 1  # frames to each side that the means include
@@ -112,7 +112,8 @@ def _relight_clip(
         raise UserError("the light of a clip is inferred in each frame: --lit-by is for photos")
     white_balance = options.get("white_balance", "keep")
     require_white_balance(white_balance)
-    frames, count, fps = read_frames(path)
+    frames, shown, fps = read_frames(path)
+    count = sum(shown) or None
 
     def infer(picture: Picture, crop: Crop) -> Person:
         assert picture.coverage is not None  # frames are masked
@@ -121,7 +122,8 @@ def _relight_clip(
         return balanced([person])[0] if white_balance == "keep" else person
 
     def relit() -> Iterator[np.ndarray]:
-        pictures = (frame.downscaled(size) for frame in with_masks(path, frames, masks, options.get("mask_model")))
+        clip = with_masks(path, frames, masks, options.get("mask_model"))
+        pictures = at_constant_rate((frame.downscaled(size) for frame in clip), shown)
         exposed = None
         for i, scene in enumerate(smooth_over_time(pictures, network.size, infer)):
             exposed = exposed or scene.exposed(look, turning=turns != 0)

@@ -2,9 +2,10 @@
 
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
-from itertools import islice, pairwise, repeat
+from itertools import chain, islice, pairwise, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -149,14 +150,14 @@ def is_video(path: Path | str) -> bool:
     return Path(path).suffix.lower() in READABLE
 
 
-def read_frames(path: Path | str) -> tuple[Iterator[Picture], int | None, float]:
+def read_frames(path: Path | str) -> tuple[Iterator[Picture], list[int], float]:
     """Reads the frames of a video file or a folder of pictures, one by one.
 
-    Frames of a video come upright, with square pixels, in sRGB, at a constant rate: where the file's own rate varies,
-    frames are repeated, so that each is seen at its time.
+    Frames of a video come upright, with square pixels, in sRGB.
 
     Returns:
-        The frames, their number if it is known, and frames per second.
+        The frames; how often `at_constant_rate` shows each, so that it is seen at its time where the file's own rate
+        varies (empty if their number is not known); and frames per second.
 
     Raises:
         UserError: if the path is neither, or, at the frame where it shows, if the file is damaged or its frames change
@@ -165,7 +166,7 @@ def read_frames(path: Path | str) -> tuple[Iterator[Picture], int | None, float]
     path = Path(path)
     if path.is_dir():
         files = list_photos(path)
-        return (Picture.of(file) for file in files), len(files), FPS
+        return (Picture.of(file) for file in files), [1] * len(files), FPS
     if not path.is_file():
         raise UserError(f"movie: there is no file or folder {path}")
     import av
@@ -174,54 +175,83 @@ def read_frames(path: Path | str) -> tuple[Iterator[Picture], int | None, float]
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
             base = float(stream.time_base or 1)
-            times = sorted(packet.pts * base for packet in container.demux(stream) if packet.pts is not None)
-            average = float(stream.average_rate or FPS)
+            packets = [packet for packet in container.demux(stream) if not packet.is_discard]
+            stored = [(p.pts * base, (p.duration or 0) * base) for p in packets if p.pts is not None]
+            rate = float(stream.average_rate or FPS)
     except (av.FFmpegError, IndexError, TypeError) as error:
         raise UserError(f"{path} cannot be read as a video ({error})") from None
+    times = np.sort([time for time, _ in stored])
+    if len(times) < 2:
+        return _decoded(path), [1] * len(times), rate
     steps = np.diff(times)
-    if len(steps) == 0 or np.abs(steps - np.median(steps)).max() < 0.5 / average:
-        return _decoded(path), len(times) or None, average
-    rate = 1 / np.quantile(steps, 0.25)  # rounded up where it is slow, so that no frame is left out
+    usual = np.median(steps)
+    time, last = stored[-1]  # in the order of decoding, to which durations belong
+    last = last if time == times[-1] else 0
+    if np.abs(steps - usual).max() < 0.5 * usual and last < 1.5 * usual:
+        return _decoded(path), [1] * len(times), float(1 / steps.mean())
+    rate = 1 / np.quantile(steps, 0.25, method="lower")  # rounded up where it is slow, so that no frame is left out
     fps = float(min(MAX_FPS, round(rate) if rate > 10 else np.ceil(rate - 0.05)))
-    shown = np.round((np.array(times) - times[0]) * fps).astype(int)
-    return _repeated(_decoded(path), shown), int(shown[-1]) + 1, fps
+    shown = np.round((np.append(times, times[-1] + max(last, 1 / fps)) - times[0]) * fps).astype(int)
+    return _decoded(path), np.diff(shown).tolist(), fps
 
 
-def _repeated(frames: Iterator[Picture], shown: np.ndarray) -> Iterator[Picture]:
-    """Yields each frame until the next one is `shown`, by their numbers (N,) at a constant rate."""
-    for frame, until in zip(frames, np.diff(shown, append=shown[-1] + 1)):
-        yield from repeat(frame, int(until))
+def at_constant_rate(frames: Iterable[Picture], shown: list[int]) -> Iterator[Picture]:
+    """Yields each frame as often as `read_frames` says, the same object; those that it does not count once."""
+    for frame, count in zip(frames, chain(shown, repeat(1))):
+        yield from repeat(frame, count)
 
 
 def _decoded(path: Path) -> Iterator[Picture]:
-    """Yields the frames of a video, upright and in sRGB; raises UserError if it is damaged or changes its size."""
+    """Yields the frames of a video, upright and in sRGB.
+
+    Raises:
+        UserError: if the file is damaged, or its frames change their size.
+    """
     import av
 
     try:
         with av.open(str(path)) as container:
-            stream, graph, size = container.streams.video[0], None, (0, 0)
+            stream = container.streams.video[0]
             decoder = stream.codec_context
             if stream.metadata.get("alpha_mode") == "1":  # which FFmpeg's own decoders of VP8 and VP9 leave out
                 decoder = av.VideoCodecContext.create("libvpx-vp9" if decoder.name == "vp9" else "libvpx", "r")
-            decoded = (frame for packet in container.demux(stream) for frame in decoder.decode(packet))
-            for number, frame in enumerate(decoded, 1):
-                if graph is None:
-                    graph, size, notes = _conversion(stream, frame), (frame.width, frame.height), []
-                    if kind := HDR.get(frame.color_trc):
-                        coded = f"it is coded for displays of high dynamic range ({kind})"
-                        notes = [f"{path}: {coded}; what is brighter than white is cut"]
-                elif size != (frame.width, frame.height):
-                    raise UserError(
-                        f"{path}: frame {number} is {frame.width} x {frame.height} pixels, and those before are "
-                        f"{size[0]} x {size[1]}: a clip has one size"
-                    )
-                graph.vpush(frame)
-                pixels = np.ascontiguousarray(_upright(_shown(graph.vpull().to_ndarray(), frame), frame))
+            frames = (frame for packet in container.demux(stream) for frame in decoder.decode(packet))
+            first, notes = next(frames, None), []
+            if first is None:
+                return
+            if kind := HDR.get(first.color_trc):
+                coded = f"it is coded for displays of high dynamic range ({kind})"
+                notes = [f"{path}: {coded}; what is brighter than white is cut"]
+            for frame in _filtered(_conversion(stream, first), chain([first], frames), path):
+                pixels = np.ascontiguousarray(_upright(_shown(frame.to_ndarray(), first), first))
                 given = pixels if pixels.shape[2] == 3 else Image.fromarray(pixels)
                 picture = Picture.of(given, f"a frame of {path}", path.stem)
                 yield replace(picture, notes=[*picture.notes, *notes])
     except av.FFmpegError as error:
         raise UserError(f"{path} is damaged or cut short ({error})") from None
+
+
+def _filtered(graph: "Graph", frames: Iterator["VideoFrame"], path: Path) -> Iterator["VideoFrame"]:
+    """Yields what filters make of the frames of a video; raises UserError if these change their size."""
+    first = None
+    for number, frame in enumerate(frames, 1):
+        first = first or (frame.width, frame.height)
+        if first != (frame.width, frame.height):
+            raise UserError(
+                f"{path}: frame {number} is {frame.width} x {frame.height} pixels, and those before are "
+                f"{first[0]} x {first[1]}: a clip has one size"
+            )
+        graph.vpush(frame)
+        yield from _ready(graph)
+    graph.vpush(None)
+    yield from _ready(graph)
+
+
+def _ready(graph: "Graph") -> Iterator["VideoFrame"]:
+    # What removes the lines of interlaced frames looks at the next one first.
+    with suppress(BlockingIOError, EOFError):
+        while True:
+            yield graph.vpull()
 
 
 def _conversion(stream: "VideoStream", frame: "VideoFrame") -> "Graph":
@@ -240,7 +270,9 @@ def _conversion(stream: "VideoStream", frame: "VideoFrame") -> "Graph":
     planar, packed = ("gbrap", "rgba") if has_alpha else ("gbrp", "rgb24")  # planar first is twice as fast
     if _needs_conversion(frame):
         planar, packed = f"{planar}16le", "rgba64le" if has_alpha else "rgb48le"
-    nodes = [graph.add_buffer(template=stream), scale, graph.add("format", planar), graph.add("format", packed)]
+    whole = [graph.add("bwdif", "deint=interlaced:mode=send_frame")] if frame.interlaced_frame else []
+    source = graph.add_buffer(template=stream)
+    nodes = [source, *whole, scale, graph.add("format", planar), graph.add("format", packed)]
     graph.link_nodes(*nodes, graph.add("buffersink")).configure()
     return graph
 

@@ -10,7 +10,7 @@ from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.srgb import decode, encode
-from relight.photos.video import read_frames, write_video
+from relight.photos.video import at_constant_rate, read_frames, write_video
 
 PATCHES = np.array([[200, 60, 40], [40, 160, 60], [50, 80, 200], [128, 128, 128]])
 LUMA = {"601": (0.299, 0.114), "709": (0.2126, 0.0722), "2020": (0.2627, 0.0593)}  # of red and blue
@@ -33,10 +33,13 @@ def pq(values: np.ndarray) -> np.ndarray:
     return ((0.8359375 + 18.8515625 * y) / (1 + 18.6875 * y)) ** 78.84375
 
 
-def write(path, codes, matrix="709", bits=8, tags=None, codec="libx264", full=False, aspect=None, times=range(3)):
+def write(
+    path, codes, matrix="709", bits=8, tags=None, codec="libx264", full=False, aspect=None, times=range(3), last=1
+):
     """Writes a picture (H,W,3) of codes in [0,1] as a clip, by the matrices of ITU-R BT.601, 709 and 2020.
 
     tags: matrix, primaries and transfer by the numbers of ITU-T H.273; None writes none.
+    times: of the frames, in thirtieths of a second; an edit list cuts off those below 0. last: the last one's length.
     """
     red, blue = LUMA[matrix]
     luma = codes @ [red, 1 - red - blue, blue]
@@ -47,6 +50,7 @@ def write(path, codes, matrix="709", bits=8, tags=None, codec="libx264", full=Fa
     form = "yuv420p" if bits == 8 else f"yuv420p{bits}le"
     with av.open(str(path), "w") as file:
         options = {"crf": "1", "x265-params": "log-level=none"} if codec != "libvpx-vp9" else {"lossless": "1"}
+        options |= {"bf": "0"} if last > 1 else {}  # then the last one in the file is the last one shown
         stream = file.add_stream(codec, rate=30, options=options)
         stream.height, stream.width = codes.shape[:2]
         stream.pix_fmt, context = form, stream.codec_context
@@ -62,7 +66,9 @@ def write(path, codes, matrix="709", bits=8, tags=None, codec="libx264", full=Fa
             if tags:
                 frame.colorspace = tags[0]
             file.mux(stream.encode(frame))
-        file.mux(stream.encode())
+        *packets, final = stream.encode()
+        final.duration = round(last / 30 / final.time_base)
+        file.mux([*packets, final])
 
 
 def picture(width: int, height: int) -> np.ndarray:
@@ -130,17 +136,41 @@ def test_pixels_are_square(tmp_path):
 @pytest.mark.parametrize(
     "times",
     [[*range(30), *range(30, 90, 3), *range(90, 120)], [0, 1, 2, 150, 151], [0, 90, 180, 480, 570],
-     [0, 21, 42, 63, 153, 174]],
+     [0, 21, 42, 63, 153, 174], [0, 3, 18], range(30), [-45, -30, *range(0, 30, 3), *range(30, 45), 90]],
 )  # fmt: skip
-@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
-def test_each_frame_is_seen_at_its_time(tmp_path, times, suffix):
-    write(tmp_path / f"a{suffix}", WIDE, times=times)
-    frames, count, fps = read_frames(tmp_path / f"a{suffix}")
-    read = list(frames)
+@pytest.mark.parametrize(("suffix", "last"), [(".mp4", 1), (".mp4", 90), (".mkv", 1)])
+def test_each_frame_is_seen_at_its_time(tmp_path, times, suffix, last):
+    times = [time for time in times if time >= 0 or suffix != ".mkv"]  # which has no edit lists
+    write(tmp_path / f"a{suffix}", WIDE, times=times, last=last)
+    frames, counts, fps = read_frames(tmp_path / f"a{suffix}")
+    read, count = list(at_constant_rate(frames, counts)), sum(counts)
     assert len(read) == count
     begins = [i / fps for i, frame in enumerate(read) if i == 0 or frame is not read[i - 1]]
-    np.testing.assert_allclose(begins, np.array(times) / 30, atol=0.5 / fps + 1e-3)
-    assert count / fps == pytest.approx(times[-1] / 30 + 1 / fps, abs=0.5 / fps)
+    shown = np.array([time for time in times if time >= 0]) / 30
+    np.testing.assert_allclose(begins, shown, atol=0.5 / fps + 1e-3)
+    assert count / fps == pytest.approx(shown[-1] + max(last / 30, 1 / fps), abs=0.5 / fps)
+
+
+def test_interlaced_frames_are_made_whole(tmp_path):
+    """A bar moves by two pixels from field to field; only frames one after the other show it in both."""
+    fields = np.zeros((20, 96, 128, 3))
+    for i, field in enumerate(fields):
+        field[:, 2 * i + 40 : 2 * i + 72] = 0.8
+    with av.open(str(tmp_path / "a.mp4"), "w") as file:
+        stream = file.add_stream("libx264", rate=25, options={"crf": "1", "x264-params": "tff=1"})
+        stream.height, stream.width = 96, 128
+        for i, (even, odd) in enumerate(zip(fields[::2], fields[1::2])):
+            woven = np.where(np.arange(96)[:, None, None] % 2, odd, even)
+            frame = av.VideoFrame.from_ndarray(np.rint(255 * woven).astype(np.uint8), "rgb24")
+            frame = frame.reformat(format="yuv420p", interpolation="BICUBIC")
+            frame.pts = i
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode())
+    frames, counts, _ = read_frames(tmp_path / "a.mp4")
+    read = [frame.codes[..., 1].astype(int) for frame in frames]
+    assert len(read) == sum(counts) == 10
+    for codes in read[1:-1]:
+        assert np.abs(np.diff(codes[8:-8], axis=0)).max() < 40  # 204 where lines are woven
 
 
 def test_a_clip_that_changes_its_size_is_refused(tmp_path):
