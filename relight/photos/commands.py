@@ -43,7 +43,7 @@ All about it: docs/photos.md."""
 PHOTO_EXAMPLES = """relight photo me.jpg
   relight photo me.jpg --light "key:#b8ccff@-70,30,0.1" --out cold
   relight photo me.jpg --background street.jpg
-  relight photo me.jpg -l room:12 --background panorama --blur 3
+  relight photo me.jpg -l room:36 --background panorama --blur 3
   relight photo holiday/ --light sky:3 --jobs 2"""
 MOVIE_EXAMPLES = """relight movie me.jpg --out turn.mp4
   relight movie clip.mp4 --light room:12 --out relit.webm"""
@@ -230,9 +230,10 @@ def photo(
 def movie(
     path: Annotated[Path, typer.Argument(help="A photo, a video, or a folder of frames.", metavar="PHOTO|CLIP")],
     words: Words,
-    out: Annotated[Path, typer.Option("--out", "-o", help="The movie: .mp4, .webm or .gif.", metavar="FILE")] = Path(
-        "relit.mp4"
-    ),
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="The movie: .mp4, .webm or .gif; by default CLIP_relit.mp4.", metavar="FILE"),
+    ] = None,
     mask: Path | None = None,
     seconds: float | None = None,
     fps: float | None = None,
@@ -244,6 +245,7 @@ def movie(
     from relight.core.errors import UserError
     from relight.photos.video import writable_video
 
+    out = out or Path(f"{path.stem}_relit.mp4")
     writable_video(out)
     if not path.exists():
         raise UserError(f"movie: there is no file or folder {path}")

@@ -56,7 +56,8 @@ def open_picture(path: Path, what: str) -> Image.Image:
     except Image.DecompressionBombError:
         raise UserError(f"{what} is too large: {TOO_LARGE}") from None
     except Exception:
-        raise UserError(f"{what} cannot be read as a picture: give {', '.join(PHOTO_SUFFIXES)} or .exr") from None
+        kinds = f"{', '.join(PHOTO_SUFFIXES)} or .exr; clips are for relight movie"
+        raise UserError(f"{what} cannot be read as a picture: give {kinds}") from None
     (width, height), stored = image.size, path.stat().st_size
     reason = ""
     if width * height > MAX_PIXELS:

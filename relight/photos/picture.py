@@ -173,5 +173,7 @@ def _of_array(pixels: np.ndarray, what: str) -> Picture:
         raise UserError(f"{what} is {pixels.dtype} {pixels.shape}: give {kinds}")
     if pixels.dtype.kind != "f":
         return Picture(pixels, what=what)
+    if pixels.size and pixels.max() > 1 and (pixels == np.floor(pixels)).all():
+        raise UserError(f"{what} is {pixels.dtype}, but holds whole numbers up to {pixels.max():g}: give uint8")
     pixels, notes = of_linear(pixels, what)
     return Picture(pixels, notes=[f"{what} holds floats, which are taken as linear", *notes], suffix=".exr", what=what)

@@ -163,7 +163,7 @@ class Scene:
         level, y, z, x = luminance(look.light.at_order(1).coefficients)
         heading = np.degrees(np.arctan2(x, z))
         turned = abs((heading + look.turn + 180) % 360 - 180)
-        notes = [f"most of this light comes from behind: a turn of {-heading:.0f} brings it to the front"]
+        notes = [f"most of this light comes from behind: faces suffer; a turn of {-heading:.0f} brings it to the front"]
         if turned < BEHIND or np.hypot(x, z) < DIRECTED * level:
             notes = []
         if -y > DIRECTED * level:

@@ -149,7 +149,7 @@ def test_batches_take_one_mask_or_one_each(nodes, portrait):
 def test_a_light_from_behind_is_told(nodes, portrait, caplog):
     image, mask = portrait
     nodes["RelightRelight"]().run(image, *nodes["RelightNamedLight"]().run("key:#fff@-150,10"), *PLAIN, mask)
-    assert "comes from behind: a turn of 150 brings it to the front" in caplog.text
+    assert "comes from behind: faces suffer; a turn of 150 brings it to the front" in caplog.text
 
 
 @pytest.mark.parametrize("kind", ["empty", "opaque"])

@@ -40,6 +40,7 @@ def test_what_is_wrong_is_said(relighter, photo_files):
         (pixels, mask[1:], "the mask is 140x179 pixels, but the photo is 140x180: they must be equal"),
         (pixels, np.zeros_like(mask), "the mask is empty"),
         (pixels.astype(int), mask, "the image is int64"),
+        (pixels.astype(float), mask, "the image is float64, but holds whole numbers up to"),
         (pixels[0, 0], mask, r"the image is uint8 \(3,\)"),
         (pixels[:7], mask[:7], "8 a side are the least"),
         (pixels, np.full_like(mask, 255), "covers the whole photo"),
@@ -186,7 +187,7 @@ def test_degrees_apart():
 def test_a_light_from_behind_is_told_with_the_turn_that_mends_it(relighter, photo_files):
     scene = relighter.scene(photo_files[0])
     (note,) = scene.notes_on(Look("key:#ffffff@-150,10"))
-    assert note == "most of this light comes from behind: a turn of 150 brings it to the front"
+    assert note == "most of this light comes from behind: faces suffer; a turn of 150 brings it to the front"
     (note,) = scene.notes_on(Look("key:#ffffff@0,-70,0.1"))
     assert note.startswith("most of this light comes from below")
     for light, turn in (("key:#ffffff@-150,10", 150.0), ("key:#ffffff@80,10", 0.0), ("even", 180.0)):

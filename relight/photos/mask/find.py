@@ -22,7 +22,7 @@ AUTOMATIC = (
     "the mask is automatic: at times it misses hands and hats, takes in what is behind, or takes a thing for a person; "
     "`relight mask draw` writes it for correction"
 )
-BY_HAND = "draw a mask, white on the person (me_mask.png beside me.jpg), or give a PNG that is transparent elsewhere"
+BY_HAND = "draw a mask, white on the person ({}_mask.png beside it), or give a PNG that is transparent elsewhere"
 NO_OUTLINE = "its alpha channel is no outline of people, and was not taken for their mask"
 
 
@@ -139,11 +139,12 @@ def automatic_mask(picture: Picture, model: Path | str | None = None) -> np.ndar
     """
     if automatic_model(model) is None:
         raise NoMaskNetwork(
-            f"{picture.what} has no mask: for automatic masks run `relight mask setup` once; or {BY_HAND}"
+            f"{picture.what} has no mask: for automatic masks run `relight mask setup` once; or "
+            + BY_HAND.format(picture.name)
         )
     mask = selfie.segment(picture.codes) if model is None else u2net.segment(picture.codes, model)
     if not (mask >= MASK_THRESHOLD).any() or (mask >= MASK_THRESHOLD).all():
-        raise NobodyFound(f"the automatic mask found nobody in {picture.what}: {BY_HAND}")
+        raise NobodyFound(f"the automatic mask found nobody in {picture.what}: {BY_HAND.format(picture.name)}")
     return fit_edge(picture.pixels, mask, automatic=True)
 
 
