@@ -65,9 +65,9 @@ def photo() -> None:
         placed = np.zeros(pixels.shape)
         placed[person.crop.window] = person.crop.place(fill_outside(values, person.mask))
         shown.append(np.uint8(srgb.to_bytes(srgb.encode(placed)) * coverage + grey * (1 - coverage)))
-    background = read_background(f"#{3 * f'{grey:02x}'}")
-    for text in ("key:#ffd9a0@70,20,0.15", "key:#a8c8ff@-70,20,0.15", "room:12"):
-        shown.append(relighter.relight(pixels, mask, text, background=background)[..., :3])
+    plain, room = read_background(f"#{3 * f'{grey:02x}'}"), read_background("panorama", blur=3)
+    for text, behind in (("key:#ffd9a0@70,20,0.15", plain), ("key:#a8c8ff@-70,20,0.15", plain), ("room:36", room)):
+        shown.append(relighter.relight(pixels, mask, text, background=behind)[..., :3])
     save("photo", np.concatenate(shown, axis=1), scale=0.5, quality=90)
 
 
