@@ -143,6 +143,8 @@ def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Pictur
         pixels, alpha = read_16_bits(file, what, stored.tell())
     elif is_deep_grey:
         grey = np.asarray(image, np.uint16)
+        if "transparency" in image.info:
+            alpha = np.where(grey == image.info["transparency"], 0, 65535).astype(np.uint16)
         is_negative = isinstance(image, TiffImagePlugin.TiffImageFile) and image.tag_v2.get(262) == 0  # white is zero
         pixels = np.repeat((65535 - grey if is_negative else grey)[..., None], 3, axis=2)
     else:

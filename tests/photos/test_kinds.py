@@ -499,6 +499,16 @@ def test_read_photo_of_16_bits_divides_by_the_alpha_that_multiplies(tmp_path):
         np.testing.assert_array_equal(photo.alpha, alpha[..., 0])
 
 
+@pytest.mark.parametrize("values", [RGB[..., 0], RGB, DEEP[..., 0], DEEP], ids="grey rgb deep-grey deep-rgb".split())
+def test_a_png_may_have_one_color_that_is_transparent(tmp_path, values):
+    color = values[20, 10]
+    name = np.atleast_1d(color).astype(">u2").tobytes()
+    photo = Picture.of(png_of(tmp_path / "a.png", [(b"tRNS", name)], values))
+    clear = (values == color).reshape(40, 30, -1).all(-1)
+    np.testing.assert_array_equal(photo.alpha, np.where(clear, 0, np.iinfo(values.dtype).max))
+    assert photo.pixels.dtype == values.dtype
+
+
 @pytest.mark.parametrize("suffix", [".png", ".tif"])
 @pytest.mark.parametrize("values", [DEEP, rgba(DEEP)], ids=["rgb", "rgba"])
 def test_write_picture_of_16_bits_is_read_back(tmp_path, suffix, values):
