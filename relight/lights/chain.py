@@ -2,10 +2,11 @@
 
 import logging
 import os
+import re
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -39,31 +40,37 @@ def build_light_set(panoramas: Panoramas, lights: Lights, order: int) -> tuple[L
 
     Returns:
         The light set, and the record of `select_lights` with two more entries: `unreadable` has the error of each file
-        that could not be read, `repaired` the repairs of each file that was repaired.
+        that could not be read, `repaired` the repairs of each file that was repaired. A file that is a copy of another
+        in another size or format, by its name, is left out, so that no panorama trains and tests.
 
     Raises:
         UserError: if the settings name no panorama, if none can be read, or if no light can be selected.
     """
-    sources, coefficients, unreadable, repaired = project_panoramas(panoramas, order)
+    found, coefficients, unreadable, repaired = project_panoramas(panoramas, order)
+    kept = largest_copies(found)
+    sources, coefficients = [found[i] for i in kept], coefficients[kept]
     selected, record = select_lights(coefficients, sources, lights)
     if panoramas.source == "folder":
+        copies = sorted({*found} - {*sources})
         unlit = [f"{source}: {reason}" for source, reason in record["unlit"].items()]
         below = [source for source, is_below in zip(sources, is_lit_from_below(measure(coefficients))) if is_below]
-        for found, what in (
-            (unlit, "gave no light (lights.rules=strong has wider limits)"),
-            (below, "are brighter from below (are their rows upside down?)"),
+        for names, total, what in (
+            (copies, len(found), "are copies of others in another size or format, and were left out"),
+            (unlit, len(sources), "gave no light (lights.rules=strong has wider limits)"),
+            (below, len(sources), "are brighter from below (are their rows upside down?)"),
         ):
-            if found:
-                named = "; ".join(found[:MAX_NAMED])
-                more = f"; and {len(found) - MAX_NAMED} more" if len(found) > MAX_NAMED else ""
-                warning = f"{len(found)} of {len(sources)} panoramas {what}: {named}{more}"
+            if names:
+                named = "; ".join(names[:MAX_NAMED])
+                more = f"; and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
+                warning = f"{len(names)} of {total} panoramas {what}: {named}{more}"
                 record["warnings"].append(warning)
                 log.warning(warning)
+    reasons = {"unreadable": len(unreadable), "copies": len(found) - len(sources)}
     read = {
         "step": "read",
-        "in": len(sources) + len(unreadable),
+        "in": len(found) + len(unreadable),
         "out": len(sources),
-        "why": {"unreadable": len(unreadable)} if unreadable else {},
+        "why": {reason: count for reason, count in reasons.items() if count},
     }
     record["steps"].insert(0, read)
     record |= {"unreadable": unreadable, "repaired": repaired}
@@ -109,6 +116,25 @@ def project_panoramas(panoramas: Panoramas, order: int) -> tuple[list[str], np.n
         first = next(iter(unreadable.values()))
         raise UserError(f"{panoramas.folder}: none of its {len(unreadable)} panoramas can be read; the first: {first}")
     return list(projected), np.stack(list(projected.values())), unreadable, repaired
+
+
+def largest_copies(sources: list[str]) -> list[int]:
+    """Returns the indices of panoramas, of those whose names differ in size or format only the largest.
+
+    A name without a size counts as the largest.
+
+    >>> largest_copies(["hall_1k.hdr", "hall_2k.exr", "hall_2k.hdr", "hall2_1k.hdr", "room:1"])
+    [1, 3, 4]
+    """
+    best: dict[PurePosixPath, tuple[float, int]] = {}
+    for i, source in enumerate(sources):
+        path = PurePosixPath(source)
+        match = re.fullmatch(r"(.+)_(\d\d?)k", path.stem, re.IGNORECASE)  # more digits are those of a color temperature
+        name, size = (match[1], float(match[2])) if match else (path.stem, np.inf)
+        key = path.with_name(name)
+        if key not in best or size > best[key][0]:
+            best[key] = size, i
+    return sorted(i for _, i in best.values())
 
 
 def generated_light(source: str, order: int, flip: bool = False) -> np.ndarray:

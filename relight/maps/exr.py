@@ -182,16 +182,20 @@ def _read(path: Path | str, header_only: bool = False) -> tuple[dict[str, Any], 
         raise UserError(f"{path} is not a readable OpenEXR file ({error})") from None
     try:
         info = json.loads(header["relight"])
-        low, high = header["dataWindow"]
-        side = 1 if "left_out" in info else info["size"]  # `write_left_out` writes one pixel
-        is_valid = "left_out" in info or (type(info["order"]) is int and 0 <= info["order"] <= MAX_ORDER)
-        width, height = high - low + 1
-        if not (is_valid and height == side and 1 <= min(width, height) and max(width, height) <= MAX_SIZE):
+        side, order = (1, 0) if "left_out" in info else (info["size"], info["order"])  # one pixel is written for these
+        if not (type(side) is type(order) is int and 1 <= side <= MAX_SIZE and 0 <= order <= MAX_ORDER):
             raise ValueError
     except (KeyError, ValueError, TypeError, RecursionError):
         if "relight" not in header and str(header.get("software")).startswith("relight "):
             raise UserError(f"{path} was inferred from a photo: give `relight view` the photo itself") from None
         raise UserError(f"{path} is not a file of maps of relight: its header lacks a valid 'relight' record") from None
+    (low, high), (start, end) = header["dataWindow"], header["displayWindow"]
+    (left, top), (width, height), (across, down) = low - start, high - low + 1, end - start + 1
+    if (left, top, width, height, across, down) != (0, 0, side, side, side, side):
+        raise UserError(
+            f"{path} was cropped, moved or scaled by another program: its pixels are {width} x {height} at "
+            f"({left}, {top}) of a picture of {across} x {down}, but its maps fill {side} x {side}"
+        )
     if header_only:
         return info, {}
     try:

@@ -41,7 +41,8 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     A table `scans.csv` in the folder (column path, optionally use, name, subject) says which files are figures; without
     it all mesh files in the folder and its subfolders are, except hidden ones. A scan has the name of its file, with
     the folders before it or a hash of its path where names would be the same. Where the table names no subject, it is
-    the person of a RenderPeople name (rp_<person>_...), else the subfolder of `folder`, else the scan's own name.
+    the person of a RenderPeople name (rp_<person>_...), else the subfolder of `folder`, or of BUFF's `sequences` in it,
+    else the scan's own name.
 
     Args:
         folder: of the scans.
@@ -125,6 +126,8 @@ def _subject(relative: Path, name: str) -> str:
     for part in (*reversed(parts), name):
         if person := re.match(r"rp_([a-z]+)", part, re.IGNORECASE):
             return person[1].lower()
+    if parts[0].lower() == "sequences" and len(parts) > 2:  # where BUFF has the folders of its people
+        parts = parts[1:]
     return safe_name(parts[0]) if len(parts) > 1 else name
 
 

@@ -166,10 +166,18 @@ def as_codes(pixels: np.ndarray) -> np.ndarray:
     return to_srgb8(pixels) if pixels.dtype.kind == "f" else np.round(pixels / np.float32(257)).astype(np.uint8)
 
 
+def convert_alpha(alpha: np.ndarray, type: np.dtype | type) -> np.ndarray:
+    """Returns alpha of any shape, uint8, uint16 or float32, as another of these types: 255 is 65535 or 1.0."""
+    if alpha.dtype == type:
+        return alpha
+    opaque = {1: 255, 2: 65535, 4: 1}  # by bytes
+    values = alpha / np.float32(opaque[alpha.itemsize]) * np.float32(opaque[np.dtype(type).itemsize])
+    return (values if np.dtype(type).kind == "f" else np.round(values)).astype(type)
+
+
 def with_alpha(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Returns pixels (H,W,3) with alpha (H,W) uint8 as a fourth channel, of their type."""
-    factor = {1: 1, 2: 257, 4: 1 / 255}[pixels.itemsize]  # by bytes a channel: 255 becomes 255, 65535 or 1.0
-    return np.dstack([pixels, alpha * np.array(factor, pixels.dtype)])
+    """Returns pixels (H,W,3) with alpha (H,W) of any type as a fourth channel, of their type."""
+    return np.dstack([pixels, convert_alpha(alpha, pixels.dtype)])
 
 
 def on_white(pixels: np.ndarray) -> np.ndarray:
@@ -177,5 +185,5 @@ def on_white(pixels: np.ndarray) -> np.ndarray:
     codes = as_codes(pixels[..., :3])
     if pixels.shape[2] == 3:
         return codes
-    share = pixels[..., 3:] / np.float32({1: 255, 2: 65535, 4: 1}[pixels.itemsize])
+    share = convert_alpha(pixels[..., 3:], np.float32)
     return np.round(255 + share * (codes - np.float32(255))).astype(np.uint8)

@@ -60,7 +60,7 @@ def read_linear(path: Path, what: str) -> tuple[np.ndarray, np.ndarray | None, l
         what: its name in errors.
 
     Returns:
-        Pixels (H,W,3) float32, linear Rec. 709; alpha (H,W) uint8, or None; notes.
+        Pixels (H,W,3) float32, linear Rec. 709; alpha (H,W) float32 in [0,1], or None; notes.
 
     Raises:
         UserError: if it is damaged, or has pixels that are not finite.
@@ -68,9 +68,8 @@ def read_linear(path: Path, what: str) -> tuple[np.ndarray, np.ndarray | None, l
     picture = read_exr(path)
     pixels, alpha = picture.pixels, None
     if picture.alpha is not None:
-        share = np.nan_to_num(picture.alpha).clip(0, 1)
-        pixels = pixels / np.where(share > 0, share, 1)[..., None]  # OpenEXR's colors are multiplied by alpha
-        alpha = np.round(share * 255).astype(np.uint8)
+        alpha = np.nan_to_num(picture.alpha).clip(0, 1)
+        pixels = pixels / np.where(alpha > 0, alpha, 1)[..., None]  # OpenEXR's colors are multiplied by alpha
     pixels, notes = of_linear(pixels, what)
     return pixels, alpha, picture.repairs + notes
 

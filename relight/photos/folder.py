@@ -356,6 +356,7 @@ def _plain(value: Any) -> Any:
 
 def _recorded(out: Path) -> str | None:
     try:
-        return json.loads((out / RECORD).read_text()).get("fingerprint")
-    except (OSError, ValueError, AttributeError):
+        record = json.loads((out / RECORD).read_text())
+        return record["fingerprint"] if (out / record["picture"]).is_file() else None
+    except (OSError, ValueError, KeyError, TypeError):
         return None

@@ -33,7 +33,7 @@ class Picture:
 
     Attributes:
         pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709, as OpenEXR has it.
-        alpha: (H,W) uint8, or None if there is no alpha channel that varies.
+        alpha: (H,W) uint8, uint16, or float32 in [0,1], as the file has it; None if there is none that varies.
         name: of the file, without its suffix.
         notes: what was chosen where a file can mean two things, one sentence each.
         coverage: (H,W) uint8 of its people, once they are found (relight.photos.mask.find).
@@ -141,9 +141,10 @@ def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Pictur
     stored, alpha = image, None
     if bits == 16 and file is not None and not is_deep_grey:
         pixels, alpha = read_16_bits(file, what, stored.tell())
-        alpha = None if alpha is None else np.round(alpha / np.float32(257)).astype(np.uint8)
     elif is_deep_grey:
         grey = np.asarray(image, np.uint16)
+        if "transparency" in image.info:
+            alpha = np.where(grey == image.info["transparency"], 0, 65535).astype(np.uint16)
         is_negative = isinstance(image, TiffImagePlugin.TiffImageFile) and image.tag_v2.get(262) == 0  # white is zero
         pixels = np.repeat((65535 - grey if is_negative else grey)[..., None], 3, axis=2)
     else:

@@ -12,7 +12,7 @@ from scipy.ndimage import maximum_filter, uniform_filter1d
 from relight.core.srgb import to_linear
 from relight.maps.square import Window, extent, tiles
 from relight.photos.background import Background
-from relight.photos.color import CLIPPING, apply_gain, clipping_excess, roll_off, to_codes, with_alpha
+from relight.photos.color import CLIPPING, apply_gain, clipping_excess, convert_alpha, roll_off, to_codes, with_alpha
 from relight.photos.ground import ground_under
 from relight.photos.guide import FittedMap, luma
 from relight.photos.person import Person
@@ -82,7 +82,7 @@ def render(
         background: the photo's own by default.
         turn: of a panorama behind, radians.
         stops: exposure of the people and of the background, as powers of two.
-        alpha: (H,W) uint8 of a photo that is transparent in places; its colors are not multiplied by it.
+        alpha: (H,W), as `Picture.alpha`, of a photo that is transparent in places; its colors are not multiplied by it.
 
     Returns:
         (H,W,3) of the same type, or (H,W,4) for a transparent background, or the photo's own with `alpha`. Values of a
@@ -151,13 +151,14 @@ def _split_layers(
 ) -> _Layers:
     """Separates a window into people, who may be made `opaque`, and background. The cut does not show.
 
-    Colors are those of what is `visible`, (H,W) uint8: a person who covers all of it has them alone.
+    Colors are those of what is `visible`, (H,W) alpha: a person who covers all of it has them alone.
     """
     wide = tuple(slice(max(part.start - REACH, 0), part.stop + REACH) for part in window)
     inside = tuple(slice(part.start - all.start, part.stop - all.start) for part, all in zip(window, wide))
     share = alpha = coverage[wide] / np.float32(255)
     if visible is not None:
-        share = alpha / np.maximum(np.maximum(visible[wide] / np.float32(255), alpha), 1e-9)
+        shown = convert_alpha(visible[wide], np.uint8) / np.float32(255)  # of the bits that coverage has
+        share = alpha / np.maximum(np.maximum(shown, alpha), 1e-9)
     if ((share[inside] > 0) & (share[inside] < 1)).any():
         linear = _planes(pixels[wide])
         foreground, linear = estimate_foreground(linear, share)[inside], linear[inside]

@@ -258,6 +258,24 @@ def test_broken_files_of_a_folder_are_skipped_and_recorded(tmp_path):
         build_light_set(replace(folder, folder=str(tmp_path / "nowhere")), SETTINGS, 2)
 
 
+def test_of_copies_of_a_panorama_the_largest_is_used(tmp_path):
+    """Copies are in one folder, and their names differ in size or format only; one that cannot be read is none."""
+    rng = np.random.default_rng(0)
+    (tmp_path / "b").mkdir()
+    names = "park_1k.pfm park_2K.pfm park2_1k.pfm b/park_4k.pfm lamp_3200k.pfm lamp_5600k.pfm hall_8k.pfm hall.pfm"
+    for name in names.split():
+        write_pfm(tmp_path / name, 0.5 + rng.random((16, 32, 3)))
+    (tmp_path / "park_2k.hdr").write_bytes((tmp_path / "park_2K.pfm").read_bytes())
+    (tmp_path / "park_16k.hdr").write_bytes(b"<html>")
+    folder = replace(GENERATED, source="folder", folder=str(tmp_path))
+    lights, record = build_light_set(folder, replace(SETTINGS, clusters=50, test=10), 2)
+    used = {"park_2K.pfm", "park2_1k.pfm", "b/park_4k.pfm", "lamp_3200k.pfm", "lamp_5600k.pfm", "hall.pfm"}
+    assert set(lights.source.tolist()) == used
+    assert record["steps"][0] == {"step": "read", "in": 10, "out": 6, "why": {"unreadable": 1, "copies": 3}}
+    told = "3 of 9 panoramas are copies of others in another size or format, and were left out: "
+    assert f"{told}hall_8k.pfm; park_1k.pfm; park_2k.hdr" in record["warnings"]
+
+
 def test_what_a_folder_does_not_give_is_said(tmp_path):
     """A map that the rules cut at every heading, one that is upside down, and few maps behind many lights."""
     rng = np.random.default_rng(0)

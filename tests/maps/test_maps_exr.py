@@ -80,3 +80,33 @@ def test_foreign_and_broken_files_are_refused(tmp_path):
     for name, words in says.items():
         with pytest.raises(UserError, match=words):
             read_maps(tmp_path / f"{name}.exr")
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "place", "says"),
+    [
+        (slice(40), slice(12, 31), (12, 0), r"19 x 40 at \(12, 0\) of a picture of 40 x 40"),
+        (slice(5, 30), slice(40), (0, 5), r"40 x 25 at \(0, 5\) of"),
+        (slice(5, 30), slice(12, 31), (0, 0), r"19 x 25 at \(0, 0\) of"),
+        (slice(40), slice(40), (5, 0), r"40 x 40 at \(5, 0\) of a picture of 40 x 40, but its maps fill 40 x 40"),
+        (slice(40), slice(40), (0, 0), None),
+    ],
+)
+def test_maps_that_another_program_cropped_or_moved_are_refused(tmp_path, rows, columns, place, says):
+    write_maps(tmp_path / "a.exr", random_maps(size=40))
+    file = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True)
+    layers = {name: np.ascontiguousarray(layer.pixels[rows, columns]) for name, layer in file.channels().items()}
+    height, width = layers["mask.A"].shape
+    last = np.add(place, (width - 1, height - 1))
+    header = {"relight": file.header()["relight"], "displayWindow": window((0, 0), (39, 39))}
+    OpenEXR.File(header | {"dataWindow": window(place, last)}, layers).write(str(tmp_path / "b.exr"))
+    if says is None:
+        np.testing.assert_array_equal(read_maps(tmp_path / "b.exr").albedo, read_maps(tmp_path / "a.exr").albedo)
+        return
+    for read in (read_info, read_maps):
+        with pytest.raises(UserError, match=says):
+            read(tmp_path / "b.exr")
+
+
+def window(first, last):
+    return np.array(first, np.int32), np.array(last, np.int32)

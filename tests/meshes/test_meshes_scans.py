@@ -34,7 +34,7 @@ def test_a_flat_folder(tmp_path):
     assert listed(tmp_path) == {"a": ("a.OBJ", "a"), "b": ("b.ply", "b"), "c_d": ("c d.glb", "c_d")}
 
 
-def test_the_layouts_of_renderpeople_thuman_and_own_folders(tmp_path):
+def test_the_layouts_of_renderpeople_thuman_buff_and_own_folders(tmp_path):
     for name in ("013_OBJ/rp_aaron_posed_013_30k.obj", "013_OBJ/rp_aaron_posed_013_100k.obj",
                  "013_OBJ/tex/rp_aaron_posed_013_dif_8k.jpg", "014_OBJ/rp_aaron_posed_014.obj"):  # fmt: skip
         touch(tmp_path, f"rp_aaron_posed_{name}")
@@ -51,6 +51,14 @@ def test_the_layouts_of_renderpeople_thuman_and_own_folders(tmp_path):
     }
     touch(tmp_path / "flat", "rp_eve_posed_001.obj", "rp_eve_posed_002.obj")
     assert [scan.subject for scan in list_scans(tmp_path / "flat").values()] == ["eve", "eve"]
+    for person in ("00005", "00096"):
+        touch(tmp_path / "buff/sequences" / person, "walk/walk.000001.ply", "walk/walk.000002.ply")
+    for folder in ("buff", "buff/sequences"):  # the folder itself, and the one above it
+        found = list_scans(tmp_path / folder).values()
+        assert sorted(scan.subject for scan in found) == ["00005", "00005", "00096", "00096"]
+        assert all(scan.subject == scan.path.parts[-3] for scan in found)
+    touch(tmp_path / "one/sequences", "walk.000001.ply", "walk.000002.ply")  # of one person, as in other subfolders
+    assert {scan.subject for scan in list_scans(tmp_path / "one").values()} == {"sequences"}
 
 
 def test_a_table_replaces_the_listing(tmp_path):

@@ -173,12 +173,13 @@ def test_a_folder_goes_on_after_failures_and_resumes(run, weights, tmp_path, dra
     with pytest.MonkeyPatch.context() as patch, pytest.raises(RuntimeError):  # killed before the end
         patch.setattr("relight.photos.folder.write_light_files", Mock(side_effect=RuntimeError))
         run("photo", folder / "p1.png", "--light", "even", "--out", out / "p1.png", "--weights", weights)
+    (out / "p2.png" / "relit.png").unlink()
     monkeypatch.setattr("relight.photos.folder.has_semaphores", lambda: False)  # then this process does it
     again = run(*words)
-    assert "1 relit, 2 already there, 0 failed" in again
+    assert "2 relit, 1 already there, 0 failed" in again
     after = {p: p.stat().st_mtime_ns for p in out.glob("*/relit.png")}
     changed = {p.parent.name for p in before if before[p] != after[p]}
-    assert changed == {"p1.png"}
+    assert changed == {"p1.png", "p2.png"}
 
 
 def test_the_folder_here_is_relit_beside_itself(photo_files, monkeypatch, tmp_path):

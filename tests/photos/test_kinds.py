@@ -14,7 +14,8 @@ from samples import encoded, png_chunks
 
 from relight.core.errors import UserError
 from relight.core.srgb import decode, encode, to_linear
-from relight.photos.color import as_codes, to_codes, with_alpha
+from relight.photos.color import as_codes, convert_alpha, to_codes, with_alpha
+from relight.photos.look import Look
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import NoMaskNetwork, masked, read_mask
 from relight.photos.picture import Picture
@@ -495,7 +496,17 @@ def test_read_photo_of_16_bits_divides_by_the_alpha_that_multiplies(tmp_path):
         tifffile.imwrite(tmp_path / "a.tif", values, photometric="rgb", extrasamples=[kind])
         photo = Picture.of(tmp_path / "a.tif")
         np.testing.assert_allclose(photo.pixels, expected.astype(float), atol=2 if kind == "assocalpha" else 0)
-        np.testing.assert_array_equal(photo.alpha, np.round(alpha[..., 0] / 257))
+        np.testing.assert_array_equal(photo.alpha, alpha[..., 0])
+
+
+@pytest.mark.parametrize("values", [RGB[..., 0], RGB, DEEP[..., 0], DEEP], ids="grey rgb deep-grey deep-rgb".split())
+def test_a_png_may_have_one_color_that_is_transparent(tmp_path, values):
+    color = values[20, 10]
+    name = np.atleast_1d(color).astype(">u2").tobytes()
+    photo = Picture.of(png_of(tmp_path / "a.png", [(b"tRNS", name)], values))
+    clear = (values == color).reshape(40, 30, -1).all(-1)
+    np.testing.assert_array_equal(photo.alpha, np.where(clear, 0, np.iinfo(values.dtype).max))
+    assert photo.pixels.dtype == values.dtype
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif"])
@@ -503,7 +514,7 @@ def test_read_photo_of_16_bits_divides_by_the_alpha_that_multiplies(tmp_path):
 def test_write_picture_of_16_bits_is_read_back(tmp_path, suffix, values):
     write_picture(tmp_path / f"a{suffix}", values)
     photo = Picture.of(tmp_path / f"a{suffix}")
-    np.testing.assert_array_equal(photo.pixels, DEEP)
+    np.testing.assert_array_equal(photo.rgba, values)
     assert photo.suffix == suffix and (photo.alpha is None) == (values.shape[2] == 3)
     if suffix == ".tif":
         np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), values)
@@ -562,7 +573,7 @@ def test_read_photo_of_openexr_divides_by_alpha_and_converts_primaries(tmp_path)
     alpha = np.zeros((40, 30), np.float32)
     alpha[:20], alpha[20:30] = 1, 0.5
     photo = Picture.of(exr(tmp_path / "a.exr", SCENE * alpha[..., None], A=alpha))
-    np.testing.assert_array_equal(photo.alpha, np.round(alpha * 255))
+    np.testing.assert_array_equal(photo.alpha, alpha)
     np.testing.assert_allclose(photo.pixels[:30], SCENE[:30], rtol=1e-6)
     p3 = {"chromaticities": (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)}
     photo = Picture.of(exr(tmp_path / "b.exr", np.ones_like(SCENE), p3))
@@ -599,7 +610,7 @@ def test_read_photo_of_openexr_with_alpha_that_is_not_a_number(tmp_path):
     alpha = np.ones((40, 30), np.float32)
     alpha[3, 4] = np.nan
     photo = Picture.of(exr(tmp_path / "a.exr", SCENE, A=alpha))
-    assert photo.alpha[3, 4] == 0 and (photo.alpha == 255).sum() == 40 * 30 - 1
+    assert photo.alpha[3, 4] == 0 and (photo.alpha == 1).sum() == 40 * 30 - 1
 
 
 @pytest.mark.parametrize(("bits", "says"), [(10, "largest code is"), (12, "of 65535, as if it held fewer"), (16, "")])
@@ -618,7 +629,7 @@ def test_write_picture_of_openexr_is_read_back(tmp_path):
     write_picture(tmp_path / "b.exr", np.concatenate([SCENE, alpha], -1))
     photo = Picture.of(tmp_path / "b.exr")
     np.testing.assert_allclose(photo.pixels, SCENE, rtol=1e-5)
-    np.testing.assert_array_equal(photo.alpha, np.round(alpha[..., 0] * 255))
+    np.testing.assert_array_equal(photo.alpha, alpha[..., 0])
 
 
 KINDS = {
@@ -653,6 +664,20 @@ def test_photo_command_writes_in_kind(tmp_path, run, weights, draw, name):
     assert outside.mean() > 0.3
     want = {np.uint16: codes.astype(np.uint16) * 257, np.float32: decode(codes / 255).astype(np.float32)}[type]
     np.testing.assert_array_equal(found.pixels[outside], want[outside])
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".exr"])
+def test_a_deep_cutout_comes_back_under_its_own_light(tmp_path, relighter, draw, suffix):
+    """With all bits of its alpha; colors that OpenEXR multiplies by it are rounded once more."""
+    codes, mask = draw()
+    values = np.dstack([decode(codes / 255), (mask / 255) ** 1.5]).astype(np.float32)
+    if suffix != ".exr":
+        values = np.round(values * 65535).astype(np.uint16)
+    write_picture(tmp_path / f"a{suffix}", values)
+    scene = relighter.scene(tmp_path / f"a{suffix}")
+    relit, seen = scene.relit(Look(scene.people[0].light)), mask > 0
+    np.testing.assert_array_equal(relit[..., 3], values[..., 3])
+    np.testing.assert_allclose(relit[seen], values[seen], rtol=2e-7 if suffix == ".exr" else 0)
 
 
 @pytest.mark.slow
@@ -798,7 +823,7 @@ def test_alpha_is_a_mask_if_it_passes_as_one(tmp_path, suffix, name):
     pixels = {".png": RGB, ".tif": DEEP, ".exr": SCENE}[suffix]
     write_picture(tmp_path / f"a{suffix}", with_alpha(pixels, alpha.astype(np.uint8)))
     photo = Picture.of(tmp_path / f"a{suffix}")
-    np.testing.assert_array_equal(photo.alpha, alpha)
+    np.testing.assert_array_equal(convert_alpha(photo.alpha, np.uint8), alpha)
     if inside is None:
         with pytest.raises(NoMaskNetwork):
             masked(photo)

@@ -10,7 +10,7 @@ from PIL import Image
 from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.maps.square import MASK_THRESHOLD
-from relight.photos.color import as_codes
+from relight.photos.color import as_codes, convert_alpha
 from relight.photos.mask import selfie, u2net
 from relight.photos.mask.coverage import WANTED, coverage_of
 from relight.photos.mask.edge import fit_edge
@@ -47,7 +47,7 @@ def masked(picture: Picture, mask: Given | None = None, model: Path | str | None
     Raises:
         UserError: if there is no mask, or it is empty or full (NobodyFound), of another size, or the picture itself.
     """
-    alpha = picture.alpha
+    alpha = None if picture.alpha is None else convert_alpha(picture.alpha, np.uint8)
     if mask is None and picture.file is not None:
         mask = mask_beside(picture.file)
     notes = picture.notes
