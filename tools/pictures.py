@@ -73,7 +73,7 @@ def photo() -> None:
 
 def transport() -> None:
     """Explains light transport: what two points of a figure see, nine spherical harmonics, and one dot product."""
-    mesh, maps = baked(12, 720)
+    mesh, maps = baked(31, 720)
     figure = plt.figure(figsize=(15, 5.4), layout="constrained")
     figure.get_layout_engine().set(rect=(0, 0, 1, 0.93))
     parts = figure.add_gridspec(1, 3, width_ratios=[1.25, 0.8, 1.6])

@@ -9,7 +9,7 @@ from PIL import Image, TiffImagePlugin
 
 from relight.core.errors import UserError
 from relight.core.files import existing_file
-from relight.photos.color import as_codes, with_alpha
+from relight.photos.color import as_codes, convert_alpha, with_alpha
 from relight.photos.deep import is_exr, of_linear, read_16_bits, read_linear
 from relight.photos.opening import (
     bits_of,
@@ -103,6 +103,8 @@ class Picture:
             picture = replace(_of_array(np.asarray(given), what or "the image"), name=name)
         height, width = picture.shape
         if picture.alpha is not None and picture.alpha.min() == picture.alpha.max():
+            if convert_alpha(picture.alpha[0, 0], np.uint8) < 255:
+                picture.notes.append("its alpha is the same everywhere, and less than opaque: it is left out")
             picture.alpha = None
         if min(height, width) < LEAST_SIDE:
             raise UserError(f"{picture.what} is only {width}x{height} pixels: {LEAST_SIDE} a side are the least")

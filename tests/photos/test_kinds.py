@@ -838,6 +838,12 @@ def test_a_mask_on_a_picture_with_transparent_parts_covers_only_what_is_seen():
     np.testing.assert_array_equal(masked(Picture.of(image), SOFT).coverage, np.minimum(fit_edge(RGB, SOFT), alpha))
 
 
+@pytest.mark.parametrize(("value", "said"), [(0, True), (128, True), (255, False)])
+def test_alpha_that_is_the_same_everywhere_is_left_out(value, said):
+    photo = Picture.of(Image.fromarray(with_alpha(RGB, np.full(RGB.shape[:2], value, np.uint8))))
+    assert photo.alpha is None and any("alpha is the same everywhere" in note for note in photo.notes) == said
+
+
 ARRAYS = {"above white": SCENE, "of codes": SCENE / 4, "far above white": SCENE * 1000}
 
 
