@@ -1,5 +1,6 @@
 """Plans a workflow for the Snakefile: names of figures, trainings and experiments, and the files of each."""
 
+import os
 import platform
 import shlex
 from collections.abc import Iterable
@@ -25,6 +26,7 @@ BATCH = 10  # generated figures that share a process, since one takes as long to
 DATA = {"packed.safetensors": ("figures", "align", "bake"), "lights/lights.npz": ("panoramas", "lights")}
 BESIDE = (*PHOTO_SUFFIXES, ".mtl", ".bin", ".dds", ".tga")  # suffixes of what meshes refer to
 MAX_TAG = 5000  # characters of a tag in MLflow
+Stamp = tuple[str, int, int]  # path, bytes and date of a file, nanoseconds
 
 
 class Plan:
@@ -90,23 +92,24 @@ class Plan:
         return list_scans(self.shared["figures"]["folder"])
 
     @cached_property
-    def beside(self) -> dict[str, list[tuple[str, int, int]]]:
-        """The files of each scan beside its mesh, BESIDE: path, bytes and date.
+    def scan_stamps(self) -> dict[str, list[Stamp]]:
+        """The `stamps` of the mesh of each scan, and of the files beside it that may be its own, BESIDE.
 
-        A file belongs to the meshes of its folder, or of the nearest one above that has some: to that mesh alone with
-        whose name its own begins, or else to all.
+        A file belongs to meshes of its folder, or of the nearest one above that has some: to all of them, or, if its
+        name begins with that of one, to all whose names begin so, too (eve.mtl to eve and eve_sitting).
         """
-        owners: dict[tuple[Path, str], list[str]] = {}
+        stems = {(scan.path.parent, stem) for scan in self.scans.values() for stem in ("", scan.path.stem)}
+        owners: dict[tuple[Path, str], list[str]] = {key: [] for key in stems}
         for name, scan in self.scans.items():
-            for begin in ("", scan.path.stem):
-                owners.setdefault((scan.path.parent, begin), []).append(name)
+            for end in range(len(scan.path.stem) + 1):
+                owners.get((scan.path.parent, scan.path.stem[:end]), []).append(name)
         folders = {folder for folder, _ in owners}
         files = {path for folder in folders for path in folder.rglob("*") if path.suffix.lower() in BESIDE}
-        found: dict[str, list[tuple[str, int, int]]] = {name: [] for name in self.scans}
+        found = {name: stamps([scan.path]) for name, scan in self.scans.items()}
         for path in sorted(path for path in files if path.is_file()):
             keys = ((folder, path.name[:end]) for folder in path.parents for end in range(len(path.name), -1, -1))
             for name in next(owners[key] for key in keys if key in owners):
-                found[name].append((str(path), path.stat().st_size, path.stat().st_mtime_ns))
+                found[name] += stamps([path])
         return found
 
     @property
@@ -186,6 +189,11 @@ class Plan:
         if start in self.rows:
             start = self.network(f"{start}.s{name.seed}")
         return {**groups, "train": {**groups["train"], "seed": name.seed, "start": start}}
+
+    def start_stamps(self, training: str) -> dict[str, list[Stamp]]:
+        """Returns {"start": `stamps`} of the file that a training starts from, if the user gave one, and else {}."""
+        start = self.record["rows"][self.trainings[training].row]["train"]["start"]
+        return {} if start in (None, *self.rows) else {"start": stamps([start])}
 
     def network(self, training: str) -> str:
         """Returns the file of a trained network."""
@@ -331,3 +339,11 @@ class Plan:
 def safe(paths: Iterable[Path | str]) -> list[str]:
     """Returns the user's files as inputs of rules, without those whose names are unsafe, which the jobs report."""
     return [str(path) for path in paths if not is_unsafe_name(path)]
+
+
+def stamps(paths: Iterable[Path | str | None]) -> list[Stamp]:
+    """Returns path, bytes and date of the user's files, None left out.
+
+    They are params of rules: by dates alone, a file replaced by one that is older than the results would go unseen.
+    """
+    return [(str(path), (stat := os.stat(path)).st_size, stat.st_mtime_ns) for path in paths if path]

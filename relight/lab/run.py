@@ -95,6 +95,8 @@ def run(
         print(first, *tables[-1:], sep="Job stats:\n", end="")
         return ran.returncode
     os.close(hold(ROOT / plan.out))
+    if plan.data != plan.out:
+        os.close(hold(ROOT / plan.data, shared=True))
     # In a file, since jobs on a cluster break quotes within quotes.
     command += ["--configfile", str(plan.write_record(ROOT))]
     code = snakemake(command)
@@ -192,19 +194,20 @@ def snakemake(command: list[str]) -> int:
         return INTERRUPTED
 
 
-def hold(out: Path | str) -> int:
+def hold(out: Path | str, shared: bool = False) -> int:
     """Locks results until this process ends, however it ends, or closes the handle that this returns.
 
     Args:
         out: the folder of the results.
+        shared: they are only read, as by others at the same time.
 
     Raises:
         UserError: if another workflow makes the results, or they cannot be written.
     """
     try:
         Path(out).mkdir(parents=True, exist_ok=True)
-        handle = os.open(Path(out, LOCK), os.O_RDWR | os.O_CREAT)
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        handle = os.open(Path(out, LOCK), os.O_CREAT | (os.O_RDONLY if shared else os.O_RDWR))
+        fcntl.flock(handle, fcntl.LOCK_NB | (fcntl.LOCK_SH if shared else fcntl.LOCK_EX))
     except BlockingIOError:
         raise UserError(f"another workflow is making {out}: wait for it, or end it") from None
     except OSError as error:

@@ -256,13 +256,24 @@ def test_data_of_another_run(tmp_path):
         check(plan_of("scale=smoke data=a name=b bake.rays=33"), tmp_path)
 
 
-def test_files_beside_a_mesh_are_of_the_mesh_that_they_are_named_after_or_of_its_folder(tmp_path):
-    for name in "a.obj a2.obj a.mtl a2_skin.PNG tex/wood.jpg notes.txt eve/b.obj eve/tex/b.png".split():
+def test_files_beside_a_mesh_are_of_the_meshes_whose_names_begin_like_theirs_or_of_its_folder(tmp_path):
+    for name in "a.obj a2.obj c.obj a.mtl a2_skin.PNG tex/wood.jpg notes.txt eve/b.obj eve/tex/b.png".split():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
-    beside = Plan(compose_run(["figures=scans", f"figures.folder={tmp_path}"])).beside
-    found = {scan: [os.path.basename(path) for path, *_ in files] for scan, files in beside.items()}
-    assert found == {"a": ["a.mtl", "wood.jpg"], "a2": ["a2_skin.PNG", "wood.jpg"], "b": ["b.png"]}
+    stamps = Plan(compose_run(["figures=scans", f"figures.folder={tmp_path}"])).scan_stamps
+    found = {scan: " ".join(os.path.basename(path) for path, *_ in files) for scan, files in stamps.items()}
+    shared = {"a": "a.obj a.mtl wood.jpg", "a2": "a2.obj a.mtl a2_skin.PNG wood.jpg", "c": "c.obj wood.jpg"}
+    assert found == {**shared, "b": "b.obj b.png"}
+
+
+def test_a_start_that_was_replaced_is_seen_and_that_of_a_row_is_the_business_of_its_rule(tmp_path):
+    file = tmp_path / "start.safetensors"
+    file.write_bytes(b"1")
+    plan = plan_of("scale=smoke", a=[], b=["train.start=a"], c=[f"train.start={file}"])
+    before = [plan.start_stamps(training) for training in ("a.s0", "b.s0", "c.s0")]
+    assert before[:2] == [{}, {}]
+    os.utime(file, (1e9, 1e9))
+    assert plan.start_stamps("c.s0") == {"start": [(str(file), 1, 10**18)]} != before[2]
 
 
 def test_a_table_of_scans_belongs_to_scans(tmp_path, monkeypatch):

@@ -14,7 +14,7 @@ from relight import cli
 from relight.core.errors import UserError
 from relight.evaluation.report.build import remove_outdated
 from relight.lab import run as module
-from relight.lab.plan import Plan
+from relight.lab.plan import DATA, Plan
 from relight.lab.record import compose_run
 
 
@@ -69,6 +69,26 @@ def test_results_are_made_by_one_workflow(calls, tmp_path):
     assert record["settings"]["train"]["lr"] == 0.1
     os.close(handle)
     run("train.lr=0.2")
+    assert len(calls) == 3
+
+
+def test_data_that_another_run_takes_are_not_made_meanwhile(calls, tmp_path):
+    """Several runs may take them at once."""
+    run("name=a")
+    for file in DATA:
+        (tmp_path / "results" / "a" / file).parent.mkdir(exist_ok=True)
+        (tmp_path / "results" / "a" / file).touch()
+    handle = module.hold(tmp_path / "results" / "a")
+    with pytest.raises(UserError, match=r"another workflow is making .*results/a: wait for it, or end it"):
+        run("name=b", "data=a")
+    os.close(handle)
+    handle = module.hold(tmp_path / "results" / "a", shared=True)
+    run("name=b", "data=a")
+    with pytest.raises(UserError, match=r"another workflow is making .*results/a: wait for it, or end it"):
+        run("name=a", "bake.rays=64")
+    assert len(calls) == 2 and (tmp_path / "results" / "a" / "packed.safetensors").exists()
+    os.close(handle)
+    run("name=a")
     assert len(calls) == 3
 
 

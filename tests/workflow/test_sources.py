@@ -1,6 +1,7 @@
 """The user's own meshes and panoramas as the source, and a mesh that cannot be used."""
 
 import json
+import os
 import shutil
 
 import pytest
@@ -35,8 +36,16 @@ def test_three_meshes_and_two_panoramas_give_a_data_set(tmp_path):
     assert set(record["left_out"]) == {"broken"} and "broken is left out" in run.stdout
     assert read_info(repo / "results/mine/maps/plain/plain.v1.exr")["figure"] == "plain"
 
-    table.write_text("name,turn\nplain,9\n")
+    moved = shutil.copytree(repo, tmp_path / "moved")
+    (jobs,) = planned(moved, words)
+    assert not {"scan", "align", "bake", "lights"} & jobs.keys()
     shutil.copy(scans / "colored.ply", scans / "another.ply")
+    table.write_text("name,turn\nplain,9\n")
+    os.utime(table, (1e9, 1e9))  # as after `cp -p` or unzip
     jobs, edited = planned(repo, words, words, edits=[None, (str(scans / "plain.mtl"), "#")])
     assert (jobs["scan"], jobs["align"], jobs["bake"], jobs["pack"]) == (1, 5, 5, 1) and "lights" not in jobs
     assert edited["scan"] == 2
+    for file in (scans / "plain.glb", panoramas / "room1.pfm"):
+        os.utime(file, (1e9, 1e9))
+    (jobs,) = planned(repo, words)
+    assert (jobs["scan"], jobs["lights"]) == (2, 1)

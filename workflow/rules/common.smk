@@ -16,7 +16,7 @@ from snakemake.exceptions import WorkflowError
 from relight.core.errors import UserError
 from relight.lab.checks import check
 from relight.lab.code import code_hash
-from relight.lab.plan import Plan, safe
+from relight.lab.plan import Plan, safe, stamps
 from relight.lab.run import hold
 from relight.lab.record import from_config
 
@@ -36,8 +36,10 @@ sys.executable = shlex.quote(
 
 
 onstart:
-    PLAN.write_record(Path())
     hold(OUT)
+    if DATA != OUT:
+        hold(DATA, shared=True)
+    PLAN.write_record(Path())
 
 
 onsuccess:

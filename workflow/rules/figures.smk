@@ -18,7 +18,7 @@ if PLAN.scans:
         params:
             mesh=lambda wildcards: str(PLAN.scans[wildcards.batch].path),
             subject=lambda wildcards: PLAN.scans[wildcards.batch].subject,
-            beside=lambda wildcards: PLAN.beside[wildcards.batch],
+            stamps=lambda wildcards: PLAN.scan_stamps[wildcards.batch],
             code=code_hash("scan"),
         script:
             "../scripts/scan.py"
@@ -79,6 +79,7 @@ rule align:
     group:
         "figures"
     params:
+        *stamps([SETTINGS["align"]["table"]]),
         align=SETTINGS["align"],
         code=code_hash("align"),
     script:

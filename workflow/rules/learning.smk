@@ -40,7 +40,8 @@ rule train:
         settings=lambda wildcards: {
             group: PLAN.settings(wildcards.training)[group]
             for group in ("model", "loss", "train", "augment")
-        },
+        }
+        | PLAN.start_stamps(wildcards.training),
         code=lambda wildcards: code_hash("train", PLAN.extensions(wildcards.training)),
     script:
         "../scripts/train.py"

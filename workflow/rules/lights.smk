@@ -11,6 +11,7 @@ rule lights:
     benchmark:
         f"{DATA}/benchmark/lights/all.tsv"
     params:
+        *stamps(PLAN.panoramas),
         panoramas=SETTINGS["panoramas"],
         lights=SETTINGS["lights"],
         order=SETTINGS["bake"]["order"],
