@@ -7,7 +7,6 @@ there and even light instead. `tools/places.py` fits both.
 
 import json
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +42,6 @@ class PlaceStatistics:
     level: float
 
 
-@cache
 def place_statistics() -> PlaceStatistics:
     """Reads the statistics that come with relight."""
     stored = json.loads(STATISTICS.read_text(encoding="utf-8"))

@@ -6,7 +6,6 @@ accounts for what it absorbs.
 
 import math
 from dataclasses import dataclass, field
-from functools import cache
 
 import numpy as np
 
@@ -110,7 +109,6 @@ class Room:
     sun: Sun | None = None
 
 
-@cache
 def view_directions() -> np.ndarray:
     """Returns the directions (HEIGHT * WIDTH,3) of the pixels of the lat-long image; -z is at its centre."""
     return latlong_directions(HEIGHT, WIDTH).reshape(-1, 3)
@@ -432,7 +430,6 @@ def _render_lamps(room: Room, image: np.ndarray, depth: np.ndarray) -> None:
         image[visible] = lamp.radiance * scale
 
 
-@cache
 def pixel_solid_angles() -> np.ndarray:
     """Returns the solid angles (HEIGHT * WIDTH,) of the pixels."""
     return np.repeat(latlong_solid_angles(HEIGHT, WIDTH), WIDTH)
