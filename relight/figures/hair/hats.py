@@ -1,7 +1,5 @@
 """Hats: round shells over the scalp, and the peaks of caps."""
 
-from itertools import pairwise
-
 import numpy as np
 
 from relight.figures.body import makehuman
@@ -10,7 +8,7 @@ from relight.figures.hair.combing import head_centre
 from relight.figures.hair.strands import Strip
 from relight.figures.hair.styles import HairStyle
 from relight.figures.pose.motion import Motion
-from relight.figures.surfaces import closed_rings, thickened
+from relight.figures.surfaces import by_rows, cells, closed_rings, thickened
 
 COLUMNS, CROWN_ROWS, BRIM_ROWS = 180, 34, 8  # vertices around the head, from crown to rim, and along a peak
 TOP_GAP = 0.02  # radians between the zenith and the first row
@@ -94,11 +92,8 @@ def _hat_height(style: HairStyle, direction: np.ndarray, down: np.ndarray) -> np
 
 def _row_faces(index: np.ndarray) -> np.ndarray:
     """Returns the triangles of a grid of vertices (rows,columns), row by row, outward for rows that go down."""
-    faces = []
-    for upper, lower in pairwise(index):
-        left, right, lower_left, lower_right = upper[:-1], upper[1:], lower[:-1], lower[1:]
-        faces += [np.stack([left, lower_left, right], 1), np.stack([right, lower_left, lower_right], 1)]
-    return np.concatenate(faces)
+    left, right, lower_left, lower_right = cells(index)
+    return by_rows([left, lower_left, right], [right, lower_left, lower_right])
 
 
 def _brim(points: np.ndarray, azimuth: np.ndarray) -> Strip:
