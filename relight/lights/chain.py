@@ -49,23 +49,19 @@ def build_light_set(panoramas: Panoramas, lights: Lights, order: int) -> tuple[L
     if panoramas.source == "folder":
         unlit = [f"{source}: {reason}" for source, reason in record["unlit"].items()]
         below = [source for source, is_below in zip(sources, is_lit_from_below(measure(coefficients))) if is_below]
-        for found, what in (
+        for those, what in (
             (unlit, "gave no light (lights.rules=strong has wider limits)"),
             (below, "are brighter from below (are their rows upside down?)"),
         ):
-            if found:
-                named = "; ".join(found[:MAX_NAMED])
-                more = f"; and {len(found) - MAX_NAMED} more" if len(found) > MAX_NAMED else ""
-                warning = f"{len(found)} of {len(sources)} panoramas {what}: {named}{more}"
+            if those:
+                named = "; ".join(those[:MAX_NAMED])
+                more = f"; and {len(those) - MAX_NAMED} more" if len(those) > MAX_NAMED else ""
+                warning = f"{len(those)} of {len(sources)} panoramas {what}: {named}{more}"
                 record["warnings"].append(warning)
                 log.warning(warning)
-    read = {
-        "step": "read",
-        "in": len(sources) + len(unreadable),
-        "out": len(sources),
-        "why": {"unreadable": len(unreadable)} if unreadable else {},
-    }
-    record["steps"].insert(0, read)
+    reasons = {"unreadable": len(unreadable)} if unreadable else {}
+    found = len(sources) + len(unreadable)
+    record["steps"].insert(0, {"step": "read", "in": found, "out": len(sources), "why": reasons})
     record |= {"unreadable": unreadable, "repaired": repaired}
     return selected, record
 
