@@ -194,9 +194,8 @@ def loop(faces: np.ndarray, n: int) -> tuple[sparse.csr_matrix, np.ndarray]:
         add(edge[inner, end], edge[inner, other], beta[edge[inner, end]])
         add(edge[is_border, end], edge[is_border, other], 0.125)
     add(np.arange(n), np.arange(n), np.where(on_border, 0.75, 1 - degree * beta))
-    matrix = sparse.csr_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n + edge_count, n)
-    )
+    places = np.concatenate(rows), np.concatenate(columns)
+    matrix = sparse.csr_matrix((np.concatenate(values), places), shape=(n + edge_count, n))
     matrix = sparse.diags(1 / np.asarray(matrix.sum(1)).ravel()) @ matrix
     return matrix.tocsr(), quarters(faces, n + face_edge)
 

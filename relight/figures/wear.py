@@ -158,15 +158,8 @@ def drape_outfit(motion: Motion, outfit: Outfit, detail: Detail) -> list[DrapedG
             continue
         pattern = patterns.build_pattern(motion.body, garment, detail.refine)
         surface_at = partial(obstacles.below, garment, list(worn))
-        draped = drape.drape(
-            pattern.levels,
-            pattern.refine,
-            garment.cloth,
-            detail.solver,
-            surface_at,
-            skin=motion.skin,
-            frames=detail.frames,
-        )
+        levels, refine, frames = pattern.levels, pattern.refine, detail.frames
+        draped = drape.drape(levels, refine, garment.cloth, detail.solver, surface_at, motion.skin, frames)
         below = Collider.at_rest(*surface_at(detail.frames, fine=True))
         worn.append(DrapedGarment(pattern, item.fabric, finished(pattern, draped, item.fabric, below, motion)))
     return worn

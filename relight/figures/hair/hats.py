@@ -39,9 +39,8 @@ def hat(motion: Motion, style: HairStyle) -> list[Strip]:
     down = np.tile(np.linspace(0, 1, CROWN_ROWS)[:, None], (1, COLUMNS))  # 0 at the top, 1 at the rim
     elevation = np.pi / 2 - TOP_GAP - (np.pi / 2 - TOP_GAP - rim) * down
     around = np.broadcast_to(azimuth, down.shape)
-    direction = np.stack(
-        [np.sin(around) * np.cos(elevation), np.sin(elevation), np.cos(around) * np.cos(elevation)], -1
-    )
+    level = np.cos(elevation)
+    direction = np.stack([np.sin(around) * level, np.sin(elevation), np.cos(around) * level], -1)
     above_scalp = _hat_height(style, direction, down)
     points = centre + direction * (_scalp_radius(head, centre, direction) + above_scalp)[..., None]
     uv = np.stack([np.abs(around) / (2 * np.pi), 1 - 0.5 * down], -1)  # both sides alike, so without a seam
