@@ -226,7 +226,7 @@ def _sample_emitters(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np
 
     Returns points and normals (S,3), zero for lamps; areas (S,), for lamps of their disc; radiances (S,3).
     """
-    points, normals, areas, radiances = [], [], [], []
+    samples = []
     for light in room.area_lights:
         axis, side = divmod(light.wall, 2)
         p, q = IN_PLANE[axis]
@@ -238,16 +238,11 @@ def _sample_emitters(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np
             for b in steps:
                 share = np.zeros(3)
                 share[p], share[q] = a, b
-                points.append(light.low + share * size)
-                normals.append(normal)
-                areas.append(size[p] * size[q] / len(steps) ** 2)
-                radiances.append(light.radiance)
-    for lamp in room.lamps:
-        points.append(lamp.centre)
-        normals.append(np.zeros(3))
-        areas.append(np.pi * lamp.radius**2)
-        radiances.append(lamp.radiance)
-    return np.array(points), np.array(normals), np.array(areas), np.array(radiances)
+                area = size[p] * size[q] / len(steps) ** 2
+                samples.append((light.low + share * size, normal, area, light.radiance))
+    samples += [(lamp.centre, np.zeros(3), np.pi * lamp.radius**2, lamp.radiance) for lamp in room.lamps]
+    points, normals, areas, radiances = (np.array(column) for column in zip(*samples))
+    return points, normals, areas, radiances
 
 
 def direct_irradiance(room: Room, position: np.ndarray, normal: np.ndarray) -> np.ndarray:

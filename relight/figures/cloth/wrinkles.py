@@ -111,17 +111,15 @@ def _trace_crests(
     nearest vertex (k,), its line (k,) and its signed distance (k,) from the middle over half the length, in [-1,1].
     """
     points = tree.data
-    places, nearest, lines, distances = [], [], [], []
+    samples = []
     for sign in (1.0, -1.0):
         place, vertex = points[start].copy(), start.copy()
         heading = sign * along[start]
         for k in range(int(np.ceil(length.max() / 2 / step))):
             unfinished = np.flatnonzero(k * step < length / 2)
             if k or sign > 0:
-                places.append(place[unfinished])
-                nearest.append(vertex[unfinished])
-                lines.append(unfinished)
-                distances.append(sign * 2 * k * step / length[unfinished])
+                distance = sign * 2 * k * step / length[unfinished]
+                samples.append((place[unfinished], vertex[unfinished], unfinished, distance))
             ahead = along[vertex]
             ahead = ahead * np.where(np.einsum("mx,mx->m", ahead, heading) < 0, -1.0, 1.0)[:, None]
             heading = 0.5 * heading + 0.5 * ahead
@@ -130,7 +128,8 @@ def _trace_crests(
             vertex = tree.query(place)[1]
             off = np.einsum("mx,mx->m", place - points[vertex], normal[vertex])
             place = place - off[:, None] * normal[vertex]
-    return np.concatenate(places), np.concatenate(nearest), np.concatenate(lines), np.concatenate(distances)
+    places, nearest, lines, distances = (np.concatenate(column) for column in zip(*samples))
+    return places, nearest, lines, distances
 
 
 @dataclass(frozen=True)
