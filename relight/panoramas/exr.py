@@ -127,10 +127,7 @@ def _read_headers(path: Path, OpenEXR: Any) -> list[Header]:
             parts = OpenEXR.File(str(path), header_only=True).parts
         for part in parts:
             header = {name.lower(): value for name, value in part.header.items()}  # of any spelling
-            data, display = (
-                tuple(int(pixel) for corner in header[name] for pixel in corner)
-                for name in ("datawindow", "displaywindow")
-            )
+            data, display = (tuple(np.ravel(header[name]).tolist()) for name in ("datawindow", "displaywindow"))
             tiles = header.get("tiles")
             headers.append(
                 Header(

@@ -116,10 +116,9 @@ def drape(
         moving_frames = list(range(1, frames + 1)) if coarsest else []
         if coarsest:
             history.append(solver.positions())
-        collider: Collider | None = None
         for step, frame in enumerate(moving_frames + [frames] * solver_settings.settle_frames):
             moving = step < len(moving_frames)
-            if collider is None or step <= len(moving_frames):  # at rest, one collider serves all frames
+            if step <= len(moving_frames):  # at rest, one collider serves all frames
                 previous = frame - 1 if moving else frame
                 start, faces = surface_at(previous, not coarsest)
                 end = surface_at(frame, not coarsest)[0] if moving else start
