@@ -226,10 +226,10 @@ class Assembly:
         parts = build_hair(self.motion, outfit.hair, outfit.beard, below, self.seed, fine=self.detail.body > 0)
         paints: dict[str, Paint] = {
             kind: accessory_paint("hat", side) if kind == "hat" else hair_material(outfit, kind, side, self.seed)
-            for kind in dict.fromkeys(part.kind for part in parts)
+            for kind in dict(parts)
         }
-        for part in parts:
-            self.builder.add(part.vertices, part.faces, part.uv[part.faces], paints[part.kind])
+        for kind, (vertices, faces, uv) in parts:
+            self.builder.add(vertices, faces, uv[faces], paints[kind])
 
 
 def refined(

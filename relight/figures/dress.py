@@ -16,7 +16,6 @@ from relight.figures.pose import props
 from relight.figures.pose.clearance import clear_hands
 from relight.figures.pose.motion import build_motion
 from relight.figures.pose.stances import Pose
-from relight.figures.surfaces import stacked
 from relight.figures.tailor import footwear
 from relight.figures.tailor.garments import room_for_hands
 from relight.figures.wear import DETAILS, Detail, drape_outfit
@@ -143,8 +142,7 @@ def attempt_figure(
         return None, reason
     builder = Builder()
     Assembly(builder, motion, outfit, worn, detail, seed - seed % per_subject).add_all()
-    # Each part's faces count from its own first vertex again.
-    surface = stacked([(part, faces - faces.min()) for part, faces in zip(builder.vertices, builder.faces)])
+    surface = np.concatenate(builder.vertices), np.concatenate(builder.faces)
     figure_props = props.props(motion, pose, surface, seed)
     for prop in figure_props:
         builder.add(prop.vertices, prop.faces, None, prop.material)

@@ -10,7 +10,7 @@ from relight.figures.cloth.drape import DrapeResult
 from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose.motion import Motion
 from relight.figures.rings import lost_rings
-from relight.figures.surfaces import normals, stacked
+from relight.figures.surfaces import face_normals, normals, stacked
 from relight.figures.tailor.patterns import Pattern
 from relight.figures.wear import DrapedGarment
 from relight.meshes import Mesh
@@ -143,8 +143,7 @@ def covered_hands(worn: list[DrapedGarment], motion: Motion) -> tuple[float, flo
     vertices, faces = stacked([(skin, skin_faces), *cloth])
     hand = makehuman.bone_weights("finger", "metacarpal") > 0.7
     skin_forward = normals(skin, skin_faces)[:, 2] > 0.2
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    face_forward = np.cross(b - a, c - a)[:, 2] > 0
+    face_forward = face_normals(vertices, faces)[:, 2] > 0
     surface, shares = Collider.at_rest(vertices, faces), []
     for sign in (1, -1):  # left, right
         on_side = np.sign(motion.body.skin[:, 0]) == sign

@@ -32,13 +32,6 @@ WOVEN = ("plain", "print", "stripes", "fine stripes", "check")  # kinds of fabri
 SATIN_SHARE = 0.12  # of these fabrics
 
 
-def fabric_gloss(fabric: Fabric) -> tuple[float, float]:
-    """Returns roughness and specular of a fabric, as of `Material`."""
-    if fabric.kind in WOVEN and trait(fabric, "satin") < SATIN_SHARE:
-        return SATIN
-    return GLOSS.get(fabric.kind, CLOTH)
-
-
 def with_gloss(material: Material, outfit: Outfit) -> Material:
     """Returns a material with the gloss for its name and the outfit's fabrics."""
     fabrics: dict[str, Fabric | None] = {worn.garment.name: worn.fabric for worn in outfit.garments}
@@ -46,7 +39,8 @@ def with_gloss(material: Material, outfit: Outfit) -> Material:
     fabric = fabrics.get(material.name)
     is_upper = material.name.startswith("shoes:") and not material.name.endswith("sole")
     if fabric is not None:
-        roughness, specular = fabric_gloss(fabric)
+        is_satin = fabric.kind in WOVEN and trait(fabric, "satin") < SATIN_SHARE
+        roughness, specular = SATIN if is_satin else GLOSS.get(fabric.kind, CLOTH)
     elif is_upper and "sneakers" in outfit.shoe.name:
         roughness, specular = CLOTH
     else:

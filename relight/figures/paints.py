@@ -1,7 +1,5 @@
 """Paints of a figure's parts: functions from an outfit to a material, and the materials that all outfits share."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from relight.figures.body import skin
@@ -10,10 +8,9 @@ from relight.figures.builder import Paint
 from relight.figures.outfits import Outfit
 from relight.figures.tailor import footwear, panels, trims
 from relight.figures.tailor.aging import Patch, aged
-from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.marks import images, marks
 from relight.figures.tailor.patterns import Pattern
-from relight.figures.tailor.seams import stitched
+from relight.figures.tailor.seams import stitch
 from relight.figures.tailor.weaves import woven
 from relight.figures.texture import coded, noise
 from relight.meshes import Material
@@ -35,10 +32,11 @@ def garment_paint(pattern: Pattern, number: int, atlas: panels.Panels) -> Paint:
         def paint_panel(panel: str, u: np.ndarray, v: np.ndarray, place: tuple[slice, slice]) -> np.ndarray:
             faces = atlas.panel == atlas.names.index(panel)
             top = atlas.cloth[faces][..., 1].max()  # v of the panel's upper end
-            color = woven(worn.fabric, panel, u, v, texel)
-            color = stitched(garment, worn.fabric.kind, panel, u, v, top, color)
             marks_here = {mark: image[place] for mark, image in worn_places.items()}
-            return aged(Patch(worn.fabric, panel, u, v, texel, garment, marks_here, color))
+            color = woven(worn.fabric, panel, u, v, texel)
+            patch = Patch(worn.fabric, panel, u, v, texel, garment, marks_here, color)
+            stitch(patch, top)
+            return aged(patch)
 
         return Material(texture=panels.draw(atlas, paint_panel), name=worn.garment.name)
 
@@ -64,11 +62,7 @@ def shoe_paint(part: str) -> Paint:
     return paint
 
 
-ACCESSORIES: dict[str, tuple[float, Callable[[Outfit], Fabric | None]]] = {  # width of the cloth, metres; its fabric
-    "hat": (0.6, lambda outfit: outfit.hat),
-    "tie": (trims.TIE, lambda outfit: outfit.tie),
-    "belt": (0.3, lambda outfit: outfit.belt),
-}
+ACCESSORIES = {"hat": 0.6, "tie": trims.TIE, "belt": 0.3}  # width of the cloth, metres; its fabric is in `Outfit`
 
 
 def accessory_paint(name: str, side: int) -> Paint:
@@ -79,13 +73,11 @@ def accessory_paint(name: str, side: int) -> Paint:
         side: pixels of its square texture, which is as wide as the cloth and stands for half that length of it: the
             accessories' texture coordinates are stretched as much along the cloth.
     """
-    width, fabric_of = ACCESSORIES[name]
+    width = ACCESSORIES[name]
     u, v = cell_centres(side)
 
     def paint(outfit: Outfit) -> Material:
-        fabric = fabric_of(outfit)
-        assert fabric is not None  # all outfits of a figure have the same clothes
-        albedo = woven(fabric, "front", width * u, -0.5 * width * v, texel=width / side)
+        albedo = woven(getattr(outfit, name), "front", width * u, -0.5 * width * v, texel=width / side)
         return Material(texture=coded(albedo), name=name)
 
     return paint

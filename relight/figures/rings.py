@@ -3,6 +3,7 @@
 import numpy as np
 
 from relight.figures.pose.motion import Motion
+from relight.figures.pose.solver import unit
 from relight.figures.tailor.patterns import Pattern
 
 EXTENSION = 10.0  # extension of a limb's line at both ends, beyond any ring, metres
@@ -33,13 +34,8 @@ def contour(values: np.ndarray, faces: np.ndarray, level: float) -> tuple[np.nda
     next_above = np.roll(above, -1, axis=1)  # of the next corner of the face
     begin_corner, end_corner = (above & ~next_above).argmax(1), (~above & next_above).argmax(1)  # where sides cross it
     row = np.arange(len(crossed))
-    edges = np.stack(
-        [
-            np.sort(np.stack([crossed[row, corner], crossed[row, (corner + 1) % 3]], axis=1), axis=1)
-            for corner in (begin_corner, end_corner)
-        ],
-        axis=1,
-    )
+    sides = [np.stack([crossed[row, k], crossed[row, (k + 1) % 3]], axis=1) for k in (begin_corner, end_corner)]
+    edges = np.sort(np.stack(sides, axis=1), axis=2)
     first, second = values[edges[..., 0]], values[edges[..., 1]]
     # An edge as one number, so that the edges on which pieces begin and end can be compared.
     begin_edges, end_edges = (np.sort(edges[:, k, 0] * len(values) + edges[:, k, 1]) for k in (0, 1))
@@ -58,11 +54,7 @@ def winding(ring: np.ndarray, line: np.ndarray) -> int:
     Returns:
         The signed number of times that the line crosses the fan of triangles from the ring's mean to its pieces.
     """
-    first, last = line[0] - line[1], line[-1] - line[-2]
-    before, after = (
-        end + EXTENSION * direction / np.linalg.norm(direction)
-        for end, direction in ((line[0], first), (line[-1], last))
-    )
+    before, after = line[0] + EXTENSION * unit(line[0] - line[1]), line[-1] + EXTENSION * unit(line[-1] - line[-2])
     points = np.concatenate([[before], line, [after]])
     # Each segment of the line is intersected with each triangle of the fan: one axis for segments, one for triangles.
     start, segment = points[:-1, None], np.diff(points, axis=0)[:, None]

@@ -44,12 +44,15 @@ def neighbours(faces: np.ndarray, n: int) -> sparse.csr_matrix:
 
 def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Returns area-weighted unit vertex normals (V,3)."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    face_normal = np.cross(b - a, c - a)  # as long as twice the face's area
-    sums = np.stack(
-        [np.bincount(faces.ravel(), np.repeat(face_normal[:, axis], 3), len(vertices)) for axis in range(3)], axis=1
-    )
+    of_faces = np.repeat(face_normals(vertices, faces), 3, axis=0)
+    sums = np.stack([np.bincount(faces.ravel(), of_faces[:, axis], len(vertices)) for axis in range(3)], axis=1)
     return sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12)
+
+
+def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Returns the normals (F,3) of faces, each as long as twice the face's area."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
 
 
 def compacted(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
@@ -191,9 +194,8 @@ def loop(faces: np.ndarray, n: int) -> tuple[sparse.csr_matrix, np.ndarray]:
         add(edge[inner, end], edge[inner, other], beta[edge[inner, end]])
         add(edge[is_border, end], edge[is_border, other], 0.125)
     add(np.arange(n), np.arange(n), np.where(on_border, 0.75, 1 - degree * beta))
-    matrix = sparse.csr_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n + edge_count, n)
-    )
+    places = np.concatenate(rows), np.concatenate(columns)
+    matrix = sparse.csr_matrix((np.concatenate(values), places), shape=(n + edge_count, n))
     matrix = sparse.diags(1 / np.asarray(matrix.sum(1)).ravel()) @ matrix
     return matrix.tocsr(), quarters(faces, n + face_edge)
 
@@ -209,6 +211,22 @@ def quarters(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
     ab, bc, ca = middles.swapaxes(0, 1)
     triangles = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
     return np.concatenate([np.stack(triangle, axis=1) for triangle in triangles])
+
+
+def cells(index: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Returns the corners (rows - 1, columns - 1) of the cells of a grid of vertices (rows, columns).
+
+    They are the left and the right one in the upper row, then those in the lower row.
+    """
+    return index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+
+
+def by_rows(*triangles: list[np.ndarray]) -> np.ndarray:
+    """Returns triangles (F,3), row by row: of each row all first ones of its cells, then all second ones.
+
+    Each triangle is given by its corners, arrays (rows, columns) of the cells.
+    """
+    return np.stack([np.stack(corners, axis=-1) for corners in triangles], axis=1).reshape(-1, 3)
 
 
 def closed_rings(rows: int, sides: int) -> np.ndarray:
@@ -322,21 +340,15 @@ def extruded(ring: np.ndarray, rows: list[np.ndarray], offset: int, closed: bool
     Returns:
         The new vertices (V,3), and faces (F,3) whose indices count the border's vertices and the new ones.
     """
-    m, previous, faces = len(ring), ring, []
-    column = np.arange(m if closed else m - 1)
-    next_column = (column + 1) % m
-    for k in range(len(rows)):
-        current = offset + k * m + np.arange(m)
-        a, b, c, d = previous[column], previous[next_column], current[column], current[next_column]
-        faces += [np.stack([b, a, c], 1), np.stack([b, c, d], 1)]
-        previous = current
-    return np.concatenate(rows), np.concatenate(faces)
+    points = np.concatenate(rows)
+    index = np.concatenate([ring, offset + np.arange(len(points))]).reshape(-1, len(ring))
+    a, b, c, d = cells(np.c_[index, index[:, 0]] if closed else index)
+    return points, by_rows([b, a, c], [b, c, d])
 
 
 def grid_faces(rows: int, columns: int) -> np.ndarray:
     """Returns the triangles (F,3) of a grid of vertices, row by row, that face a viewer who sees row 0 at the top."""
-    index = np.arange(rows * columns).reshape(rows, columns)
-    a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, :-1].ravel(), index[1:, 1:].ravel()
+    a, b, c, d = (corner.ravel() for corner in cells(np.arange(rows * columns).reshape(rows, columns)))
     return np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
 
 

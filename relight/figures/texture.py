@@ -10,6 +10,12 @@ NOISE_SCALE = 5.0  # factor that gives `noise`, less its mean, a standard deviat
 SRGB = (255 * encode(np.arange(65536) / 65535) + 0.5).astype(np.uint8)  # by linear value
 
 
+def as_color(values: np.ndarray) -> Color:
+    """Returns an array (3,) as a tuple."""
+    red, green, blue = values.tolist()
+    return red, green, blue
+
+
 def lattice(i: np.ndarray, j: np.ndarray, seed: int) -> np.ndarray:
     """Hashes integer lattice points (i, j), of equal shapes, to [0,1), the same on every machine.
 
@@ -27,6 +33,12 @@ def lattice(i: np.ndarray, j: np.ndarray, seed: int) -> np.ndarray:
 def lattice_value(i: int, j: int, seed: int) -> float:
     """Returns the random number in [0,1) that `lattice` has at one point (i, j)."""
     return float(lattice(np.array(i), np.array(j), seed))
+
+
+def random_numbers(count: int, columns: int, seed: int) -> np.ndarray:
+    """Returns random numbers in [0,1), (count,columns), the same on every machine."""
+    number = np.arange(count)
+    return np.stack([lattice(number, np.full(count, k), seed) for k in range(columns)], -1)
 
 
 def noise(x: np.ndarray, y: np.ndarray, seed: int = 0) -> np.ndarray:

@@ -12,7 +12,7 @@ from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.solver import SolverSettings
 from relight.figures.outfits import Outfit
 from relight.figures.pose.motion import Motion
-from relight.figures.surfaces import Surface, normals, smoothed, stacked
+from relight.figures.surfaces import Surface, face_normals, normals, smoothed, stacked
 from relight.figures.tailor import collars, footwear, patterns, scarves
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.garments import Garment, Worn
@@ -22,7 +22,6 @@ CLEFT_WIDTH = 0.04  # largest distance of the cleft between the buttocks from th
 CLEFT_HEIGHTS = (-0.15, 0.16)  # its ends above the crotch, metres
 BROAD = 100  # averagings of normals with their neighbours', which span several gathers
 MIN_FOLD_DISTANCE = 0.6  # smallest distance of wrinkles from the layer below, over the cloth's thickness
-GROUND = 0.006  # lowest height of cloth, metres
 
 
 @dataclass(frozen=True)
@@ -159,16 +158,8 @@ def drape_outfit(motion: Motion, outfit: Outfit, detail: Detail) -> list[DrapedG
             continue
         pattern = patterns.build_pattern(motion.body, garment, detail.refine)
         surface_at = partial(obstacles.below, garment, list(worn))
-        draped = drape.drape(
-            pattern.levels,
-            pattern.refine,
-            garment.cloth,
-            detail.solver,
-            surface_at,
-            skin=motion.skin,
-            frames=detail.frames,
-            ground=GROUND,
-        )
+        levels, refine, frames = pattern.levels, pattern.refine, detail.frames
+        draped = drape.drape(levels, refine, garment.cloth, detail.solver, surface_at, motion.skin, frames)
         below = Collider.at_rest(*surface_at(detail.frames, fine=True))
         worn.append(DrapedGarment(pattern, item.fabric, finished(pattern, draped, item.fabric, below, motion)))
     return worn
@@ -185,8 +176,7 @@ def cleft(body: Body, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
     Returns:
         (F,) bool.
     """
-    a, b, c = (rest[faces[:, k]] for k in range(3))
-    centre, normal = (a + b + c) / 3, np.cross(b - a, c - a)
+    centre, normal = rest[faces].mean(1), face_normals(rest, faces)
     sideways = np.abs(normal[:, 0]) > 0.6 * np.linalg.norm(normal, axis=1)
     height = centre[:, 1] - body.heights["crotch"]
     return sideways & (np.abs(centre[:, 0]) < CLEFT_WIDTH) & (height > CLEFT_HEIGHTS[0]) & (height < CLEFT_HEIGHTS[1])
@@ -204,10 +194,8 @@ def fallen_over(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
     Returns:
         (F,) bool.
     """
-    facing = normals(x, faces)
-    average = smoothed(facing, faces, BROAD)
-    around, (a, b, c) = average[faces].sum(1), (x[faces[:, k]] for k in range(3))
-    return np.einsum("fx,fx->f", np.cross(b - a, c - a), around) < 0
+    around = smoothed(normals(x, faces), faces, BROAD)[faces].sum(1)
+    return np.einsum("fx,fx->f", face_normals(x, faces), around) < 0
 
 
 def finished(
@@ -273,6 +261,5 @@ def drape_scarf(
         surface_at=lambda frame, fine: (vertices, faces),
         skin=lambda weights, rest, frame: rest,
         frames=0,
-        ground=GROUND,
     )
     return DrapedGarment(pattern, scarf.fabric, draped)

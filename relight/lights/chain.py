@@ -66,13 +66,8 @@ def build_light_set(panoramas: Panoramas, lights: Lights, order: int) -> tuple[L
                 record["warnings"].append(warning)
                 log.warning(warning)
     reasons = {"unreadable": len(unreadable), "copies": len(found) - len(sources)}
-    read = {
-        "step": "read",
-        "in": len(found) + len(unreadable),
-        "out": len(sources),
-        "why": {reason: count for reason, count in reasons.items() if count},
-    }
-    record["steps"].insert(0, read)
+    why = {reason: count for reason, count in reasons.items() if count}
+    record["steps"].insert(0, {"step": "read", "in": len(found) + len(unreadable), "out": len(sources), "why": why})
     record |= {"unreadable": unreadable, "repaired": repaired}
     return selected, record
 

@@ -104,8 +104,7 @@ def choose_test_lights(lights: np.ndarray, sources: np.ndarray, settings: "Light
     panoramas = list(dict.fromkeys(sources[farthest_first(irradiance_features(lights))].tolist()))
     stride = len(panoramas) / test_count
     # Every `stride`-th panorama, then the others, until there are enough lights; one panorama is left for training.
-    positions = [int((i + 0.5) * stride) for i in range(test_count) if (i + 0.5) * stride < len(panoramas)]
-    evenly_spaced = list(dict.fromkeys(positions))
+    evenly_spaced = list(dict.fromkeys(int((i + 0.5) * stride) for i in range(test_count)))
     queue = evenly_spaced + [i for i in range(len(panoramas)) if i not in evenly_spaced]
     for i in queue[: len(panoramas) - 1]:
         if test.sum() >= test_count:

@@ -90,8 +90,6 @@ def load_light(
         raise UserError(f"order={order!r}: it must be a whole number, at least 0")
     if not all(isinstance(number, Real) and np.isfinite(number) for number in (exposure, yaw)) or exposure <= 0:
         raise UserError(f"exposure={exposure!r}, yaw={yaw!r}: exposure must be positive, yaw a number of degrees")
-    if convention is not None and convention not in CONVENTIONS:
-        raise UserError(f"convention {convention!r}: must be one of {', '.join(CONVENTIONS)}")
     if len(parts := parts_of(text)) > 1:
         options = (order, layout, yaw, flip, exposure, convention, repair)
         return total([load_light(part, *options) for part in parts], text)

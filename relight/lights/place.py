@@ -6,8 +6,6 @@ there and even light instead. `tools/places.py` fits both.
 """
 
 import json
-from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,39 +15,15 @@ from relight.core.srgb import LINEAR
 from relight.panoramas import luminance
 from relight.sh import bands, basis, cosine_factors, per_coefficient
 
+# What is known of the lights of places. light: (7,27) radiance of the mean light, and its change with each feature of
+# `features`, before the tint. limits: (6,2) of the features, beyond which nothing was measured. lamp: (3,) factors of
+# even light, and of bands 1 and 2 of the lamp. level: norm of the irradiance over the picture's mean luminance.
 STATISTICS = Path(__file__).with_name("place.json")
 SIDE = 48  # pixels of the picture's longer side that are looked at
 TINT = 0.5  # power of the picture's color that the light takes on
 WHITE = 0.98  # linear values above it count as clipped
 FLOOR = 1e-3  # least linear value of a mean, and least contrast
 IRRADIANCE = per_coefficient(cosine_factors(2))[:, None]  # (9,1) factors from radiance to irradiance
-
-
-@dataclass(frozen=True)
-class PlaceStatistics:
-    """What is known of the lights of places.
-
-    Attributes:
-        light: (7,9,3) radiance of the mean light, and its change with each feature of `features`, before the tint.
-        least, most: (6,) limits of the features, beyond which nothing was measured.
-        lamp: (3,) factors of even light, and of bands 1 and 2 of the lamp.
-        level: norm of the irradiance over the picture's mean luminance.
-    """
-
-    light: np.ndarray
-    least: np.ndarray
-    most: np.ndarray
-    lamp: np.ndarray
-    level: float
-
-
-@cache
-def place_statistics() -> PlaceStatistics:
-    """Reads the statistics that come with relight."""
-    stored = json.loads(STATISTICS.read_text(encoding="utf-8"))
-    least, most = np.array(stored["limits"]).T
-    light = np.array(stored["light"]).reshape(-1, 9, 3)
-    return PlaceStatistics(light, least, most, np.array(stored["lamp"]), stored["level"])
 
 
 def place_light(codes: np.ndarray, toward: np.ndarray | None = None) -> np.ndarray:
@@ -62,16 +36,16 @@ def place_light(codes: np.ndarray, toward: np.ndarray | None = None) -> np.ndarr
     Returns:
         The light (9,3): radiance in units of the picture's linear values.
     """
-    known = place_statistics()
+    known = json.loads(STATISTICS.read_text(encoding="utf-8"))
     picture = thumbnail(codes)
     if toward is None:
-        weights = np.append(1, np.clip(features(picture), known.least, known.most))  # (7,): of the mean and the changes
-        grey_light = np.tensordot(weights, known.light, 1)
+        weights = np.append(1, np.clip(features(picture), *np.transpose(known["limits"])))  # of the mean and changes
+        grey_light = np.tensordot(weights, np.reshape(known["light"], (-1, 9, 3)), 1)
     else:
-        grey_light = (lamp_parts(toward) @ known.lamp)[:, None]
+        grey_light = (lamp_parts(toward) @ known["lamp"])[:, None]
     light = grey_light * tint(picture)
     norm = float(np.linalg.norm(light * IRRADIANCE))
-    return light * (known.level * max(float(luminance(picture).mean()), FLOOR) / norm)
+    return light * (known["level"] * max(float(luminance(picture).mean()), FLOOR) / norm)
 
 
 def thumbnail(codes: np.ndarray) -> np.ndarray:

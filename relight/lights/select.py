@@ -86,9 +86,8 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: "Light
         # Twice as many clusters, since the authors removed about half of their lights by hand.
         copies = cluster(copies, 2 * settings.clusters, settings.seed, record)
         candidates, unusual = _split_by_rules(copies, settings, record)
-        usual = candidates.rows(
-            np.sort(np.random.default_rng(settings.seed).permutation(len(candidates))[: settings.clusters])
-        )
+        drawn = np.random.default_rng(settings.seed).permutation(len(candidates))[: settings.clusters]
+        usual = candidates.rows(np.sort(drawn))
     else:
         candidates, unusual = _split_by_rules(copies, settings, record)
         record["unlit"] = _unlit_panoramas(sources, copies, candidates)

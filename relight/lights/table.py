@@ -103,8 +103,7 @@ def read_light_set(path: Path | str) -> LightSet:
     names = [f.name for f in fields(LightSet)]
     if missing := {"convention", *names} - set(stored):
         raise UserError(f"{archive} is not a light set of relight (it lacks {', '.join(sorted(missing))})")
-    if str(stored["convention"]) != CONVENTION:
-        convention = str(stored["convention"])
+    if (convention := str(stored["convention"])) != CONVENTION:
         raise UserError(f"{archive}: its convention is {convention!r}; that of a light set is {CONVENTION!r}")
     lights = LightSet(**{name: stored[name] for name in names})
     table = lights.coefficients

@@ -51,9 +51,8 @@ def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
             f"its {side} side is flat, as a floor or plinth: cut it off, or check the axes (--up, --front, align.table)"
         )
     if up is None or front is None:
-        axes = find_axes(mesh, up, front)
-        up, front = axes.up, axes.front
-        if axes.certainty < MIN_CERTAINTY:
+        up, front, certainty = find_axes(mesh, up, front)
+        if certainty < MIN_CERTAINTY:
             warnings.append(
                 f"its front is uncertain ({front} with {up} up): check it, and its turn (--front, in a run align.table)"
             )

@@ -1,6 +1,6 @@
 """Finds which axis of a file points up and which way the figure faces, from the shape of the figure."""
 
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -23,23 +23,7 @@ LOWEST = 0.02  # of the height: the slice in which soles, floors and plinths are
 CROWN, HEAD_RADIUS = 0.05, 0.09  # of the height: the top of the head, and how far head and neck reach sideways from it
 
 
-@dataclass
-class Axes:
-    """Axes of a file.
-
-    Attributes:
-        up: name in AXES.
-        front: name in AXES.
-        certainty: of the front, in [0,1]: 0 if it is that of a convention for lack of evidence, if the evidence
-            points between two axes, or if somebody sits.
-    """
-
-    up: str
-    front: str
-    certainty: float
-
-
-def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Axes:
+def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> tuple[str, str, float]:
     """Finds the axes that are not given.
 
     Up is the longest extent of the file, y before z where they are similar; negative if legs, or soles and toes, are
@@ -53,7 +37,8 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
         front: name in AXES, or None.
 
     Returns:
-        Both axes; a front that was given has the certainty 1.
+        Up and front, names in AXES, and the certainty of the front, in [0,1]. It is 1 for a front that was given; 0 for
+        that of a convention for lack of evidence, if the evidence points between two axes, or if somebody sits.
     """
     area = face_areas(mesh.vertices, mesh.faces)
     points = mesh.vertices[mesh.faces].mean(axis=1, dtype=np.float64)
@@ -65,16 +50,13 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
         axis = "xyz"[int(extent.argmax())]
         soles = {sign: _sole_area(mesh, points, AXES[sign + axis]) for sign in "+-"}
         toes = np.linalg.norm(_horizontal_offset(points, area, AXES["-" + axis], FEET, ANKLES))
-
-        def gap(sign: str, axis: str = axis) -> float:
-            return _gap(mesh, points, area, AXES[sign + axis])
-
+        gap = partial(_gap, mesh, points, area)
         # Raised arms have a gap, too, but it is above legs that have one or above a skirt, and they have no soles.
-        legs = soles["-"] > 0.8 * soles["+"] and gap("-") > MIN_GAP > 2 * gap("+")
+        legs = soles["-"] > 0.8 * soles["+"] and gap(AXES["-" + axis]) > MIN_GAP > 2 * gap(AXES["+" + axis])
         inverted = legs or (soles["-"] > max(SOLES, 2 * soles["+"]) and toes > 3 * MIN_OFFSET)
         up = ("-" if inverted else "+") + axis
     if front is not None:
-        return Axes(up, front, 1.0)
+        return up, front, 1.0
     head = _head_faces(points, area, AXES[up])
     ahead = _toe_offset(points, area, AXES[up]) + 0.5 * _horizontal_offset(points, area * head, -AXES[up], FACE, NECK)
     offsets = {name: float(ahead @ axis) for name, axis in AXES.items() if not axis @ AXES[up]}
@@ -82,8 +64,8 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
     if (forward := offsets[front]) > MIN_OFFSET:
         aside = float(np.linalg.norm(ahead - forward * AXES[front]))
         width, depth = np.ptp(points, axis=0)[AXES[up] == 0] / np.ptp(points @ AXES[up])
-        return Axes(up, front, min(float(width * depth < SEATED), forward / (4 * MIN_OFFSET), 1 - aside / forward))
-    return Axes(up, "-y" if up[1] == "z" else "+z", 0.0)
+        return up, front, min(float(width * depth < SEATED), forward / (4 * MIN_OFFSET), 1 - aside / forward)
+    return up, "-y" if up[1] == "z" else "+z", 0.0
 
 
 def flat_side(mesh: Mesh) -> str | None:

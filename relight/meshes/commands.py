@@ -56,10 +56,8 @@ def _check(mesh: Path, name: str, up: str, front: str, table: str | None = None)
     result = align(clean(original), Align(up, front, table))
     size = " x ".join(f"{extent:.4g}" for extent in original.vertices.max(axis=0) - original.vertices.min(axis=0))
     print(f"{mesh.name}: {len(original.faces)} faces, {len(original.vertices)} vertices, {size} units")
-    print(
-        f"  materials  {len(original.materials)}, {len(textures)} textured"
-        + (", vertex colors" * (original.color is not None))
-    )
+    colors = "" if original.color is None else ", vertex colors"
+    print(f"  materials  {len(original.materials)}, {len(textures)} textured{colors}")
     axes = result.info["align"]
     print(f"  axes       {axes['up']} up, facing {axes['front']}")
     for what, count in result.info["repairs"].items():

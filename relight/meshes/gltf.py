@@ -25,7 +25,7 @@ class Part(NamedTuple):
         faces: (F,3), from 0 in each part.
         uv: (F,3,2), v from the bottom as in OBJ; zeros without a texture.
         material: (F,) all the same, an index into the materials of the file.
-        color: (F,3,3) linear, or None.
+        color: (F,3,3) linear; ones if the file has none.
         normal: (V,3) of any length in the frame of the scene; zeros if the file has none.
     """
 
@@ -33,7 +33,7 @@ class Part(NamedTuple):
     faces: np.ndarray
     uv: np.ndarray
     material: np.ndarray
-    color: np.ndarray | None
+    color: np.ndarray
     normal: np.ndarray
 
 
@@ -66,10 +66,11 @@ def _read(gltf: Gltf) -> RawMesh:
     notes: list[str] = []
     parts: list[Part] = []
     index_of: dict[int | None, int] = {}  # in `surfaces`, by the number of the material in the file
-    total = 0
+    total, is_colored = 0, False
     for node, primitive, matrix in _primitives(gltf):
         notes += _poses(gltf, node)
-        points = gltf.accessor(primitive["attributes"]["POSITION"]).astype(np.float64)
+        attributes = primitive["attributes"]
+        points = gltf.accessor(attributes["POSITION"]).astype(np.float64)
         corners = gltf.accessor(primitive["indices"]) if "indices" in primitive else np.arange(len(points))
         faces = _triangles(gltf, corners.astype(np.int64), primitive.get("mode", TRIANGLES))
         total += len(faces)
@@ -86,30 +87,24 @@ def _read(gltf: Gltf) -> RawMesh:
             index_of[number] = len(surfaces)
             surfaces.append(_surface(gltf, number, notes))
         index = index_of[number]
-        color, normal = (primitive["attributes"].get(name) for name in ("COLOR_0", "NORMAL"))
-        parts.append(
-            Part(
-                points=_times(linear, points) + matrix[..., :3, 3],
-                faces=faces,
-                uv=_uv(gltf, primitive, surfaces[index], faces),
-                material=np.full(len(faces), index),
-                color=None if color is None else _colors(gltf.accessor(color)[:, :3], notes)[faces],
-                normal=np.zeros_like(points)
-                if normal is None
-                else _turned(gltf.accessor(normal), linear) * side[..., None],
-            )
-        )
+        color, normal = np.ones((len(faces), 3, 3), np.float32), np.zeros_like(points)
+        if "COLOR_0" in attributes:
+            color = _colors(gltf.accessor(attributes["COLOR_0"])[:, :3], notes)[faces]
+            is_colored = True
+        if "NORMAL" in attributes:
+            normal = _turned(gltf.accessor(attributes["NORMAL"]), linear) * side[..., None]
+        placed, uv = _times(linear, points) + matrix[..., :3, 3], _uv(gltf, primitive, surfaces[index], faces)
+        parts.append(Part(placed, faces, uv, np.full(len(faces), index), color, normal))
     if not total:
         raise UserError(f"{gltf.path} has no triangles: relight needs a surface")
     start = np.cumsum([0] + [len(part.points) for part in parts])
-    colors = [np.ones((len(part.faces), 3, 3)) if part.color is None else part.color for part in parts]
     return RawMesh(
         vertices=np.concatenate([part.points for part in parts]),
         faces=np.concatenate([part.faces + offset for part, offset in zip(parts, start)]),
         uv=np.concatenate([part.uv for part in parts]),
         material=np.concatenate([part.material for part in parts]),
         materials=[surface.material for surface in surfaces],
-        color=np.concatenate(colors) if any(part.color is not None for part in parts) else None,
+        color=np.concatenate([part.color for part in parts]) if is_colored else None,
         warnings=list(dict.fromkeys(notes)),
         normal=np.concatenate([part.normal for part in parts]),
         axes={"up": "+y", "front": "+z"} if gltf.json["asset"].get("generator") == "relight" else None,

@@ -13,6 +13,8 @@ from relight.core.npz import read_npz
 
 REPEAT, CLAMP, MIRROR = "repeat", "clamp", "mirror"  # how a texture goes on beyond its edge
 
+ARRAYS = ("vertices", "faces", "uv", "material")  # of a mesh; it always has them
+
 
 @dataclass
 class Material:
@@ -65,9 +67,8 @@ class Mesh:
     def dressed(self, outfit: int) -> "Mesh":
         """Returns the mesh in one of its outfits: 0 is its own, which it comes with."""
         other = self.outfits[outfit - 1] if outfit else {}
-        return replace(
-            self, materials=[other.get(i, material) for i, material in enumerate(self.materials)], outfits=[]
-        )
+        materials = [other.get(i, material) for i, material in enumerate(self.materials)]
+        return replace(self, materials=materials, outfits=[])
 
     def save(self, path: Path) -> None:
         """Writes the mesh as .npz, whole or not at all.
@@ -75,9 +76,7 @@ class Mesh:
         Properties of a material have its number in their name, and after a point the number of a further outfit. What
         has its default is left out.
         """
-        arrays: dict[str, Any] = {
-            "vertices": self.vertices, "faces": self.faces, "uv": self.uv, "material": self.material
-        }  # fmt: skip
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in ARRAYS}
         if self.color is not None:
             arrays["color"] = self.color
         for outfit, materials in enumerate([dict(enumerate(self.materials)), *self.outfits]):
@@ -106,7 +105,7 @@ class Mesh:
                 for k in range(1, int(data.get("outfits", 0)) + 1)
             ]
             info = json.loads(str(data["info"]))
-            arrays = {name: data[name] for name in ("vertices", "faces", "uv", "material")}
+            arrays = {name: data[name] for name in ARRAYS}
             return cls(**arrays, materials=materials, color=data.get("color"), info=info, outfits=outfits)
         except (KeyError, ValueError, TypeError, RecursionError) as error:
             raise UserError(f"{path} is not a mesh record of relight ({error})") from None

@@ -20,6 +20,9 @@ OPTION = re.compile(
     rf"(?i)-(?:clamp\s+(?P<clamp>\S+)|(?:blendu|blendv|cc|imfchan|type)\s+\S+|(?:bm|boost|texres)\s+{NUMBER}"
     rf"|mm\s+{NUMBER}\s+{NUMBER}|(?P<vector>[ost])\s+(?P<values>{VECTOR}))\s+(?=\S)"
 )
+# A line that a backslash joins to the next one: no comment; after a byte over 127, the backslash is half a character of
+# Shift-JIS, Big5 or GBK.
+JOINED = re.compile(rb"(?m)^(?!\s*#)(.*(?<![\x80-\xff]))\\\r?\n")
 MAPS = (b"map_kd", b"map_ka", b"map_ke")  # of the color; the first that a material has counts
 NO_PLACEMENT = np.array([1.0, 1.0, 0.0, 0.0])
 
@@ -148,7 +151,7 @@ def read_mtl(path: Path) -> dict[bytes, Surface]:
     textures: dict[Path, np.ndarray] = {}  # that were read: materials may share them
     statements: dict[bytes, bytes] = {}
     with open_lines(path) as opened:
-        lines = join_lines(opened.read()).splitlines()
+        lines = JOINED.sub(rb"\1 ", opened.read()).splitlines()
     for line in lines:
         key, rest = (*line.split(None, 1), b"", b"")[:2]  # empty where the line lacks them
         statements[key.lower()] = rest.strip()
@@ -175,14 +178,6 @@ def _surface(path: Path, statements: dict[bytes, bytes], textures: dict[Path, np
     material = Material(texture=textures[file], wrap=(CLAMP, CLAMP) if clamp else (REPEAT, REPEAT))
     notes = [] if key == b"map_kd" else [f"its only texture {file.name} is of {key.decode()}: taken as the color"]
     return Surface(material, placement, notes)
-
-
-def join_lines(text: bytes) -> bytes:
-    """Joins lines that end in a backslash, but for comments.
-
-    After a byte over 127, it is half a character of Shift-JIS, Big5 or GBK.
-    """
-    return re.sub(rb"(?m)^(?!\s*#)(.*(?<![\x80-\xff]))\\\r?\n", rb"\1 ", text)
 
 
 def _parse_color(path: Path, text: bytes) -> tuple[np.ndarray, list[str]]:

@@ -42,9 +42,8 @@ class Numbers:
         if values.size != width * len(self.lines):  # some lines are longer than others
             widths = [len(line.split()) for line in self.lines]
             width, self.widest = min(widths), max(self.widest, *widths)
-            values = parse_numbers(
-                self.path, b" ".join(b" ".join(line.split()[:width]) for line in self.lines), np.float64
-            )
+            cut = [b" ".join(line.split()[:width]) for line in self.lines]
+            values = parse_numbers(self.path, b" ".join(cut), np.float64)
         if width < self.least:
             raise UserError(f"{self.path}: a `{self.keyword}` line has {width} numbers; {self.least} are needed")
         self.rows.append(values.reshape(-1, width)[:, : self.most])

@@ -35,7 +35,7 @@ class ExrPicture:
 
     Attributes:
         pixels: (H,W,3) float32, linear Rec. 709.
-        envmap: the header attribute `envmap`: "latlong", "cube" or None.
+        envmap: the layout that the header attribute `envmap` tells, "latlong" or "strip", or None.
         repairs: what was changed, one sentence each.
         alpha: (H,W) float32, by which the colors are multiplied, or None.
     """
@@ -56,7 +56,7 @@ class Header:
         channels: sampling in x and y, by name.
         data: window of the stored pixels.
         display: window of the image.
-        envmap: "latlong", "cube" or None.
+        envmap: the layout that the attribute `envmap` tells, "latlong" or "strip", or None.
         chromaticities: x and y of the primaries and of white (8 numbers), or None.
         space: the color space that an attribute names, or "".
     """
@@ -120,17 +120,14 @@ def read_exr(path: Path) -> ExrPicture:
 
 def _read_headers(path: Path, OpenEXR: Any) -> list[Header]:
     """Reads the headers of all parts; raises UserError if any step fails: in a damaged file decoding a name may."""
-    envmaps = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
+    envmaps = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "strip"}
     try:
         headers = []
         with without_messages():
             parts = OpenEXR.File(str(path), header_only=True).parts
         for part in parts:
             header = {name.lower(): value for name, value in part.header.items()}  # of any spelling
-            data, display = (
-                tuple(int(pixel) for corner in header[name] for pixel in corner)
-                for name in ("datawindow", "displaywindow")
-            )
+            data, display = (tuple(np.ravel(header[name]).tolist()) for name in ("datawindow", "displaywindow"))
             tiles = header.get("tiles")
             headers.append(
                 Header(

@@ -67,8 +67,6 @@ def _read_header(data: bytes) -> tuple[np.ndarray, bool, np.ndarray | None, list
 
     The divisor is the product of EXPOSURE and COLORCORR; indented lines belong to pictures that this one was made from.
     """
-    if not data.startswith(b"#?"):
-        raise Malformed("it does not begin with #?")
     divisor, xyz, primaries, position = np.ones(3), False, None, 0
     notes: list[str] = []
     while True:

@@ -9,7 +9,8 @@ from relight.core.errors import UserError
 from relight.panoramas.panorama import check_size
 
 MIN_LARGEST, MAX_LARGEST = 1e-20, 1e20  # of the values
-HEADER = re.compile(rb"(?:\xef\xbb\xbf)?(PF|Pf)\s+(\d{1,9})(\s+)(\d{1,9})\s+([-+.0-9eE]{1,32})(\r\n|\s)")
+NUMBER = rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+HEADER = re.compile(rb"(?:\xef\xbb\xbf)?(PF|Pf)\s+(\d{1,9})(\s+)(\d{1,9})\s+(" + NUMBER + rb")(\r\n|\s)")
 
 
 def read_pfm(path: Path) -> tuple[np.ndarray, list[str]]:
@@ -23,10 +24,7 @@ def read_pfm(path: Path) -> tuple[np.ndarray, list[str]]:
     """
     data = path.read_bytes()
     match = HEADER.match(data[:256])
-    try:
-        scale = float(match[5]) if match else 0.0
-    except ValueError:
-        scale = 0.0
+    scale = float(match[5]) if match else 0.0
     if match is None or not np.isfinite(scale) or scale == 0:
         raise UserError(f"{path}: not a portable float map: its header is not like 'PF 1024 512 -1.0'")
     width, height, channels = int(match[2]), int(match[4]), 3 if match[1] == b"PF" else 1

@@ -34,32 +34,19 @@ def setup(package: Path | str | None = None) -> Path:
     Raises:
         UserError: if the package cannot be had, or is another one.
     """
-    archive = fetch(PACKAGE, package)
-    with atomic_folder(panorama_folder()) as temporary:
-        try:
-            with tarfile.open(fileobj=io.BytesIO(archive)) as members:
-                for name in NAMES:
-                    (temporary / f"{name}.exr").write_bytes(_decode(_read(members, f"package/hdri/{name}.exr.js")))
-                (temporary / "LICENSE").write_bytes(_read(members, "package/LICENSE"))
-        except (tarfile.TarError, EOFError, KeyError, ValueError) as error:
-            raise UserError(f"{package or PACKAGE.file_name} is not {PACKAGE.name}: {error}") from None
+    archive = io.BytesIO(fetch(PACKAGE, package))
+    with atomic_folder(panorama_folder()) as temporary, tarfile.open(fileobj=archive) as members:
+        for name in NAMES:
+            _, _, data = _read(members, f"hdri/{name}.exr.js").partition(b";base64,")  # a module of JavaScript
+            (temporary / f"{name}.exr").write_bytes(base64.b64decode(data.rstrip(b"'\"; \n")))
+        (temporary / "LICENSE").write_bytes(_read(members, "LICENSE"))
     return panorama_folder()
 
 
 def _read(archive: tarfile.TarFile, name: str) -> bytes:
-    """Returns the content of a member of an archive; raises KeyError if there is none, or if it is no file."""
-    file = archive.extractfile(name)
-    if file is None:
-        raise KeyError(f"{name} is not a file")
+    file = archive.extractfile(f"package/{name}")
+    assert file is not None  # `fetch` checked the hash of the archive
     return file.read()
-
-
-def _decode(module: bytes) -> bytes:
-    """Returns the file that a module of JavaScript holds as a data address in base64; raises ValueError for none."""
-    _, found, data = module.partition(b";base64,")
-    if not found:
-        raise ValueError("a panorama holds no data")
-    return base64.b64decode(data.rstrip(b"'\"; \n"), validate=True)
 
 
 def panorama_file(name: str) -> Path:

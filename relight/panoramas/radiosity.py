@@ -6,7 +6,6 @@ accounts for what it absorbs.
 
 import math
 from dataclasses import dataclass, field
-from functools import cache
 
 import numpy as np
 
@@ -110,7 +109,6 @@ class Room:
     sun: Sun | None = None
 
 
-@cache
 def view_directions() -> np.ndarray:
     """Returns the directions (HEIGHT * WIDTH,3) of the pixels of the lat-long image; -z is at its centre."""
     return latlong_directions(HEIGHT, WIDTH).reshape(-1, 3)
@@ -228,7 +226,7 @@ def _sample_emitters(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np
 
     Returns points and normals (S,3), zero for lamps; areas (S,), for lamps of their disc; radiances (S,3).
     """
-    points, normals, areas, radiances = [], [], [], []
+    samples = []
     for light in room.area_lights:
         axis, side = divmod(light.wall, 2)
         p, q = IN_PLANE[axis]
@@ -240,16 +238,11 @@ def _sample_emitters(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np
             for b in steps:
                 share = np.zeros(3)
                 share[p], share[q] = a, b
-                points.append(light.low + share * size)
-                normals.append(normal)
-                areas.append(size[p] * size[q] / len(steps) ** 2)
-                radiances.append(light.radiance)
-    for lamp in room.lamps:
-        points.append(lamp.centre)
-        normals.append(np.zeros(3))
-        areas.append(np.pi * lamp.radius**2)
-        radiances.append(lamp.radiance)
-    return np.array(points), np.array(normals), np.array(areas), np.array(radiances)
+                area = size[p] * size[q] / len(steps) ** 2
+                samples.append((light.low + share * size, normal, area, light.radiance))
+    samples += [(lamp.centre, np.zeros(3), np.pi * lamp.radius**2, lamp.radiance) for lamp in room.lamps]
+    points, normals, areas, radiances = (np.array(column) for column in zip(*samples))
+    return points, normals, areas, radiances
 
 
 def direct_irradiance(room: Room, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
@@ -432,7 +425,6 @@ def _render_lamps(room: Room, image: np.ndarray, depth: np.ndarray) -> None:
         image[visible] = lamp.radiance * scale
 
 
-@cache
 def pixel_solid_angles() -> np.ndarray:
     """Returns the solid angles (HEIGHT * WIDTH,) of the pixels."""
     return np.repeat(latlong_solid_angles(HEIGHT, WIDTH), WIDTH)

@@ -48,7 +48,7 @@ def read_panorama(path: Path | str, layout: str = "auto", repair: bool = False) 
         raise UserError(f"layout={layout}: must be auto or one of {', '.join(LAYOUTS)}")
     pixels, envmap, repairs = read_pixels(path)
     resolved = decide_layout(path, pixels.shape[1], pixels.shape[0], layout, envmap)
-    has_attribute = envmap is not None and resolved == {"latlong": "latlong", "cube": "strip"}[envmap]
+    has_attribute = resolved == envmap
     pixels = np.ascontiguousarray(pixels)
     repairs += repair_pixels(path, pixels, repair) + clip_negatives(path, pixels) + repair_sun(path, pixels, repair)
     side = (min(pixels.shape[:2]) + 5) // 6  # half of a face
@@ -63,8 +63,8 @@ def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
     """Reads a picture whose format its first bytes tell.
 
     Returns:
-        Pixels (H,W,3) float32, linear Rec. 709, row 0 at the top; OpenEXR's attribute `envmap` ("latlong" or "cube"),
-        or None; and what the reader changed, one sentence each.
+        Pixels (H,W,3) float32, linear Rec. 709, row 0 at the top; the layout that OpenEXR's attribute `envmap`
+        tells, or None; and what the reader changed, one sentence each.
 
     Raises:
         UserError: if the file is not a panorama.
@@ -97,7 +97,7 @@ def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str 
         UserError: if the layout is ambiguous, or if it does not fit the aspect ratio.
     """
     if layout == "auto" and envmap:
-        layout = {"latlong": "latlong", "cube": "strip"}[envmap]
+        layout = envmap
 
     def fits(name: str) -> bool:
         return any(width * down == height * across for across, down in LAYOUTS[name])
@@ -126,19 +126,13 @@ def clip_negatives(path: Path, pixels: np.ndarray) -> list[str]:
     Raises:
         UserError: if the picture is black.
     """
-    negative, maximum = 0, 0.0
-    for start in range(0, len(pixels), 256):
-        part = pixels[start : start + 256]
-        if part.min() < 0:
-            below = part < 0
-            negative += int(below.any(-1).sum())
-            part[below] = 0
-        maximum = max(maximum, float(part.max()))
-    if maximum == 0:
+    below = pixels < 0
+    pixels[below] = 0
+    if not pixels.any():
         raise UserError(f"{path} is black; a panorama must have some light")
-    if not negative:
+    if not below.any():
         return []
-    return [f"{negative} of {pixels.shape[0] * pixels.shape[1]} pixels had negative values, set to zero"]
+    return [f"{below.any(-1).sum()} of {below[..., 0].size} pixels had negative values, set to zero"]
 
 
 def list_panoramas(folder: Path | str) -> list[str]:

@@ -7,7 +7,6 @@ from scipy.ndimage import binary_dilation, convolve, label
 
 from relight.core.errors import UserError
 
-ROWS = 64  # rows that are tested at a time
 LOST = 1e-3  # of the mean red: a pixel with less has none
 MAX_SHARE = 0.01  # of the pixels; a picture with more is broken
 
@@ -28,14 +27,11 @@ def repair_pixels(path: Path, pixels: np.ndarray, repair: bool) -> list[str]:
     Raises:
         UserError: if there are such pixels and `repair` is false, or if they are more than MAX_SHARE.
     """
-    rows = []
-    for start in range(0, len(pixels), ROWS):
-        finite = np.isfinite(pixels[start : start + ROWS])
-        if not finite.all():  # ten times as fast as testing each pixel, and nearly always enough
-            rows.append(np.argwhere(~finite.all(-1)) + [start, 0])
-    if not rows:
+    finite = np.isfinite(pixels)
+    if finite.all():  # ten times as fast as testing each pixel, and nearly always enough
         return []
-    holes = np.concatenate(rows)
+    known = finite.all(-1)
+    holes = np.argwhere(~known)
     height, width = pixels.shape[:2]
     count = f"{len(holes)} of {height * width} pixels are not finite numbers"
     if not repair:
@@ -43,8 +39,6 @@ def repair_pixels(path: Path, pixels: np.ndarray, repair: bool) -> list[str]:
         raise UserError(f"{path}: {count}, {first}; relight light --repair, or panoramas.repair=true, replaces them")
     if len(holes) > MAX_SHARE * height * width:
         raise UserError(f"{path}: {count}; more than {MAX_SHARE:.0%} cannot be repaired: download the file again")
-    known = np.ones((height, width), bool)
-    known[tuple(holes.T)] = False
     pixels[~known] = 0
     while not known.all():  # ring by ring
         weight = convolve(known.astype(np.float32), np.ones((3, 3)), mode="constant")

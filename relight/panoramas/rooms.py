@@ -233,12 +233,8 @@ def _add_lamp(
 def _add_furniture(room: Room, rng: np.random.Generator) -> None:
     """Adds up to seven boxes on the floor, most of them against a wall, none close to or below the camera."""
     for _ in range(rng.integers(0, 8)):
-        tall = rng.random() < 0.25
-        extents = [
-            _log_uniform(rng, 0.3, 2.2),
-            _log_uniform(rng, *((1.3, 2.2) if tall else (0.35, 1.2))),
-            _log_uniform(rng, 0.3, 2.2),
-        ]
+        heights = (1.3, 2.2) if rng.random() < 0.25 else (0.35, 1.2)
+        extents = [_log_uniform(rng, *limits) for limits in ((0.3, 2.2), heights, (0.3, 2.2))]
         size = np.minimum(extents, room.size * 0.6)
         low = np.array([rng.uniform(0, room.size[0] - size[0]), 0, rng.uniform(0, room.size[2] - size[2])])
         if rng.random() < 0.6:

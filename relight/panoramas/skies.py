@@ -45,9 +45,8 @@ def generate_sky(seed: int) -> np.ndarray:
     if direction[sun_pixel, 1] > skyline_height[sun_pixel]:
         image[sun_pixel] += sun_irradiance / solid_angle[sun_pixel]
         ground_irradiance = sky_irradiance + sun_irradiance * sun[1]
-    ground_albedo = np.exp(rng.uniform(np.log(0.06), np.log(0.35))) * np.array(
-        [rng.uniform(0.85, 1.15), 1.0, rng.uniform(0.55, 1.0)]
-    )
+    grey = np.exp(rng.uniform(np.log(0.06), np.log(0.35)))
+    ground_albedo = grey * np.array([rng.uniform(0.85, 1.15), 1.0, rng.uniform(0.55, 1.0)])
     image[~above] = ground_albedo / np.pi * ground_irradiance
     # Objects on the horizon are vertical: half the sky lights them, and the sun their side toward the camera.
     is_object = above & (direction[:, 1] <= skyline_height)

@@ -105,11 +105,8 @@ def quoted(override: str) -> str:
 
 def presets() -> dict[str, list[str]]:
     """Returns the names of the presets of each group in conf/."""
-    return {
-        folder.name: sorted(path.stem for path in folder.glob("*.yaml"))
-        for folder in sorted(CONF.iterdir())
-        if folder.is_dir()
-    }
+    folders = [folder for folder in sorted(CONF.iterdir()) if folder.is_dir()]
+    return {folder.name: sorted(path.stem for path in folder.glob("*.yaml")) for folder in folders}
 
 
 def read_preset(group: str, name: str = "default") -> Any:
@@ -122,10 +119,8 @@ def read_preset(group: str, name: str = "default") -> Any:
     Returns:
         The group's dataclass, such as `Lights`.
     """
-    schema = getattr(Config(), group)
-    return OmegaConf.to_object(
-        OmegaConf.merge(OmegaConf.structured(schema), OmegaConf.load(CONF / group / f"{name}.yaml"))
-    )
+    schema, preset = OmegaConf.structured(getattr(Config(), group)), OmegaConf.load(CONF / group / f"{name}.yaml")
+    return OmegaConf.to_object(OmegaConf.merge(schema, preset))
 
 
 def resolved(cfg: DictConfig) -> DictConfig:

@@ -88,8 +88,7 @@ def setting(about: str, default: Any = MISSING, **rules: Any) -> Any:
 
 def setting_of(item: Field[Any]) -> Setting:
     """Returns the Setting of a field."""
-    described: Setting = item.metadata["setting"]
-    return described
+    return item.metadata["setting"]
 
 
 def domain_in_words(item: Field[Any]) -> str:

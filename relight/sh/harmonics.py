@@ -5,7 +5,6 @@ K = (order + 1)^2 is the number of coefficients throughout (docs/conventions.md)
 
 import math
 from collections.abc import Iterator
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -54,7 +53,6 @@ def per_coefficient(per_band: np.ndarray) -> np.ndarray:
     return per_band[bands(len(per_band) - 1)]
 
 
-@cache
 def normalisation(l: int, m: int) -> float:
     """Returns the constant that makes Y_lm orthonormal: sqrt((2l+1)/(4 pi) (l-m)!/(l+m)!), times sqrt 2 for m > 0."""
     ratio = math.factorial(l - m) / math.factorial(l + m)

@@ -5,8 +5,6 @@ navy. A window damps the bands above 0 until nothing is negative; it belongs to 
 shines on (Sloan, "Stupid Spherical Harmonics Tricks", 2008).
 """
 
-from functools import cache
-
 import numpy as np
 
 from relight.sh.harmonics import order_of, sphere_spiral, unoccluded
@@ -34,7 +32,7 @@ def deringed(light: np.ndarray) -> np.ndarray:
     [0.82, 0.82, 0.82]
     """
     light = np.asarray(light, np.float64)
-    transport = _transport_around(order_of(len(light)))
+    transport = unoccluded(sphere_spiral(DIRECTIONS), order_of(len(light)))
     mean = transport[0, 0] * light[0]  # irradiance of each channel, (3,)
     depth = -(transport[:, 1:] @ light[1:]).min(0, initial=0)  # how far each channel falls below its mean, (3,)
     falls = depth > 1e-12 * max(mean.max(), 0)  # a channel without light does not
@@ -44,9 +42,3 @@ def deringed(light: np.ndarray) -> np.ndarray:
     windowed = light.copy()
     windowed[1:] *= min(factors.min(), 1)
     return windowed
-
-
-@cache
-def _transport_around(order: int) -> np.ndarray:
-    """Returns the unoccluded transport (DIRECTIONS,K) of normals spread evenly over the sphere."""
-    return unoccluded(sphere_spiral(DIRECTIONS), order)

@@ -279,16 +279,14 @@ def primary_hits(caster: RayCaster, camera: Camera, column: np.ndarray, row: np.
         column: (N,) in pixels from the left edge of the image; .5 is the centre of the first pixel.
         row: (N,) in pixels from the top edge.
     """
-    index, faces, weights = [], [], []
+    hits = []
     for begin in range(0, len(column), BATCH):
         rays = camera.rays(column[begin : begin + BATCH], row[begin : begin + BATCH])
         rays[:, :3] -= caster.centre
         face, barycentric = caster.intersect(rays.astype(np.float32))
         hit = np.flatnonzero(face != MISS)
-        index.append(hit + begin)
-        faces.append(face[hit].astype(np.int64))
-        weights.append(barycentric[hit])
-    return Hits(np.concatenate(index), np.concatenate(faces), np.concatenate(weights))
+        hits.append((hit + begin, face[hit].astype(np.int64), barycentric[hit]))
+    return Hits(*map(np.concatenate, zip(*hits)))
 
 
 def pixel_corners(size: int) -> np.ndarray:

@@ -48,16 +48,7 @@ def solve_radiosity(
     for _ in range(bounces):
         # One seed, other than that of the pixels, casts the same rays at every bounce, so all iterations solve one
         # linear system.
-        direct, gathered = integrate(
-            split_caster,
-            points=centroid,
-            normals=normals,
-            geometric=normals,
-            rays=rays,
-            order=order,
-            seed=seed + 1,  # not the azimuths of the pixels
-            radiosity=radiosity,
-        )
+        direct, gathered = integrate(split_caster, centroid, normals, normals, rays, order, seed + 1, radiosity)
         total = direct[..., None] if gathered is None else direct[..., None] + gathered
         radiosity = np.zeros((len(has_area), total.shape[1], 3), np.float32)
         radiosity[has_area] = color * total

@@ -27,7 +27,6 @@ def integrate(
     order: int = 2,
     seed: int = 0,
     radiosity: np.ndarray | None = None,
-    batch: int = BATCH,
     azimuth: np.ndarray | None = None,
     subset: tuple[int, int] = (0, 1),
 ) -> tuple[np.ndarray, np.ndarray | None]:
@@ -37,7 +36,7 @@ def integrate(
 
         T = A_l Y_lm(n) - pi/N sum over blocked w_j of Y_lm(w_j),
 
-    so unoccluded points are exact for any N. The result depends neither on `batch` nor on the number of threads: the
+    so unoccluded points are exact for any N. The result depends neither on BATCH nor on the number of threads: the
     rays do not, and sums of fixed-point numbers are exact in any order.
 
     Args:
@@ -49,7 +48,6 @@ def integrate(
         order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
         seed: random seed of the rays' azimuths.
         radiosity: (F,K,C) of the front of each face, per unit of each coefficient of the light (`solve_radiosity`).
-        batch: rays that are cast at a time.
         azimuth: (P,) radians, instead of random ones.
         subset: (j, m) casts only the j-th, (j+m)-th, ... of the N rays, for the m samples of a pixel with one azimuth.
             Every m-th point of Vogel's spiral forms a spiral again, so on smooth surfaces the mean over the samples is
@@ -78,7 +76,7 @@ def integrate(
         flat = np.ascontiguousarray(radiosity.reshape(len(radiosity), -1), np.float32)
         gathered = np.empty((point_count, flat.shape[1]), np.float32)
 
-    step = max(1, batch // rays)
+    step = max(1, BATCH // rays)
     buffer = np.empty((min(step, point_count), rays, 6), np.float32)
     steps = range(0, point_count, step)
     for begin in progress(steps, "casting rays") if ray_step == 1 else steps:  # of subsets, the caller shows progress

@@ -1,7 +1,5 @@
 """Samples ray directions: one cosine-distributed set, rotated about the normal of each point."""
 
-from functools import cache
-
 import numpy as np
 
 from relight.sh import basis, coefficient_count
@@ -42,7 +40,6 @@ def tangent_frames(normals: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
     return np.stack([cosine * tangent + sine * bitangent, cosine * bitangent - sine * tangent, normals], 1)
 
 
-@cache
 def zonal_lobes(order: int) -> tuple[np.ndarray, list[np.ndarray]]:
     """Returns lobe directions for `rotate_to_world`: any function of a band is a sum of zonal lobes at them.
 

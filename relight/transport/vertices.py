@@ -18,9 +18,6 @@ from relight.transport.raycaster import RayCaster
 from relight.transport.surface import sample_albedo
 
 MIN_COSINE = 0.2  # between a normal of the file and that of the faces around the vertex
-# Shift of ray origins per unit of the sum of `_shifted_into_faces` (2 at a straight edge), over their distance from the
-# surface: 1 is right in creases of over 27 degrees; with 4, folds of generated figures differ more from their faces.
-SHIFT = 1.0
 COLOR_STEP = 0.05  # between the albedos of a vertex's faces, from which they are reported as different
 MIN_EXTENT = 1e-6  # units; products of the edges of smaller meshes underflow in single precision
 
@@ -190,7 +187,9 @@ def _shifted_into_faces(caster: RayCaster, used: np.ndarray, normals: np.ndarray
     shift = np.zeros_like(points)
     np.add.at(shift, vertex, inside)
     shift -= np.minimum(np.einsum("ux,ux->u", shift, normals), 0)[:, None] * normals  # edges of solids: not inward
-    shift *= SHIFT * caster.offset
+    # The sum is 2 at a straight edge. Times the offset, it is right in creases of over 27 degrees; with four times as
+    # much, folds of generated figures differ more from their faces.
+    shift *= caster.offset
     # A shift below the plane of one of the vertex's own faces may take half of the distance from it.
     descent = -np.einsum("fcx,fcx->fc", shift[vertex], face_normals)
     height = caster.offset * np.einsum("fcx,fcx->fc", normals[vertex], face_normals)

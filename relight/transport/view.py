@@ -127,9 +127,8 @@ def _extreme_points(lateral: np.ndarray, depth: np.ndarray, half_width: float, d
     x <= h a - distance t (left side). Each inequality is tightest at the point with the largest left-hand side,
     wherever the eye is. Returns the indices of the points that limit the right and the left side.
     """
-    return int((half_width * depth + distance * lateral).argmax()), int(
-        (half_width * depth - distance * lateral).argmax()
-    )
+    right, left = ((half_width * depth + sign * distance * lateral).argmax() for sign in (1, -1))
+    return int(right), int(left)
 
 
 def _eye_offset(lateral: np.ndarray, depth: np.ndarray, distance: float, eye_z: float) -> float:

@@ -81,8 +81,8 @@ def test_garment_refuses_what_cannot_be_cut(tmp_path, monkeypatch):
     (tmp_path / "garments.yaml").write_text("tops:\n  ruff:\n    kind: top\n    torso_ease: [0.1]\n")
     with pytest.raises(UserError, match=r"tops: ruff: .*torso_ease must have 6 numbers, not 1"):
         entries("garments", "tops", Garment, tmp_path)
-    wardrobe()
-    monkeypatch.setattr(garments, "entries", lambda *_: {"trousers": ("jeans", "toga")})
+    draws = {"trousers": ("jeans", "toga")}
+    monkeypatch.setattr(garments, "entries", lambda *args: draws if args[1] == "draws" else entries(*args))
     with pytest.raises(UserError, match=r"draws: trousers: .*there is no garment toga"):
         garments.drawn_from("trousers")
 

@@ -28,7 +28,7 @@ def test_step_frame_cloth_over_a_ball_lies_outside_and_keeps_its_lengths():
     under = Collider(*([ball()[0]] * 2), ball()[1])
     solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0, friction=0.6))
     for _ in range(50):
-        solver.step_frame(under, SolverSettings(10, 4, 0, self_contact=False), ground=0.0, damping=0.98)
+        solver.step_frame(under, SolverSettings(10, 4, 0), ground=0.0, damping=0.98)
     x = solver.positions()
     distance = np.linalg.norm(x - [0, 0.8, 0], axis=1)
     assert distance.min() > 0.12 + 0.004 - 0.002  # the thickness, less the facets of the ball
@@ -41,7 +41,7 @@ def test_step_frame_free_cloth_falls_as_anything_falls():
     under = Collider(*([ball()[0]] * 2), ball()[1])
     solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0))
     for _ in range(12):
-        solver.step_frame(under, SolverSettings(10, 2, 0, self_contact=False), ground=-9.0, damping=1.0)
+        solver.step_frame(under, SolverSettings(10, 2, 0), ground=-9.0, damping=1.0)
     assert 3 - solver.positions()[:, 1].mean() == pytest.approx(9.8 * 0.2**2 / 2, rel=0.03)
 
 
@@ -50,7 +50,7 @@ def test_step_frame_cloth_stays_above_the_ground():
     under = Collider(*([ball(height=3.0)[0]] * 2), ball()[1])
     solver = ClothSolver(vertices, faces, Cloth())
     for _ in range(40):
-        solver.step_frame(under, SolverSettings(8, 2, 0, self_contact=False), ground=0.01, damping=0.98)
+        solver.step_frame(under, SolverSettings(8, 2, 0), ground=0.01, damping=0.98)
     assert solver.positions()[:, 1].min() == pytest.approx(0.01, abs=1e-6)
 
 
@@ -139,7 +139,7 @@ def test_pin_holds_a_fully_pinned_vertex_at_its_target():
     under = Collider(*([ball(height=0.95)[0]] * 2), ball()[1])
     solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0))
     pinned, target = np.array([40, 41]), vertices[[40, 41]] - [0, 0.02, 0]  # inside the ball
-    solver.step_frame(under, SolverSettings(8, 2, 0, self_contact=False), ground=0.0, damping=0.9)
+    solver.step_frame(under, SolverSettings(8, 2, 0), ground=0.0, damping=0.9)
     solver.pin(pinned, np.array([1.0, 0.5]), target, under, 0.0)
     np.testing.assert_allclose(solver.positions()[40], target[0], atol=1e-6)
     assert np.linalg.norm(solver.positions()[41] - [0, 0.95, 0]) > 0.12

@@ -15,7 +15,7 @@ from relight.figures.hair.heads import HairPart, build_hair
 from relight.figures.outfits import in_other_fabrics, sample_outfit
 from relight.figures.pose import stances
 from relight.figures.pose.motion import build_motion
-from relight.figures.surfaces import normals
+from relight.figures.surfaces import normals, stacked
 from relight.figures.wear import DETAILS
 
 
@@ -31,8 +31,8 @@ def grown(head, name: str, fine: bool = False) -> list[HairPart]:
     return build_hair(head[1], style, 0.8, head[2], 5, fine)
 
 
-def first(parts: list[HairPart], kind: str) -> HairPart:
-    return next(part for part in parts if part.kind == kind)
+def strips(parts: list[HairPart], *kinds: str) -> list[strands.Strip]:
+    return [strip for kind, strip in parts if kind in kinds]
 
 
 @pytest.fixture(scope="module")
@@ -66,11 +66,11 @@ def test_sample_expression_varies_and_follows_its_seed():
 @pytest.mark.slow
 def test_build_hair_is_finite_and_outside_of_the_head(head, heads, style):
     surface = colliders.Collider(head[2][0], *head[2])
-    for part in heads[style]:
-        assert np.isfinite(part.vertices).all() and part.uv.min() >= 0 and part.uv.max() <= 1
-        assert part.faces.max() < len(part.vertices) == len(part.uv)
-        _, distance, _ = layers.signed_distance(part.vertices, surface, 0.05)
-        assert np.mean(distance < -0.008) < 0.01, part.kind
+    for kind, (vertices, faces, uv) in heads[style]:
+        assert np.isfinite(vertices).all() and uv.min() >= 0 and uv.max() <= 1
+        assert faces.max() < len(vertices) == len(uv)
+        _, distance, _ = layers.signed_distance(vertices, surface, 0.05)
+        assert np.mean(distance < -0.008) < 0.01, kind
 
 
 @pytest.mark.parametrize("style", ["chin length", "long", "wavy long", "ponytail", "beanie", "cap"])
@@ -78,30 +78,30 @@ def test_build_hair_leaves_the_face_free(head, heads, style):
     built, motion, _ = head
     turn = motion.bone("head")
     eye = built.vertices[makehuman.EYES["L"]].mean(0)
-    for part in (part for part in heads[style] if part.kind in ("hair", "hat")):
-        rest = (part.vertices - turn[:, 3]) @ turn[:, :3] - eye
+    for vertices, _, _ in strips(heads[style], "hair", "hat"):
+        rest = (vertices - turn[:, 3]) @ turn[:, :3] - eye
         before = (rest[:, 2] > -0.01) & (np.abs(rest[:, 0] + eye[0]) < 1.6 * eye[0]) & (np.abs(rest[:, 1]) < 0.02)
-        assert before.mean() < 0.002, part.kind
+        assert before.mean() < 0.002
 
 
 @pytest.mark.parametrize("style", ["beanie", "cap"])
 def test_a_hat_has_no_seam_in_its_texture(heads, style):
-    for part in (part for part in heads[style] if part.kind == "hat"):
-        assert np.ptp(part.uv[part.faces], axis=1).max() < 0.1
+    for _, faces, uv in strips(heads[style], "hat"):
+        assert np.ptp(uv[faces], axis=1).max() < 0.1
 
 
 def test_build_hair_of_a_seed_is_the_same(head, heads):
-    for part, twin in zip(heads["ponytail"], grown(head, "ponytail"), strict=True):
-        assert np.array_equal(part.vertices, twin.vertices) and np.array_equal(part.uv, twin.uv)
+    for (_, strip), (_, twin) in zip(heads["ponytail"], grown(head, "ponytail"), strict=True):
+        assert all(map(np.array_equal, strip, twin))
 
 
 def test_grow_locks_fall_and_lie_on_the_shoulders(head, heads):
     _, _, (posed, faces) = head
-    part = first(heads["long"], "hair")
+    ((vertices, _, _),) = strips(heads["long"], "hair")
     neck = np.ptp(posed[:, 1]) * 0.8
-    assert part.vertices[:, 1].min() < neck  # it reaches below the shoulders
-    _, distance, _ = layers.signed_distance(part.vertices, colliders.Collider(posed, posed, faces), 0.1)
-    low = part.vertices[:, 1] < neck + 0.02
+    assert vertices[:, 1].min() < neck  # it reaches below the shoulders
+    _, distance, _ = layers.signed_distance(vertices, colliders.Collider(posed, posed, faces), 0.1)
+    low = vertices[:, 1] < neck + 0.02
     assert np.median(distance[low & np.isfinite(distance)]) < 0.04
 
 
@@ -111,14 +111,11 @@ def test_grow_locks_fall_and_lie_on_the_shoulders(head, heads):
 def test_build_hair_shows_little_scalp_from_any_side(head, name):
     """Rays from all around toward the scalp inside the hairline meet hair first."""
     _, _, (posed, faces) = head
-    parts = [part for part in grown(head, name, fine=True) if part.kind == "hair"]
+    hair = stacked([(vertices, faces) for vertices, faces, _ in strips(grown(head, name, fine=True), "hair")])
     base = makehuman.base().vertices[makehuman.BODY]
     inside = skin.above_hairline(base) > 0.12
     out = normals(posed, faces)
-    hairy = np.concatenate([part.vertices for part in parts])
-    offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
-    strips = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets)])
-    cover = colliders.Collider(hairy, hairy, strips)
+    cover = colliders.Collider.at_rest(*hair)
     seen = total = 0
     for direction in np.random.default_rng(2).normal(size=(24, 3)):
         direction /= np.linalg.norm(direction)
@@ -174,7 +171,7 @@ def test_beard_grows_on_jaw_and_lip_only(head, heads):
     assert (skin.beard_share(lips) == 0).all()
     assert facial.beard(motion, facial.STUBBLE, below, 5, False) is None
     surface = colliders.Collider(below[0], *below)
-    _, distance, _ = layers.signed_distance(first(heads["bald"], "beard").vertices, surface, 0.1)
+    _, distance, _ = layers.signed_distance(strips(heads["bald"], "beard")[0][0], surface, 0.1)
     assert np.mean(distance < -0.004) < 0.02 and distance.max() < 0.05
 
 

@@ -94,7 +94,6 @@ def test_xyz_is_converted(tmp_path):
 
 
 WRONG = {
-    "no magic": b"RADIANCE\n\n-Y 2 +X 2\n" + bytes(16),
     "no end of header": b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n" + b"x" * 100,
     "same axis twice": b"#?RADIANCE\n\n-Y 2 +Y 2\n" + bytes(16),
     "no size": b"#?RADIANCE\n\n-Y +X 2\n" + bytes(16),

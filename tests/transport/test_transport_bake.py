@@ -210,13 +210,14 @@ def test_far_from_the_origin():
 
 
 @pytest.mark.slow
-def test_results_do_not_depend_on_threads_or_batches():
+def test_results_do_not_depend_on_threads_or_batches(monkeypatch):
     vertices, faces = random_mesh()
     points = np.random.default_rng(1).uniform(-0.5, 0.5, (101, 3))
     normals = np.tile([0.0, 0.6, 0.8], (101, 1))
-    once, _ = integrate(RayCaster(vertices, faces, 1), points, normals, normals, 100, order=3, batch=1 << 18)
+    once, _ = integrate(RayCaster(vertices, faces, 1), points, normals, normals, 100, order=3)
     for threads, batch in ((2, 1 << 18), (0, 700), (1, 100), (2, 1)):
-        again, _ = integrate(RayCaster(vertices, faces, threads), points, normals, normals, 100, order=3, batch=batch)
+        monkeypatch.setattr("relight.transport.integrate.BATCH", batch)
+        again, _ = integrate(RayCaster(vertices, faces, threads), points, normals, normals, 100, order=3)
         np.testing.assert_array_equal(once, again)
     other, _ = integrate(RayCaster(vertices, faces, 1), points, normals, normals, 100, order=3, seed=1)
     assert (once != other).any()

@@ -141,9 +141,7 @@ def target(name: str) -> tuple[np.ndarray, np.ndarray]:
         UserError: if there is no such file.
     """
     is_unit = name.startswith("faceunits/")
-    path = (
-        folder() / ("faceunits01/targets" if is_unit else "mpfb2/targets") / f"{name}.target{'' if is_unit else '.gz'}"
-    )
+    path = folder() / (f"faceunits01/targets/{name}.target" if is_unit else f"mpfb2/targets/{name}.target.gz")
     data = existing_file(path, "a shape of MakeHuman").read_bytes()
     text = (data if is_unit else gzip.decompress(data)).decode()
     text = "\n".join(line for line in text.splitlines() if not line.startswith("#"))

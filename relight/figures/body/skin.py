@@ -146,8 +146,9 @@ def paint_skin(
         hairs = beard_share(point[inside]) * (1 - region("lips", side)[inside])
         mix(min(0.8, beard) * hairs * (0.6 + 0.5 * noise(x * 900, y * 900, seed + 3)), 0.8 * brow_color(hair))
     if scalp > 0:
+        above = np.clip(above_hairline(point[inside]) / 0.06 - 0.4, 0, 1)  # 1 where hair grows
         mix(
-            scalp * scalp_share(point[inside], soft=0.06) * (0.85 + 0.25 * noise(x * 700, y * 700 + z * 500, seed + 4)),
+            scalp * above * (0.85 + 0.25 * noise(x * 700, y * 700 + z * 500, seed + 4)),
             np.minimum(brow_color(hair), skin),
         )
     image = np.broadcast_to(skin, (side, side, 3)).copy()
@@ -189,14 +190,8 @@ def beard_share(points: np.ndarray) -> np.ndarray:
     cheek_line = 0.062 - 0.55 * np.clip(across - 0.030, 0, 0.05)  # the beard climbs toward the ear
     jaw = ramp(down - cheek_line, 0.014) * ramp(0.122 - down, 0.022) * ramp(0.082 - back, 0.018)
     lip = ramp(0.026 - across, 0.008) * ramp(down - 0.052, 0.006) * ramp(0.07 - down, 0.006) * (back < 0.03)
-    return np.maximum(jaw, lip) * (down < 0.16) * (1 - mouth_share(points))
-
-
-def mouth_share(points: np.ndarray) -> np.ndarray:
-    """Returns 1 (n,) at points (n,3) of the base body on the lips and in the mouth, else 0."""
-    lips = makehuman.base().vertices[[UPPER_LIP, LOWER_LIP]].mean(0)
-    off = (points - lips) / MOUTH_RADII
-    return ((off**2).sum(1) < 1).astype(float)
+    from_mouth = (points - makehuman.base().vertices[[UPPER_LIP, LOWER_LIP]].mean(0)) / MOUTH_RADII
+    return np.maximum(jaw, lip) * (down < 0.16) * ((from_mouth**2).sum(1) >= 1)
 
 
 def freckles(person: Person, seed: int) -> float:
@@ -225,14 +220,6 @@ def above_hairline(points: np.ndarray) -> np.ndarray:
     direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
     above = direction[..., 1] - hairline(np.arctan2(direction[..., 0], direction[..., 2]))
     return np.where(points[..., 1] > eye[1] - 0.12, above, -1.0)
-
-
-def scalp_share(points: np.ndarray, soft: float) -> np.ndarray:
-    """Returns the density (...) of hair at points (...,3) of the base head: 1 where it grows, 0 elsewhere.
-
-    It rises over `soft` (sine of elevation), from a little above the hairline on.
-    """
-    return np.clip(above_hairline(points) / soft - 0.4, 0, 1)
 
 
 def paint_eye(iris: np.ndarray, side: int, seed: int) -> np.ndarray:

@@ -10,6 +10,7 @@ from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.solver import Cloth, ClothSolver, SolverSettings
 from relight.figures.surfaces import neighbours
 
+GROUND = 0.006  # lowest height of cloth, metres
 TORN = 1.5  # strain above which an edge is relaxed at the end
 MOVING_DAMPING, SETTLING_DAMPING = 0.99, 0.9  # factor of the velocities at each substep
 
@@ -89,7 +90,6 @@ def drape(
     surface_at: Callable[[int, bool], tuple[np.ndarray, np.ndarray]],
     skin: Callable[[np.ndarray, np.ndarray, int], np.ndarray],
     frames: int,
-    ground: float,
 ) -> DrapeResult:
     """Drapes a garment from coarse to fine: its coarsest level follows the motion, the others settle at the end.
 
@@ -102,7 +102,6 @@ def drape(
             the coarsest.
         skin: (weights (n,B), rest positions (n,3), frame) to posed positions (n,3); moves the pins.
         frames: the last frame of the motion; 0 if the body does not move.
-        ground: height below which no vertex may be, metres.
 
     Returns:
         The garment at the last frame, settled.
@@ -117,18 +116,17 @@ def drape(
         moving_frames = list(range(1, frames + 1)) if coarsest else []
         if coarsest:
             history.append(solver.positions())
-        collider: Collider | None = None
         for step, frame in enumerate(moving_frames + [frames] * solver_settings.settle_frames):
             moving = step < len(moving_frames)
-            if collider is None or step <= len(moving_frames):  # at rest, one collider serves all frames
+            if step <= len(moving_frames):  # at rest, one collider serves all frames
                 previous = frame - 1 if moving else frame
                 start, faces = surface_at(previous, not coarsest)
                 end = surface_at(frame, not coarsest)[0] if moving else start
                 collider = Collider(start, end, faces)
-            solver.step_frame(collider, solver_settings, ground, damping=MOVING_DAMPING if moving else SETTLING_DAMPING)
+            solver.step_frame(collider, solver_settings, GROUND, damping=MOVING_DAMPING if moving else SETTLING_DAMPING)
             if len(pinned):
                 target = skin(level.weights[pinned], level.fitted[pinned], frame)
-                solver.pin(pinned, level.pin_weight[pinned], target, collider, ground)
+                solver.pin(pinned, level.pin_weight[pinned], target, collider, GROUND)
             if moving:
                 history.append(solver.positions())
         x = solver.positions()

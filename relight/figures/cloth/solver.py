@@ -76,14 +76,12 @@ class SolverSettings:
         iterations: over all constraints, per substep.
         settle_frames: at the end, without motion of the body.
         gravity: metres per second squared.
-        self_contact: whether the cloth is kept from passing through itself.
     """
 
     substeps: int
     iterations: int
     settle_frames: int
     gravity: float = GRAVITY
-    self_contact: bool = True
 
 
 def bending_pairs(faces: np.ndarray) -> np.ndarray:
@@ -178,19 +176,16 @@ class ClothSolver:
         def launch(kernel: wp.Kernel, *inputs: object) -> None:
             wp.launch(kernel, dim=self.n, inputs=list(inputs))
 
-        nearest = [self.contact_face, self.contact_barycentric]
-        launch(find_nearest_faces, collider.mesh.id, self.x, CONTACT_RANGE, *nearest)
-        if settings.self_contact:
-            self.grid.build(self.x, self.mean_edge)
-            partners = [self.partners, MAX_PARTNERS]
-            launch(find_self_contacts, self.grid.id, self.x, self.rest_shape, self.mean_edge, *partners)
+        contact, partners = [self.contact_face, self.contact_barycentric], [self.partners, MAX_PARTNERS]
+        launch(find_nearest_faces, collider.mesh.id, self.x, CONTACT_RANGE, *contact)
+        self.grid.build(self.x, self.mean_edge)
+        launch(find_self_contacts, self.grid.id, self.x, self.rest_shape, self.mean_edge, *partners)
         for k in range(settings.substeps):
             launch(integrate, self.x, self.v, self.previous, settings.gravity, dt, damping)
             inputs = [self.x, self.pairs, self.rest_length, self.stiffness, len(self.pairs), settings.iterations]
             wp.launch(solve_distance_constraints, dim=1, inputs=inputs)
-            if settings.self_contact:
-                launch(resolve_self_contacts, self.x, self.resolved, *partners, 0.9 * self.mean_edge)
-                self.x, self.resolved = self.resolved, self.x
+            launch(resolve_self_contacts, self.x, self.resolved, *partners, 0.9 * self.mean_edge)
+            self.x, self.resolved = self.resolved, self.x
             times = [k / settings.substeps, (k + 1) / settings.substeps]  # of the substep's start and end in the frame
             surface = [*self.contacts(collider), *times, cloth.thickness, cloth.friction, ground]
             launch(resolve_contacts, self.x, self.previous, *surface)

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from relight.figures.cloth.drape import Level
 from relight.figures.cloth.solver import Crimp
-from relight.figures.surfaces import averaged, neighbours, normals
+from relight.figures.surfaces import averaged, face_normals, neighbours, normals
 
 NEAREST = 26  # vertices that a point of a crest may lift
 DENSE_FACTOR = 4  # times as many where vertices are at least twice as dense as usual, as in the cleft of the buttocks
@@ -63,8 +63,7 @@ def stretch(pattern: np.ndarray, x: np.ndarray, faces: np.ndarray) -> np.ndarray
 
 def areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Returns the area (n,) of each vertex of a surface (n,3): a third of that of its faces, square metres."""
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
+    third = np.linalg.norm(face_normals(points, faces), axis=1) / 6
     return np.bincount(faces.ravel(), np.repeat(third, 3), len(points))
 
 
@@ -112,17 +111,15 @@ def _trace_crests(
     nearest vertex (k,), its line (k,) and its signed distance (k,) from the middle over half the length, in [-1,1].
     """
     points = tree.data
-    places, nearest, lines, distances = [], [], [], []
+    samples = []
     for sign in (1.0, -1.0):
         place, vertex = points[start].copy(), start.copy()
         heading = sign * along[start]
         for k in range(int(np.ceil(length.max() / 2 / step))):
             unfinished = np.flatnonzero(k * step < length / 2)
             if k or sign > 0:
-                places.append(place[unfinished])
-                nearest.append(vertex[unfinished])
-                lines.append(unfinished)
-                distances.append(sign * 2 * k * step / length[unfinished])
+                distance = sign * 2 * k * step / length[unfinished]
+                samples.append((place[unfinished], vertex[unfinished], unfinished, distance))
             ahead = along[vertex]
             ahead = ahead * np.where(np.einsum("mx,mx->m", ahead, heading) < 0, -1.0, 1.0)[:, None]
             heading = 0.5 * heading + 0.5 * ahead
@@ -131,7 +128,8 @@ def _trace_crests(
             vertex = tree.query(place)[1]
             off = np.einsum("mx,mx->m", place - points[vertex], normal[vertex])
             place = place - off[:, None] * normal[vertex]
-    return np.concatenate(places), np.concatenate(nearest), np.concatenate(lines), np.concatenate(distances)
+    places, nearest, lines, distances = (np.concatenate(column) for column in zip(*samples))
+    return places, nearest, lines, distances
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from relight.figures.body import makehuman
 from relight.figures.body.person import Body
 from relight.figures.body.skin import above_hairline, skull_centre
 from relight.figures.pose.motion import Motion
-from relight.figures.surfaces import normals
-from relight.figures.texture import lattice, smoothstep
+from relight.figures.surfaces import face_normals, normals
+from relight.figures.texture import random_numbers, smoothstep
 
 WHORL = np.array([0.12, 0.80, -0.59])  # direction from the head's centre to where short hair parts in all directions
 TAIL = np.array([0.0, 0.30, -0.95])  # direction in which tied hair leaves the head: back and up
@@ -117,13 +117,11 @@ def plant_roots(
     """
     faces, base, posed = makehuman.base().faces["body"], makehuman.base().vertices, motion.posed_skin
     faces = faces[share(base[faces].reshape(-1, 3)).reshape(-1, 3).max(1) > 0]
-    corner = posed[faces]
-    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    area = np.linalg.norm(face_normals(posed, faces), axis=1)
     area_up_to = np.cumsum(area) / area.sum()
-    number = np.arange(count)
-    random = np.stack([lattice(number, np.full(count, k), seed) for k in range(8)], -1)
+    random = random_numbers(count, 8, seed)
     # Stratified: one sample in each of `count` equal parts of the area, uniform on its face.
-    face = np.minimum(np.searchsorted(area_up_to, (number + random[:, 0]) / count), len(faces) - 1)
+    face = np.minimum(np.searchsorted(area_up_to, (np.arange(count) + random[:, 0]) / count), len(faces) - 1)
     chosen = faces[face]
     a, b = np.sqrt(random[:, 1]), random[:, 2]
     weights = np.stack([1 - a, a * (1 - b), a * b], -1)

@@ -8,9 +8,10 @@ from relight.figures.body import makehuman, skin
 from relight.figures.cloth.colliders import Collider
 from relight.figures.hair.combing import Comb, plant_roots, ramp
 from relight.figures.hair.locks import grow_guides
-from relight.figures.hair.strands import Strip, random_numbers, ribbons
+from relight.figures.hair.strands import Strip, ribbons
 from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import Surface
+from relight.figures.texture import random_numbers
 
 STUBBLE = 0.4  # largest amount of beard that is only painted
 # vertices of MakeHuman's lash helpers of the left eye, from its outer corner inward: at the lid, and at the tips
@@ -72,7 +73,7 @@ def lashes(motion: Motion, seed: int, fine: bool) -> Strip:
     fullness = 0.75 + 0.25 * motion.body.person.female  # factor of the length
     for number, (line, count) in enumerate(((UPPER, 46), (LOWER, 26)) * 2):  # of the left eye, then of the right one
         lid, tip = np.array(line) + MIRROR_OFFSET * (number // 2)
-        random = random_numbers(count if fine else count // 2, seed + 80 + number)
+        random = random_numbers(count if fine else count // 2, 4, seed + 80 + number)
         place = np.linspace(0, len(lid) - 1.001, len(random))  # along the lid, in vertices
         i, t = place.astype(int), (place - place.astype(int))[:, None]
         first = vertices[lid[i]] * (1 - t) + vertices[lid[i + 1]] * t

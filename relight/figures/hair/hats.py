@@ -1,7 +1,5 @@
 """Hats: round shells over the scalp, and the peaks of caps."""
 
-from itertools import pairwise
-
 import numpy as np
 
 from relight.figures.body import makehuman
@@ -10,7 +8,7 @@ from relight.figures.hair.combing import head_centre
 from relight.figures.hair.strands import Strip
 from relight.figures.hair.styles import HairStyle
 from relight.figures.pose.motion import Motion
-from relight.figures.surfaces import closed_rings, thickened
+from relight.figures.surfaces import by_rows, cells, closed_rings, thickened
 
 COLUMNS, CROWN_ROWS, BRIM_ROWS = 180, 34, 8  # vertices around the head, from crown to rim, and along a peak
 TOP_GAP = 0.02  # radians between the zenith and the first row
@@ -41,9 +39,8 @@ def hat(motion: Motion, style: HairStyle) -> list[Strip]:
     down = np.tile(np.linspace(0, 1, CROWN_ROWS)[:, None], (1, COLUMNS))  # 0 at the top, 1 at the rim
     elevation = np.pi / 2 - TOP_GAP - (np.pi / 2 - TOP_GAP - rim) * down
     around = np.broadcast_to(azimuth, down.shape)
-    direction = np.stack(
-        [np.sin(around) * np.cos(elevation), np.sin(elevation), np.cos(around) * np.cos(elevation)], -1
-    )
+    level = np.cos(elevation)
+    direction = np.stack([np.sin(around) * level, np.sin(elevation), np.cos(around) * level], -1)
     above_scalp = _hat_height(style, direction, down)
     points = centre + direction * (_scalp_radius(head, centre, direction) + above_scalp)[..., None]
     uv = np.stack([np.abs(around) / (2 * np.pi), 1 - 0.5 * down], -1)  # both sides alike, so without a seam
@@ -94,11 +91,8 @@ def _hat_height(style: HairStyle, direction: np.ndarray, down: np.ndarray) -> np
 
 def _row_faces(index: np.ndarray) -> np.ndarray:
     """Returns the triangles of a grid of vertices (rows,columns), row by row, outward for rows that go down."""
-    faces = []
-    for upper, lower in pairwise(index):
-        left, right, lower_left, lower_right = upper[:-1], upper[1:], lower[:-1], lower[1:]
-        faces += [np.stack([left, lower_left, right], 1), np.stack([right, lower_left, lower_right], 1)]
-    return np.concatenate(faces)
+    left, right, lower_left, lower_right = cells(index)
+    return by_rows([left, lower_left, right], [right, lower_left, lower_right])
 
 
 def _brim(points: np.ndarray, azimuth: np.ndarray) -> Strip:

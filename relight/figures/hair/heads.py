@@ -1,32 +1,14 @@
 """Builds hair of head and face from strands, and hats with the hair that they leave free."""
 
-from dataclasses import dataclass
-
-import numpy as np
-
 from relight.figures.hair import facial
 from relight.figures.hair.hats import hat
 from relight.figures.hair.locks import grow_locks, tied_hair
+from relight.figures.hair.strands import Strip
 from relight.figures.hair.styles import HairStyle, varied
 from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import Surface
 
-
-@dataclass(frozen=True)
-class HairPart:
-    """A part of hair or hat.
-
-    Attributes:
-        kind: hair | hat | brows | lashes | beard, which differ in color.
-        vertices: (V,3) posed, metres.
-        faces: (F,3).
-        uv: (V,2) across and along the strands.
-    """
-
-    kind: str
-    vertices: np.ndarray
-    faces: np.ndarray
-    uv: np.ndarray
+HairPart = tuple[str, Strip]  # hair, hat, brows, lashes or beard, which differ in color; and its mesh
 
 
 def build_hair(motion: Motion, style: HairStyle, beard: float, below: Surface, seed: int, fine: bool) -> list[HairPart]:
@@ -40,19 +22,16 @@ def build_hair(motion: Motion, style: HairStyle, beard: float, below: Surface, s
         seed: random seed of length, parting, fringe, and of each strand.
         fine: all strands, else fewer, wider ones.
     """
-    parts = [
-        HairPart("brows", *facial.brows(motion, seed, fine)),
-        HairPart("lashes", *facial.lashes(motion, seed, fine)),
-    ]
+    parts = [("brows", facial.brows(motion, seed, fine)), ("lashes", facial.lashes(motion, seed, fine))]
     beard_strip = facial.beard(motion, beard, below, seed, fine)
     if beard_strip is not None:
-        parts.append(HairPart("beard", *beard_strip))
+        parts.append(("beard", beard_strip))
     if style.comb is None:
         return parts
     if style.hat != "none":
-        parts += [HairPart("hat", *strip) for strip in hat(motion, style)]
+        parts += [("hat", strip) for strip in hat(motion, style)]
     comb = varied(style.comb, seed)
-    parts.append(HairPart("hair", *grow_locks(motion, comb, below, seed, fine, hat=style.hat != "none")))
+    parts.append(("hair", grow_locks(motion, comb, below, seed, fine, hat=style.hat != "none")))
     if style.tie != "none":
-        parts.append(HairPart("hair", *tied_hair(motion, style.tie, below, seed, fine)))
+        parts.append(("hair", tied_hair(motion, style.tie, below, seed, fine)))
     return parts

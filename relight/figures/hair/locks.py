@@ -18,10 +18,10 @@ from relight.figures.hair.combing import (
     scalp_roots,
     tie_point,
 )
-from relight.figures.hair.strands import Strip, random_numbers, ribbons, spread_strands
+from relight.figures.hair.strands import Strip, ribbons, spread_strands
 from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import Surface
-from relight.figures.texture import noise
+from relight.figures.texture import noise, random_numbers
 
 CONTACT_RANGE = 0.08  # search range of the surface below a guide, metres
 CLING_RANGE = 0.02  # distance from that surface up to which a guide clings to it with full strength, metres
@@ -144,9 +144,8 @@ def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool
         length = 1.12 * np.linalg.norm(direction, axis=1)
     steps = int(np.clip(np.ceil(length.max() / (0.014 if fine else 0.022)), 5, 18))
     deflect = _deflect_from_face(motion) if comb.direction == "down" else None
-    points, normals = grow_guides(
-        comb, guides, direction, length, Collider.at_rest(*below), steps, seed, deflect=deflect
-    )
+    surface = Collider.at_rest(*below)
+    points, normals = grow_guides(comb, guides, direction, length, surface, steps, seed, deflect=deflect)
     if comb.direction == "tie":  # closes the gap of the last steps to the tie
         points = points + ramp(np.linspace(0, 1, steps + 1), 0.3, 1.0)[None, :, None] * (goal - points[:, -1:])
     roots = plant_roots(motion, comb.count * comb.strands, seed + 1, share)
@@ -172,7 +171,7 @@ def tied_hair(motion: Motion, kind: str, below: Surface, seed: int, fine: bool) 
     """
     start, direction = tie_point(motion)
     count, width = (900, 0.0028) if fine else (260, 0.006)  # strands, metres
-    random = random_numbers(count, seed + 50)
+    random = random_numbers(count, 4, seed + 50)
     if kind == "bun":
         points, outward = _bun_arcs(start + 0.022 * direction, direction, random)
         return ribbons(width, points, outward, random, roll=0.3)

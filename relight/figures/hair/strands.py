@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from relight.figures.hair.combing import Comb, Roots, ramp
-from relight.figures.texture import lattice, noise
+from relight.figures.texture import noise
 
 Strip = tuple[np.ndarray, np.ndarray, np.ndarray]  # posed vertices, faces, and uv of the vertices
 DEPTH = 0.002  # range of depths of strands, metres; gaps in a deeper layer would be black
@@ -122,9 +122,3 @@ def ribbons(width: float, points: np.ndarray, normals: np.ndarray, random: np.nd
     u = np.clip(random[:, 1, None, None] + HALF_STRIP * np.array([-1.0, 1]), 0, 1)
     uv = np.stack(np.broadcast_arrays(u, 1 - s[None, :, None]), -1).reshape(-1, 2)
     return pairs.reshape(-1, 3), faces, uv
-
-
-def random_numbers(count: int, seed: int) -> np.ndarray:
-    """Returns four random numbers in [0,1) for each strand, (count,4)."""
-    number = np.arange(count)
-    return np.stack([lattice(number, np.full(count, k), seed) for k in range(4)], -1)

@@ -9,7 +9,7 @@ import numpy as np
 from relight.figures.body.person import Person
 from relight.figures.catalogue.schema import entries
 from relight.figures.hair.combing import Comb
-from relight.figures.texture import Color, lattice_value
+from relight.figures.texture import Color, as_color, lattice_value
 
 LIGHT_SKIN_COLORS = {
     "dark brown": 0.25, "brown": 0.28, "auburn": 0.08, "blond": 0.2, "fair": 0.08, "red": 0.04, "black": 0.07,
@@ -76,8 +76,7 @@ def sample_color(rng: np.random.Generator, person: Person) -> Color:
         _, _, caucasian = person.ancestry
         odds = LIGHT_SKIN_COLORS if person.skin > 0.72 and caucasian > 0.4 else DARK_SKIN_COLORS
         name = str(rng.choice(list(odds), p=list(odds.values())))
-    red, green, blue = (np.array(entries("colors", "hair", Color)[name]) * np.exp(rng.normal(0, 0.12))).tolist()
-    return red, green, blue
+    return as_color(np.array(entries("colors", "hair", Color)[name]) * np.exp(rng.normal(0, 0.12)))
 
 
 def varied(comb: Comb, seed: int) -> Comb:

@@ -10,7 +10,7 @@ from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose.motion import Motion
 from relight.figures.pose.solver import orthonormal_frame, unit
 from relight.figures.pose.stances import Pose
-from relight.figures.surfaces import Surface, closed_rings, stacked
+from relight.figures.surfaces import Surface, cells, closed_rings, face_normals, stacked
 from relight.meshes import Material
 
 GREYS = (0.02, 0.04, 0.12, 0.45, 0.7)  # luminance of albedo
@@ -74,8 +74,8 @@ def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 
 
 def _cell_faces(index: np.ndarray) -> np.ndarray:
     """Returns the triangles of a grid of vertices (rows, columns), each cell cut from its first to its last corner."""
-    a, b, c, d = (corner.ravel() for corner in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
-    return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    a, b, c, d = (corner.ravel() for corner in cells(index))
+    return np.concatenate([np.stack([a, b, d], 1), np.stack([a, d, c], 1)])
 
 
 def revolved(profile: np.ndarray) -> Surface:
@@ -84,8 +84,8 @@ def revolved(profile: np.ndarray) -> Surface:
     ring = np.stack([np.sin(angle), np.zeros(SIDES), np.cos(angle)], 1)
     x = profile[:, None, :1] * ring + profile[:, None, 1:] * np.array([0.0, 1.0, 0.0])
     x, faces = x.reshape(-1, 3), _cell_faces(closed_rings(len(profile), SIDES))
-    area = np.linalg.norm(np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]]), axis=1)
-    return x, faces[area > 1e-12]  # triangles at the ends are degenerate
+    twice_area = np.linalg.norm(face_normals(x, faces), axis=1)
+    return x, faces[twice_area > 1e-12]  # triangles at the ends are degenerate
 
 
 def strap(line: np.ndarray, across: np.ndarray, width: float, thickness: float) -> Surface:

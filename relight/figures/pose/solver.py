@@ -101,16 +101,13 @@ class PoseSolver:
 
     def world_transform(self, bone: str) -> tuple[Rotation, np.ndarray]:
         """Returns the world rotation of a bone and its joint (3,), metres, under the rotations set so far."""
-        chain = [bone]  # from the root to the bone
-        index = {name: i for i, name in enumerate(self.rig.bones)}
-        while (parent_index := self.rig.parent[index[chain[0]]]) >= 0:
-            chain.insert(0, self.rig.bones[parent_index])
-        rotation, position = Rotation.identity(), self.joints[chain[0]] + self.shift
-        for parent, child in zip([None, *chain], chain):
-            if parent:
-                position = position + rotation.apply(self.joints[child] - self.joints[parent])
-            rotation = rotation * self.local.get(child, Rotation.identity())
-        return rotation, position
+        number = self.rig.parent[self.rig.bones.index(bone)]
+        rotation, position = Rotation.identity(), self.joints[bone] + self.shift
+        if number >= 0:
+            parent = self.rig.bones[number]
+            rotation, at = self.world_transform(parent)
+            position = at + rotation.apply(self.joints[bone] - self.joints[parent])
+        return rotation * self.local.get(bone, Rotation.identity()), position
 
     def solve(self, pose: Pose) -> dict[str, Rotation]:
         """Sets and returns the rotations of all bones that a pose moves, relative to their parents, by name.
@@ -193,9 +190,8 @@ class PoseSolver:
         twist, bend = 0.0, Rotation.identity()
         if hand.along is not None:
             rest = orthonormal_frame(j[f"finger3-1.{side}"] - j[f"wrist.{side}"], palm)
-            goal = orthonormal_frame(
-                *(trunk.apply(np.array(direction) * mirror) for direction in (hand.along, hand.facing))
-            )
+            along, facing = (trunk.apply(np.array(direction) * mirror) for direction in (hand.along, hand.facing))
+            goal = orthonormal_frame(along, facing)
             arm, _ = self.world_transform(f"lowerarm01.{side}")
             twist, bend = twist_and_swing(arm.inv() * Rotation.from_matrix(goal @ rest.T), forearm)
             bend = Rotation.from_rotvec(bend.as_rotvec() * min(1.0, MAX_WRIST_BEND / max(bend.magnitude(), 1e-9)))

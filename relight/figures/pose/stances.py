@@ -2,7 +2,6 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -87,7 +86,6 @@ TURN_SPREAD = 25.0  # degrees, standard deviation
 TURNED_SHARE = 0.4  # of the poses
 
 
-@cache
 def poses() -> dict[str, Pose]:
     """Returns all poses by name, those that stand before those that sit."""
     return entries("poses", "standing", Pose) | entries("poses", "sitting", Pose)

@@ -7,13 +7,19 @@ import numpy as np
 
 from relight.figures.tailor.fabrics import trait
 from relight.figures.tailor.garments import Garment
-from relight.figures.tailor.seams import DENIM_THREAD, ZIP, line
 from relight.figures.tailor.weaves import Swatch
 from relight.figures.texture import band, grain, lattice_value
 
+DENIM_THREAD, ZIP = (0.36, 0.20, 0.07), (0.30, 0.29, 0.27)  # linear albedo
 FADED_DENIM = np.array([0.48, 0.51, 0.55])
+STITCH = 0.0011  # half the width of a line of stitches, metres
 RIB = 0.055  # metres of ribbing at hems and cuffs
 FADES = {"denim": 1.0, "leather": 0.45, "corduroy": 0.35, "knit": 0.1, "melange": 0.1, "tweed": 0.08}  # others have .2
+
+
+def line(distance: np.ndarray) -> np.ndarray:
+    """Returns the coverage of a line of stitches at `distance` metres from it, in [0,1]."""
+    return np.clip(1.5 - np.abs(distance) / STITCH, 0, 1)
 
 
 @dataclass
@@ -23,7 +29,7 @@ class Patch(Swatch):
     Attributes:
         garment: garment to which the panel belongs.
         marks: (h,w) the panel's part of `marks.images`, by name.
-        color: (h,w,3) linear albedo, without `log`.
+        color: (h,w,3) linear albedo, without `log`; at first that of the weave.
         log: (h,w) logarithm of the factor by which traces change the albedo; at first that of the panel's dye.
     """
 
@@ -70,7 +76,7 @@ class Patch(Swatch):
 
     def line(self, distance: np.ndarray) -> np.ndarray:
         """Returns the coverage (h,w) of a line of stitches at `distance` metres, not thinner than a texel."""
-        return line(distance / max(1.0, self.texel / 0.0011))
+        return line(distance / max(1.0, self.texel / STITCH))
 
     def paint(self, color: np.ndarray, share: np.ndarray) -> None:
         """Mixes a share (h,w) of a linear color (3,) or (h,w,3) into the albedo."""

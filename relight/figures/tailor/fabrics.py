@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relight.figures.catalogue.schema import entries
-from relight.figures.texture import Color, lattice_value
+from relight.figures.texture import Color, as_color, lattice_value
 
 # The random traits of a piece of cloth. Equal numbers are one random number: those of different kinds of fabric.
 TRAITS = {
@@ -40,12 +40,6 @@ class Fabric:
     second: Color
     size: float
     seed: int
-
-
-def as_color(values: np.ndarray) -> Color:
-    """Returns an array (3,) as a tuple."""
-    red, green, blue = values.tolist()
-    return red, green, blue
 
 
 def colors(section: str) -> list[Color]:

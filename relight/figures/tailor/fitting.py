@@ -114,10 +114,8 @@ def cut_to_sit(garment: Garment) -> Garment:
     """
     if garment.kind == "trousers":
         max_ease = 1.4 * MIN_SITTING_EASE if garment.leg_end < 1.2 else np.inf
-        return replace(
-            garment,
-            leg_ease=tuple(min(max(e, MIN_SITTING_EASE), max_ease) if e > 0.003 else e for e in garment.leg_ease),
-        )
+        ease = tuple(min(max(e, MIN_SITTING_EASE), max_ease) if e > 0.003 else e for e in garment.leg_ease)
+        return replace(garment, leg_ease=ease)
     if garment.kind != "top" or garment.drop > 0.2:
         return garment
     return replace(garment, slack=0.0, drop=0.0, hem=max(garment.hem, SITTING_HEM))

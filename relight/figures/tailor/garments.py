@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Literal
 
 from relight.core.errors import UserError
@@ -117,7 +116,6 @@ def group(name: str) -> Mapping[str, Garment]:
     return entries("garments", name, Garment)
 
 
-@cache
 def wardrobe() -> Mapping[str, Garment]:
     """Returns all garments that are cut for a body, by name; scarves are not."""
     return {name: garment for section in GROUPS for name, garment in group(section).items()}
