@@ -45,12 +45,11 @@ def evaluate(
         out: scores (.csv).
         tracking: of the workflow (`Plan.tracking`).
     """
-    from relight.evaluation.scoring.evaluate import Condition
     from relight.evaluation.scoring.evaluate import evaluate as score
     from relight.evaluation.scoring.scores import read_scores
     from relight.lab.tracking.run import log_scores
 
-    score(network, packed, lights, split, Condition.parse(condition), out)
+    score(network, packed, lights, split, condition, out)
     scores = next(iter(read_scores(out).values()), None)  # None if the condition has no figures or no lights
     columns = scores.columns if scores else {}
     means = {name: mean for name, values in columns.items() if not math.isnan(mean := float(values.mean()))}

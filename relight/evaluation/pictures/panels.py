@@ -19,7 +19,7 @@ from relight.evaluation.pictures.canvas import (
     heat,
     transport_bands,
 )
-from relight.evaluation.scoring.evaluate import Condition, dense, infer, load, pixels, select_pairs, truth
+from relight.evaluation.scoring.evaluate import dense, infer, load, pixels, select_pairs, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
 from relight.evaluation.scoring.truth import Inferred, Truth
@@ -196,14 +196,14 @@ class Shown:
     Attributes:
         networks: row -> checkpoint.
         packed, lights, split: the data set (.safetensors, .npz, .json).
-        condition: the figures and lights to choose from.
+        condition: the figures and lights to choose from, as `select_pairs` takes them.
     """
 
     networks: dict[str, Path]
     packed: Path
     lights: Path
     split: Path
-    condition: Condition
+    condition: str
 
     def inferred(
         self, choose: Callable[[int, np.ndarray], list[tuple[int, np.ndarray]]]

@@ -16,20 +16,20 @@ import numpy as np
 import torch
 
 from relight.core.errors import UserError
-from relight.evaluation.scoring.evaluate import Condition, Predictor, pixel_rows, pixels, truth, write_all_scores
+from relight.evaluation.scoring.evaluate import Predictor, pixel_rows, pixels, truth, write_all_scores
 from relight.evaluation.scoring.truth import Inferred
 from relight.learning.data import RelitSet, read_split
 from relight.sh import order_of, unoccluded
 
 
 def evaluate_baselines(
-    packed: Path, lights: Path, split: Path, condition: Condition, out: Path, color: str = "paper", order: int = 2
+    packed: Path, lights: Path, split: Path, condition: str, out: Path, color: str = "paper", order: int = 2
 ) -> None:
     """Writes the scores of all baselines.
 
     Args:
         packed, lights, split: the data set (.safetensors, .npz, .json).
-        condition: the figures and lights.
+        condition: the figures and lights, as `select_pairs` takes them.
         out: the scores (.csv).
         color: color model of the networks to be compared with (`train.color`).
         order: order of the data (`bake.order`).
