@@ -1,6 +1,7 @@
 """The jobs of one network, trained and scored, with its run in MLflow."""
 
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, trac
     recipe = Recipe(
         Model(**settings["model"]), Loss(**settings["loss"]), Train(**settings["train"]), Augment(**settings["augment"])
     )
-    with training_run(tracking, out.stem, fingerprint(recipe, inputs), recipe.as_dict()) as run:
+    with training_run(tracking, out.stem, fingerprint(recipe, inputs), asdict(recipe)) as run:
         state = out.parent / "state" / out.stem / "state.pt"
         train_network(recipe, inputs, out, state, curve, run.log if run else None)
         if run:

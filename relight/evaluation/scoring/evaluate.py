@@ -192,7 +192,7 @@ def inferred_maps(network: Network, data: RelitSet, light: int, true: Maps) -> M
     if inferred.albedo is not None:
         coded = np.clip(inferred.albedo[0], 0, 1)
         values["albedo"] = decode(coded) if data.color == "paper" else coded
-    images: dict[str, Any] = {
-        name: dense(array, pixels(data, int(figure)), data.size) for name, array in values.items()
-    }
-    return replace(true, **{**images, "ao": images["ao"][..., 0]}, bounced=None)
+    place = pixels(data, int(figure))
+    images: dict[str, Any] = {name: dense(array, place, data.size) for name, array in values.items()}
+    images["ao"] = images["ao"][..., 0]
+    return replace(true, **images, bounced=None)
