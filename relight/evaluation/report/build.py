@@ -15,9 +15,7 @@ from relight.evaluation.scoring.paper import CITATION
 from relight.evaluation.scoring.statistics import MIN_SUBJECTS
 from relight.evaluation.scoring.tables import PRINTED, Table
 
-# Endings of the files of an experiment.
-PICTURES = ("errors", "plates", "relit", "overview")
-FILE_ENDS = (".csv", ".md", *(f"_{kind}.png" for kind in PICTURES))
+FILE_ENDS = (".csv", ".md", "_errors.png", "_plates.png", "_relit.png", "_overview.png")  # of an experiment
 
 
 @dataclass

@@ -94,19 +94,15 @@ class Results:
 
     def _table(self, name: str, usual: bool) -> Table:
         """Computes the table of an experiment; it has no rows if the data set has no such figures or lights."""
-        rows = self.scores(name, usual)
+        rows, columns = self.scores(name, usual), columns_of(*self.experiments[name]["shows"])
         if not rows:
-            return Table(self.columns(name))
+            return Table(columns)
         pool: Rows = {}
         for other in dict.fromkeys([name, *self.tables]):
             for condition in (False, True):
                 if self._files(other, condition)[""] == self._files(name, usual)[""]:  # the same pairs
                     pool |= self.scores(other, condition)
-        return experiment_table(name, rows, self.baselines(name, usual), self.columns(name), pool)
-
-    def columns(self, name: str) -> tuple[str, ...]:
-        """Returns the columns of the scores that an experiment's table shows: RMSE and SSIM of its quantities."""
-        return columns_of(*self.experiments[name]["shows"])
+        return experiment_table(name, rows, self.baselines(name, usual), columns, pool)
 
     @cached_property
     def run(self) -> dict[str, Any]:
