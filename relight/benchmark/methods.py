@@ -22,7 +22,7 @@ from relight.photos.person import Person, infer_person
 from relight.photos.render import render
 from relight.photos.shading import gain, shading
 
-Method = Callable[[BenchmarkSet, Entry], dict[str, np.ndarray]]  # to the arrays of an answer (`files.KEYS`)
+Method = Callable[[BenchmarkSet, Entry], dict[str, np.ndarray]]  # to the arrays of an answer
 RECORD = "answers.json"  # in a folder of answers: what made them
 
 
