@@ -242,9 +242,9 @@ def movie(
 ) -> None:
     """Write a movie: a photo under a turning light, or a relit clip of moving people. The exposure is fixed."""
     from relight.core.errors import UserError
-    from relight.photos.video import writable_video
+    from relight.photos.video import require_writable_video
 
-    writable_video(out)
+    require_writable_video(out)
     if not path.exists():
         raise UserError(f"movie: there is no file or folder {path}")
     from relight.photos.folder import require_unused

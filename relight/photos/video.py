@@ -34,19 +34,16 @@ KNOWN_MATRICES = (0, 1, 4, 5, 6, 7, 8, 9, 10, 14)  # of H.273; 2 is not specifie
 MIN_GIF_TICKS = 2  # hundredths of a second of a frame; many players slow shorter ones down
 
 
-def writable_video(path: Path | str) -> Path:
-    """Returns `path` if a video can be written there; raises UserError otherwise, before any work is done."""
-    path = Path(path)
+def require_writable_video(path: Path) -> None:
+    """Raises UserError if a video cannot be written there, before any work is done."""
     if path.suffix.lower() not in WRITABLE:
         raise UserError(f"movie {path}: the name must end in .mp4, .webm or .gif")
     if path.suffix.lower() in CODECS:
         import av  # noqa: F401  (says at once that it is missing)
-    return writable_file(path, "movie")
+    writable_file(path, "movie")
 
 
-def write_video(
-    path: Path | str, frames: Iterable[np.ndarray], fps: float = FPS, sound: Path | str | None = None
-) -> None:
+def write_video(path: Path, frames: Iterable[np.ndarray], fps: float = FPS, sound: Path | None = None) -> None:
     """Writes a video, whole or not at all.
 
     Odd sizes gain a repeated row or column, since codecs halve the resolution of color. Colors are tagged BT.709.
@@ -60,14 +57,14 @@ def write_video(
     Raises:
         UserError: for another suffix, if there are no frames, or if the file cannot be written.
     """
-    path = writable_video(path)
+    require_writable_video(path)
     with atomic_write(path) as tmp:
         if path.suffix.lower() == ".gif":
             _write_gif(tmp, frames, fps)
         else:
             _write_video(tmp, frames, fps, *CODECS[path.suffix.lower()])
             if sound:
-                _add_sound(tmp, Path(sound))
+                _add_sound(tmp, sound)
 
 
 def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: str, options: dict[str, str]) -> None:
@@ -144,12 +141,12 @@ def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
     first.save(path, format="GIF", save_all=True, append_images=rest, duration=durations, loop=0, disposal=1)
 
 
-def is_video(path: Path | str) -> bool:
+def is_video(path: Path) -> bool:
     """Returns whether a file name is that of a video or an animated GIF."""
-    return Path(path).suffix.lower() in READABLE
+    return path.suffix.lower() in READABLE
 
 
-def read_frames(path: Path | str) -> tuple[Iterator[Picture], int | None, float]:
+def read_frames(path: Path) -> tuple[Iterator[Picture], int | None, float]:
     """Reads the frames of a video file or a folder of pictures, one by one.
 
     Frames of a video come upright, with square pixels, in sRGB, at a constant rate: where the file's own rate varies,
@@ -162,7 +159,6 @@ def read_frames(path: Path | str) -> tuple[Iterator[Picture], int | None, float]
         UserError: if the path is neither, or, at the frame where it shows, if the file is damaged or its frames change
             their size.
     """
-    path = Path(path)
     if path.is_dir():
         files = list_photos(path)
         return (Picture.of(file) for file in files), len(files), FPS
