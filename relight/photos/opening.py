@@ -58,14 +58,10 @@ def open_picture(path: Path, what: str) -> Image.Image:
     except Exception:
         raise UserError(f"{what} cannot be read as a picture: give {', '.join(PHOTO_SUFFIXES)} or .exr") from None
     (width, height), stored = image.size, path.stat().st_size
-    reason = ""
     if width * height > MAX_PIXELS:
-        reason = f"{what} is too large, {width}x{height}: {TOO_LARGE}"
-    elif width * height > max(FREE_PIXELS, MOST_PACKED * stored):
-        reason = f"{what} is damaged: it promises {width}x{height} pixels in {stored} bytes"
-    if reason:
-        image.close()
-        raise UserError(reason)
+        raise UserError(f"{what} is too large, {width}x{height}: {TOO_LARGE}")
+    if width * height > max(FREE_PIXELS, MOST_PACKED * stored):
+        raise UserError(f"{what} is damaged: it promises {width}x{height} pixels in {stored} bytes")
     return image
 
 

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
-from itertools import islice, pairwise, repeat
+from itertools import chain, islice, pairwise, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,24 +74,23 @@ def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: st
     """
     import av
 
+    frames = iter(frames)
+    first = next(frames, None)
+    if first is None:
+        raise UserError("the movie has no frames")
     with av.open(str(path), "w", options={"movflags": "faststart"} if path.suffix == ".mp4" else {}) as container:
-        stream: av.VideoStream | None = None
-        for pixels in frames:
+        stream = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001), options=options)
+        assert isinstance(stream, av.VideoStream)
+        stream.height, stream.width = (side + side % 2 for side in first.shape[:2])
+        stream.pix_fmt = "yuv420p"
+        stream.codec_context.colorspace = 1  # BT.709, which players assume at this size
+        stream.codec_context.color_range = 1  # values 16 to 235
+        for pixels in chain([first], frames):
             pixels = np.pad(pixels, ((0, pixels.shape[0] % 2), (0, pixels.shape[1] % 2), (0, 0)), mode="edge")
-            if stream is None:
-                added = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001), options=options)
-                assert isinstance(added, av.VideoStream)
-                stream = added
-                stream.height, stream.width = pixels.shape[:2]
-                stream.pix_fmt = "yuv420p"
-                stream.codec_context.colorspace = 1  # BT.709, which players assume at this size
-                stream.codec_context.color_range = 1  # values 16 to 235
             image = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
             container.mux(
                 stream.encode(image.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG"))
             )
-        if stream is None:
-            raise UserError("the movie has no frames")
         container.mux(stream.encode())
 
 
