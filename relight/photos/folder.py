@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Unpack
@@ -286,16 +286,16 @@ def _run(work: partial, tasks: dict, jobs: int, weights: Path | None) -> Iterato
     """
     cores = os.cpu_count() or 1
     if not has_semaphores():
-        _start(weights, cores, work)
-        yield from ((name, _work(task)) for name, task in tasks.items())
+        yield from ((name, work(weights, cores, *task)) for name, task in tasks.items())
         return
     name = next(iter(tasks), "")
     block = getattr(signal, "pthread_sigmask", lambda *_: None)  # Windows has none
     spawn = multiprocessing.get_context("spawn")  # threads of the inference do not survive a fork
-    with ProcessPoolExecutor(jobs, spawn, initializer=_start, initargs=(weights, max(1, cores // jobs), work)) as pool:
+    threads = max(1, cores // jobs)
+    with ProcessPoolExecutor(jobs, spawn) as pool:
         try:
             block(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it: Ctrl-C, which waits meanwhile, is not theirs
-            futures = [(name, pool.submit(_work, task)) for name, task in tasks.items()]
+            futures = [(name, pool.submit(work, weights, threads, *task)) for name, task in tasks.items()]
             block(signal.SIG_UNBLOCK, {signal.SIGINT})
             for name, future in futures:
                 yield name, future.result()
@@ -311,26 +311,14 @@ def _run(work: partial, tasks: dict, jobs: int, weights: Path | None) -> Iterato
             raise
 
 
-_worker: tuple[PhotoNetwork, partial] | None = None  # those of this process
-
-
-def _start(weights: Path | None, threads: int, work: partial) -> None:
-    """Loads the network once for each process, and keeps what `_work` does with it."""
-    global _worker
-    _worker = read_network(weights, threads), work
-
-
-def _work(task: tuple[Path, Path, Path | None, str]) -> str | None:
-    assert _worker is not None  # `_start` ran before
-    network, work = _worker
-    return work(network, *task)
+_network = cache(read_network)  # once in each process
 
 
 def _relight_one(
-    network: PhotoNetwork, photo: Path, out: Path, mask: Path | None, fingerprint: str, **options: Any
+    weights: Path | None, threads: int, photo: Path, out: Path, mask: Path | None, fingerprint: str, **options: Any
 ) -> str | None:
     try:
-        record = relight_file(network, photo, out, mask=mask, **options)
+        record = relight_file(_network(weights, threads), photo, out, mask=mask, **options)
         write_json(out / RECORD, {**record, "fingerprint": fingerprint}, default=str)
         return None
     except UserError as error:
