@@ -109,7 +109,7 @@ def head(name: str, results: Results, outcome: dict[str, Any] | None) -> Markup:
         lights=results.lights["lights"],
         trainings=len(results.trainings),
         steps=sorted({results.run["rows"][row]["train"]["steps"] for row in results.rows}),
-        origin=provenance(results.folder),
+        origin=provenance(name, results.run),
     )
 
 
