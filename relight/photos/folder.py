@@ -289,14 +289,14 @@ def _run(work: partial, tasks: dict, jobs: int, weights: Path | None) -> Iterato
         yield from ((name, work(weights, cores, *task)) for name, task in tasks.items())
         return
     name = next(iter(tasks), "")
-    block = getattr(signal, "pthread_sigmask", lambda *_: None)  # Windows has none
     spawn = multiprocessing.get_context("spawn")  # threads of the inference do not survive a fork
     threads = max(1, cores // jobs)
     with ProcessPoolExecutor(jobs, spawn) as pool:
         try:
-            block(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it: Ctrl-C, which waits meanwhile, is not theirs
+            # Workers inherit the block: Ctrl-C, which waits meanwhile, is not theirs.
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             futures = [(name, pool.submit(work, weights, threads, *task)) for name, task in tasks.items()]
-            block(signal.SIG_UNBLOCK, {signal.SIGINT})
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
             for name, future in futures:
                 yield name, future.result()
         except BrokenProcessPool:
