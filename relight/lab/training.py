@@ -5,6 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from relight.lab.tracking.run import log_scores, training_run
 from relight.learning.train import Inputs, Recipe, fingerprint
 from relight.learning.train import train as train_network
 from relight.settings import Augment, Loss, Model, Train
@@ -23,8 +24,6 @@ def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, trac
         curve: losses per epoch (.csv).
         tracking: of the workflow (`Plan.tracking`).
     """
-    from relight.lab.tracking.run import training_run
-
     recipe = Recipe(
         Model(**settings["model"]), Loss(**settings["loss"]), Train(**settings["train"]), Augment(**settings["augment"])
     )
@@ -48,7 +47,6 @@ def evaluate(
     """
     from relight.evaluation.scoring.evaluate import evaluate as score
     from relight.evaluation.scoring.scores import read_scores
-    from relight.lab.tracking.run import log_scores
 
     score(network, packed, lights, split, condition, out)
     scores = next(iter(read_scores(out).values()), None)  # None if the condition has no figures or no lights

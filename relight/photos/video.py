@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 CODECS = {".mp4": ("libx264", {"crf": "18", "preset": "medium"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
 FPS = 25.0  # of what does not state its rate
 READABLE = (".mp4", ".mov", ".webm", ".mkv", ".avi", ".m4v", ".gif")
-WRITABLE = (*CODECS, ".gif")
 MAX_FPS = 60  # of a clip whose rate varies
 HDR = {PQ: "PQ", HLG: "HLG"}
 BT2020 = 9  # color primaries of ITU-T H.273
@@ -36,7 +35,7 @@ MIN_GIF_TICKS = 2  # hundredths of a second of a frame; many players slow shorte
 
 def require_writable_video(path: Path) -> None:
     """Raises UserError if a video cannot be written there, before any work is done."""
-    if path.suffix.lower() not in WRITABLE:
+    if path.suffix.lower() not in (*CODECS, ".gif"):
         raise UserError(f"movie {path}: the name must end in .mp4, .webm or .gif")
     if path.suffix.lower() in CODECS:
         import av  # noqa: F401  (says at once that it is missing)
