@@ -19,7 +19,6 @@ from relight.maps.square import MASK_THRESHOLD, crop_around
 INDEX = "index.json"
 PICTURES = ("ratio", "full")  # relit pictures: the photograph times a gain, and rendered from maps alone
 MAPS = {"albedo": 3, "shading": 3, "transport": 9}  # number of channels, on the square
-KEYS = (*PICTURES, *MAPS, "light")
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,7 @@ def write_arrays(path: Path, photo: str, arrays: Mapping[str, np.ndarray]) -> No
     Args:
         path: path of the .npz.
         photo: SHA-256 of photo.png.
-        arrays: by name (KEYS).
+        arrays: by name, of PICTURES, MAPS and `light`.
     """
     dtypes = {name: np.float16 for name in MAPS} | dict.fromkeys(PICTURES, np.uint8) | {"light": np.float32}
     with atomic_write(path) as tmp, open(tmp, "wb") as file:

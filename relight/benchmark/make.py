@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-from collections.abc import Iterator
 from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
@@ -19,7 +18,6 @@ from relight.benchmark.recipes import (
     REAL,
     SPARE_OFFSET,
     VIEWS,
-    PictureRecipe,
     digest,
     draw_recipes,
     with_gloss,
@@ -69,24 +67,14 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
     problem = f"{folder} holds another set, or one with other settings: give another --out"
     keep_record(folder / "plan.json", plan, problem)
     missing = [recipe for recipe in wanted if not (folder / "inputs" / recipe.name).is_dir()]
-    for _ in progress(_render_missing(missing, folder, settings), "pictures", total=len(missing)):
-        pass
-    return write_index(folder, kind, [recipe.name for recipe in wanted], asdict(settings))
-
-
-def _render_missing(missing: list[PictureRecipe], folder: Path, settings: Settings) -> Iterator[PictureRecipe]:
-    """Renders and saves pictures, and yields the recipe of each when it is saved.
-
-    Recipes of one figure must follow each other, so that its mesh is made once.
-    """
-    for seed, group in groupby(missing, lambda recipe: recipe.seed):
+    for seed, group in groupby(progress(missing, "pictures"), lambda recipe: recipe.seed):
         mesh = with_gloss(make_mesh(seed, settings), seed)
         for recipe in group:
             picture = render_picture(recipe, mesh, settings)
             info = {"name": recipe.name, "subject": mesh.info["subject"], "view": asdict(recipe.view)}
             picture.maps.info = {**picture.maps.info, **info}
             save_picture(folder, recipe.name, mesh.info["name"], asdict(recipe), picture)
-            yield recipe
+    return write_index(folder, kind, [recipe.name for recipe in wanted], asdict(settings))
 
 
 def make_mesh(seed: int, settings: Settings) -> Mesh:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from relight.photos.person import Person, infer_person
 from relight.photos.render import render
 from relight.photos.shading import gain, shading
 
-Method = Callable[[BenchmarkSet, Entry], dict[str, np.ndarray]]  # to the arrays of an answer (`files.KEYS`)
+Method = Callable[[BenchmarkSet, Entry], dict[str, np.ndarray]]  # to the arrays of an answer
 RECORD = "answers.json"  # in a folder of answers: what made them
 
 
@@ -51,7 +52,7 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
         network = read_network(weights, threads=1)
         apply, record["weights"] = _inferred_by(network), network.digest
     else:
-        apply = BASELINES[method]()
+        apply = BASELINES[method]
         record |= {"weights": read_network().digest} if method == "mean_light" else {}
     problem = f"{out} holds answers of another method, network or set: give another folder"
     if not (out / RECORD).is_file() and any(out.glob("*.npz")):
@@ -100,54 +101,51 @@ def _resize_to_square(values: np.ndarray, person: Person, inside: np.ndarray) ->
     return values * inside[..., None]
 
 
-def as_it_is() -> Method:
-    """Returns the method that answers with the photograph itself for every light."""
-    return lambda benchmark, entry: {"ratio": np.repeat(entry.shot().photo[None], entry.new, 0)}
+def as_it_is(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
+    """Answers with the photograph itself for every light."""
+    return {"ratio": np.repeat(entry.shot().photo[None], entry.new, 0)}
 
 
-def mean_light() -> Method:
-    """Returns the method that relights by true transport, and takes the mean training light for the old one.
+def mean_light(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
+    """Relights by true transport, and takes the mean training light for the old one.
 
-    It is the mean of the lights that the package's network was trained on.
+    Returns:
+        The mean light (9,3), the shading by it (S,S,3), and the relit pictures (N,H,W,3) uint8.
     """
+    light = mean_training_light()
+    ratio = _relight_by_ratio(benchmark, entry, light)
+    truth, _ = benchmark.truth(entry)
+    assert truth.transport is not None  # a set with true maps has it
+    return {"light": light, "shading": shading(truth.transport, light), "ratio": ratio}
+
+
+@cache
+def mean_training_light() -> np.ndarray:
+    """Returns the mean (9,3) of the lights that the package's network was trained on."""
     lights = read_network().lights
     assert lights is not None  # the package's weights hold them
-    light = lights[:, :9].mean(0).astype(np.float64)
-
-    def apply(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
-        """Returns the mean light (9,3), the shading by it (S,S,3), and the relit pictures (N,H,W,3) uint8."""
-        ratio = _relight_by_ratio(benchmark, entry, light)
-        truth, _ = benchmark.truth(entry)
-        assert truth.transport is not None  # a set with true maps has it
-        return {"light": light, "shading": shading(truth.transport, light), "ratio": ratio}
-
-    return apply
+    return lights[:, :9].mean(0).astype(np.float64)
 
 
-def true_maps() -> Method:
-    """Returns the method that answers with the true maps and the true light.
+def true_maps(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
+    """Answers with the true maps (S,S,C) and the true light (9,3), and with relit pictures (N,H,W,3) uint8 by them.
 
     Light and transport have nine coefficients, and relit pictures are computed from them: their errors are those of
     the formulation.
     """
-
-    def apply(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
-        """Returns the true maps (S,S,C) and light (9,3), and the relit pictures (N,H,W,3) uint8 in both modes."""
-        maps = read_maps(benchmark.maps(entry))
-        truth, _ = benchmark.truth(entry)
-        full = [to_srgb8(maps.albedo * shading(maps.transport, light)) for light in new_lights(entry)]
-        # A set with true maps has all of them.
-        assert truth.albedo is not None and truth.transport is not None and truth.light is not None
-        return {
-            "albedo": truth.albedo,
-            "transport": truth.transport,
-            "light": truth.light,
-            "shading": shading(truth.transport, truth.light),
-            "full": np.stack(full),
-            "ratio": _relight_by_ratio(benchmark, entry, truth.light),
-        }
-
-    return apply
+    maps = read_maps(benchmark.maps(entry))
+    truth, _ = benchmark.truth(entry)
+    full = [to_srgb8(maps.albedo * shading(maps.transport, light)) for light in new_lights(entry)]
+    # A set with true maps has all of them.
+    assert truth.albedo is not None and truth.transport is not None and truth.light is not None
+    return {
+        "albedo": truth.albedo,
+        "transport": truth.transport,
+        "light": truth.light,
+        "shading": shading(truth.transport, truth.light),
+        "full": np.stack(full),
+        "ratio": _relight_by_ratio(benchmark, entry, truth.light),
+    }
 
 
 def new_lights(entry: Entry) -> list[np.ndarray]:
@@ -165,4 +163,4 @@ def _relight_by_ratio(benchmark: BenchmarkSet, entry: Entry, light: np.ndarray) 
     return np.stack([to_srgb8(apply_gain(linear, factor)) for factor in gains])
 
 
-BASELINES: dict[str, Callable[[], Method]] = {"as_it_is": as_it_is, "mean_light": mean_light, "true_maps": true_maps}
+BASELINES: dict[str, Method] = {"as_it_is": as_it_is, "mean_light": mean_light, "true_maps": true_maps}

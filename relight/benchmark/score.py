@@ -128,7 +128,7 @@ def read_scores(answers: Path | str) -> pd.DataFrame:
         UserError: if `score` did not write them, or an answer is newer.
     """
     path = Path(answers) / SCORES
-    frame = read_table(path, "scores", [*KEYS, *COLUMNS], "relight benchmark score", dict.fromkeys(KEYS, str))
+    frame = read_table(path, "scores", [*KEYS, *COLUMNS], "relight benchmark score")
     if any(answer.stat().st_mtime > path.stat().st_mtime for answer in path.parent.glob("*.npz")):
         raise UserError(f"{path} is older than the answers beside it: run relight benchmark score again")
     frame = frame.set_index(KEYS)[list(COLUMNS)]

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
@@ -16,10 +16,8 @@ from relight.core.files import PHOTO_SUFFIXES, is_unsafe_name, write_text
 from relight.core.processes import git
 from relight.lab.record import Record, read_record
 from relight.learning.training_name import TrainingName
+from relight.meshes.scans import TABLE, Scan, list_scans
 from relight.settings import ROOT, Experiment, flat
-
-if TYPE_CHECKING:
-    from relight.meshes.scans import Scan
 
 BATCH = 10  # generated figures that share a process, since one takes as long to start as to draw a figure
 # What other runs take of a run -> the groups of settings that decide it.
@@ -83,12 +81,10 @@ class Plan:
     # Figures and lights
 
     @cached_property
-    def scans(self) -> "dict[str, Scan]":
+    def scans(self) -> dict[str, Scan]:
         """The user's meshes by name; empty for other sources."""
         if self.shared["figures"]["source"] != "scans":
             return {}
-        from relight.meshes import list_scans
-
         return list_scans(self.shared["figures"]["folder"])
 
     @cached_property
@@ -117,8 +113,6 @@ class Plan:
         """The table of the scans, if the user's folder has one."""
         if not self.scans:
             return []
-        from relight.meshes.scans import TABLE
-
         table = Path(self.shared["figures"]["folder"]) / TABLE
         return [str(table)] if table.is_file() else []
 

@@ -1,9 +1,11 @@
 """The jobs of one network, trained and scored, with its run in MLflow."""
 
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from relight.lab.tracking.run import log_scores, training_run
 from relight.learning.train import Inputs, Recipe, fingerprint
 from relight.learning.train import train as train_network
 from relight.settings import Augment, Loss, Model, Train
@@ -22,12 +24,10 @@ def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, trac
         curve: losses per epoch (.csv).
         tracking: of the workflow (`Plan.tracking`).
     """
-    from relight.lab.tracking.run import training_run
-
     recipe = Recipe(
         Model(**settings["model"]), Loss(**settings["loss"]), Train(**settings["train"]), Augment(**settings["augment"])
     )
-    with training_run(tracking, out.stem, fingerprint(recipe, inputs), recipe.as_dict()) as run:
+    with training_run(tracking, out.stem, fingerprint(recipe, inputs), asdict(recipe)) as run:
         state = out.parent / "state" / out.stem / "state.pt"
         train_network(recipe, inputs, out, state, curve, run.log if run else None)
         if run:
@@ -45,12 +45,10 @@ def evaluate(
         out: scores (.csv).
         tracking: of the workflow (`Plan.tracking`).
     """
-    from relight.evaluation.scoring.evaluate import Condition
     from relight.evaluation.scoring.evaluate import evaluate as score
     from relight.evaluation.scoring.scores import read_scores
-    from relight.lab.tracking.run import log_scores
 
-    score(network, packed, lights, split, Condition.parse(condition), out)
+    score(network, packed, lights, split, condition, out)
     scores = next(iter(read_scores(out).values()), None)  # None if the condition has no figures or no lights
     columns = scores.columns if scores else {}
     means = {name: mean for name, values in columns.items() if not math.isnan(mean := float(values.mean()))}

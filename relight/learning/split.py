@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from relight.core.errors import UserError
-from relight.core.files import atomic_write
+from relight.core.files import write_text
 from relight.maps import PackedMaps
 from relight.settings import Split
 
@@ -81,8 +81,7 @@ def write_split(settings: Split, packed: Path, record: Path, out: Path) -> None:
     }
     sitting = {name for name, info in json.loads(record.read_text())["figures"].items() if is_seated(info)}
     parts = split_figures(list(subjects), list(subjects.values()), settings, sitting)
-    with atomic_write(out) as tmp:
-        tmp.write_text(json.dumps(parts, indent=1))
+    write_text(out, json.dumps(parts, indent=1))
 
 
 def draw(unit_of: Mapping[str, str], wanted: float, rng: np.random.Generator) -> list[str]:

@@ -14,7 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -62,10 +62,6 @@ class Recipe:
     train: Train
     augment: Augment
 
-    def as_dict(self) -> dict[str, dict[str, Any]]:
-        """Returns all settings by the name of their group."""
-        return {part.name: asdict(getattr(self, part.name)) for part in fields(self)}
-
 
 @dataclass(frozen=True)
 class Inputs:
@@ -90,7 +86,7 @@ def fingerprint(recipe: Recipe, inputs: Inputs) -> str:
     Raises:
         UserError: if an input does not exist.
     """
-    digest = hashlib.sha256(json.dumps([*recipe.as_dict().values(), inputs.code], sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps([*asdict(recipe).values(), inputs.code], sort_keys=True).encode())
     start = recipe.train.start
     paths: list[Path | str] = [inputs.packed, inputs.lights, inputs.split, *([start] if start else [])]
     for path in paths:
@@ -176,7 +172,7 @@ def train(
             done = step + 1
             if done % settings.epoch and done < settings.steps:
                 continue
-            means = meter.means(world)
+            means, meter = meter.means(world), Meter(device)
             if validation is None:  # only the first process logs
                 continue
             seconds = (time.monotonic() - began) / (done - first)
@@ -191,7 +187,7 @@ def train(
             save_state(state, digest, parts, done, history)
 
         if rank == 0:
-            kept: dict[str, Any] = {name: part for name, part in recipe.as_dict().items() if name != "model"}
+            kept: dict[str, Any] = {name: part for name, part in asdict(recipe).items() if name != "model"}
             save_network(out, average or network, recipe.model, **kept, fingerprint=digest)
             if curve:
                 write_curve(curve, history)
@@ -319,16 +315,11 @@ def learning_rate(train: Train, step: int) -> float:
     `train` has the largest rate, the schedule and the numbers of steps.
     """
     warm = min(1.0, (step + 1) / train.warmup) if train.warmup else 1.0
-    match train.schedule:
-        case "constant":
-            factor = 1.0
-        case "cosine":
-            first, last = train.span
-            done = first + (last - first) * step / train.steps
-            factor = FINAL_LR + (1 - FINAL_LR) * 0.5 * (1 + math.cos(math.pi * done))
-        case unknown:
-            raise UserError(f"train.schedule={unknown}: learning_rate knows constant and cosine")
-    return train.lr * warm * factor
+    if train.schedule == "constant":
+        return train.lr * warm
+    first, last = train.span
+    done = first + (last - first) * step / train.steps
+    return train.lr * warm * (FINAL_LR + (1 - FINAL_LR) * 0.5 * (1 + math.cos(math.pi * done)))
 
 
 def draw_batch(
@@ -391,14 +382,9 @@ class Meter:
     """
 
     def __init__(self, device: torch.device):
-        self.device = device
-        self.clear()
-
-    def clear(self) -> None:
-        """Resets all sums."""
         self.names: list[str] = []
-        self.sums, self.steps = torch.zeros((), device=self.device), 0
-        self.first_nonfinite = torch.tensor(torch.inf, device=self.device)
+        self.sums, self.steps = torch.zeros((), device=device), 0
+        self.first_nonfinite = torch.tensor(torch.inf, device=device)
 
     def add(self, values: dict[str, Tensor], step: int) -> None:
         """Adds the losses of a step without a transfer from the device."""
@@ -409,7 +395,7 @@ class Meter:
         )
 
     def means(self, world: int) -> dict[str, float]:
-        """Returns the means over steps and processes since the last call.
+        """Returns the means over steps and processes.
 
         Args:
             world: number of processes.
@@ -426,9 +412,7 @@ class Meter:
                 f"the loss is not a finite number at step {int(nonfinite_step)}: the last good state is kept; "
                 "try a lower train.lr"
             )
-        names = self.names
-        self.clear()
-        return dict(zip(names, means))
+        return dict(zip(self.names, means))
 
 
 def _print_line(line: str) -> None:

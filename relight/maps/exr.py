@@ -94,7 +94,7 @@ def write_maps(path: Path | str, maps: Maps) -> None:
     channels["depth.Z"] = np.ascontiguousarray(maps.depth, np.float32)
     derived: dict[str, Any] = {} if maps.gloss is None else {"gloss": True}
     derived |= {"size": len(maps.mask), "order": order_of(maps.transport.shape[2]), "pixels": int(maps.mask.sum())}
-    _write(path, channels, {**maps.info, **derived})
+    write_exr(path, channels, {"relight": json.dumps({**maps.info, **derived})})
 
 
 def write_left_out(path: Path | str, info: dict[str, Any], reason: str) -> None:
@@ -105,7 +105,7 @@ def write_left_out(path: Path | str, info: dict[str, Any], reason: str) -> None:
         info: as `Maps.info`.
         reason: why the figure has no maps.
     """
-    _write(path, {"mask.A": np.zeros((1, 1), np.float16)}, {**info, "left_out": reason})
+    write_exr(path, {"mask.A": np.zeros((1, 1), np.float16)}, {"relight": json.dumps({**info, "left_out": reason})})
 
 
 def read_info(path: Path | str) -> dict[str, Any]:
@@ -155,18 +155,18 @@ def read_maps(path: Path | str) -> Maps:
     )
 
 
-def _write(path: Path | str, channels: dict[str, np.ndarray], info: dict[str, Any]) -> None:
-    """Writes channels (H,W) by name, float16 or float32, as an OpenEXR file with `info` as JSON in its header."""
-    header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        "relight": json.dumps(info),
-        "software": f"relight {__version__}",
-        "frame": FRAME,
-        "convention": CONVENTION,
-    }
+def write_exr(path: Path | str, channels: dict[str, np.ndarray], header: dict[str, Any]) -> None:
+    """Writes an OpenEXR file of maps, whole or not at all.
+
+    Args:
+        path: path of the file (.exr).
+        channels: (H,W) by name, float16 or float32.
+        header: attributes beside those that state relight's version and conventions.
+    """
+    kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    conventions = {"software": f"relight {__version__}", "frame": FRAME, "convention": CONVENTION}
     with atomic_write(path) as temporary:
-        OpenEXR.File(header, channels).write(str(temporary))
+        OpenEXR.File({**kind, **conventions, **header}, channels).write(str(temporary))
 
 
 def _read(path: Path | str, header_only: bool = False) -> tuple[dict[str, Any], dict[str, OpenEXR.Channel]]:

@@ -16,7 +16,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from relight.core.srgb import LINEAR, encode, to_bytes
 from relight.maps.octahedral import fold, octahedral
 from relight.sh import UNOCCLUDED_T00, coefficient_count
 
+Tensors = dict[str, tuple[type, tuple[int, ...]]]  # type and shape of arrays by name
 DTYPE_NAMES = {"uint8": "U8", "int16": "I16", "int64": "I64", "float16": "F16"}
 
 
@@ -63,18 +64,9 @@ def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
     offset = np.concatenate([[0], np.cumsum([info["pixels"] for _, info in included])]).astype(np.int64)
     names = [info.get("name", Path(path).stem) for path, info in included]
     subjects = [info.get("subject", name) for name, (_, info) in zip(names, included)]
-    pixels = int(offset[-1])
-    tensors: dict[str, tuple[type, tuple[int, ...]]] = {
-        "offset": (np.int64, offset.shape),
-        "transport": (np.float16, (pixels, coefficient_count(order))),
-        "albedo": (np.uint8, (pixels, 3)),
-        "normal": (np.int16, (pixels, 2)),
-        "mask": (np.uint8, (len(included), _bit_bytes(size))),
-    }
-    if any(info.get("gloss") for _, info in included):
-        tensors["gloss"] = (np.uint8, (pixels, 2))
-    if any(info.get("bounces") for _, info in included):
-        tensors["ao"] = (np.float16, (pixels,))
+    reasons = {"gloss": "gloss", "ao": "bounces"}  # in the record of a map, for arrays that not all sets have
+    optional = [name for name, key in reasons.items() if any(info.get(key) for _, info in included)]
+    tensors = _tensors(len(included), int(offset[-1]), size, order, optional)
     metadata = {"names": names, "subjects": subjects, "size": size, "order": order}
     if any("figure" in info for _, info in included):
         metadata["figures"] = [info.get("figure", name) for name, (_, info) in zip(names, included)]
@@ -169,21 +161,10 @@ class PackedMaps:
     def _check(self) -> None:
         """Raises ValueError if header and arrays contradict each other; runs before arrays are allocated."""
         maps, pixels = len(self.names), int(self.offset[-1])
-        expected_shapes = {
-            "offset": [maps + 1],
-            "mask": [maps, _bit_bytes(self.size)],
-            "transport": [pixels, coefficient_count(self.order)],
-            "albedo": [pixels, 3],
-            "normal": [pixels, 2],
-        }
-        if self.glossy:
-            expected_shapes["gloss"] = [pixels, 2]
-        if self._has_ao:
-            expected_shapes["ao"] = [pixels]
-        for name, expected in expected_shapes.items():
+        for name, (_, expected) in _tensors(maps, pixels, self.size, self.order, self._file.keys()).items():
             shape = self._file.get_slice(name).get_shape()
-            if shape != expected:
-                raise ValueError(f"{name} has the shape {shape}, not {expected}")
+            if shape != list(expected):
+                raise ValueError(f"{name} has the shape {shape}, not {list(expected)}")
         if self.offset[0] or (np.diff(self.offset) < 0).any():
             raise ValueError("its offsets do not ascend from 0")
         if not len(self.subjects) == len(self.figures) == len(self.views) == maps:
@@ -236,9 +217,17 @@ class PackedMaps:
         }
 
 
-def _bit_bytes(size: int) -> int:
-    """Returns how many bytes a square image of `size` px takes at one bit per pixel."""
-    return math.ceil(size * size / 8)
+def _tensors(maps: int, pixels: int, size: int, order: int, optional: Collection[str]) -> Tensors:
+    """Returns type and shape of each array of the file, in their order; `gloss` and `ao` if they are `optional`."""
+    tensors: Tensors = {
+        "offset": (np.int64, (maps + 1,)),
+        "transport": (np.float16, (pixels, coefficient_count(order))),
+        "albedo": (np.uint8, (pixels, 3)),
+        "normal": (np.int16, (pixels, 2)),
+        "mask": (np.uint8, (maps, math.ceil(size * size / 8))),  # a bit per pixel
+    }
+    further: Tensors = {"gloss": (np.uint8, (pixels, 2)), "ao": (np.float16, (pixels,))}
+    return tensors | {name: value for name, value in further.items() if name in optional}
 
 
 def encode_normals(normals: np.ndarray) -> np.ndarray:
@@ -260,9 +249,7 @@ def decode_normals(encoded: np.ndarray) -> np.ndarray:
     return normals / np.sqrt(np.einsum("nc,nc->n", normals, normals))[:, None]
 
 
-def _create_safetensors(
-    path: Path, tensors: dict[str, tuple[type, tuple[int, ...]]], metadata: dict[str, str]
-) -> dict[str, np.memmap]:
+def _create_safetensors(path: Path, tensors: Tensors, metadata: dict[str, str]) -> dict[str, np.memmap]:
     """Creates a safetensors file and maps its arrays into memory for writing.
 
     The library's writer would need all arrays in memory. The format is the length of the header, the header in JSON,

@@ -44,11 +44,6 @@ class Crop:
     size: int
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """The height and width (h, w) of `window`, in pixels of the photo."""
-        return self.rows[1] - self.rows[0], self.columns[1] - self.columns[0]
-
-    @property
     def window(self) -> Window:
         """The rows and columns of the photo that `place` fills, as an index of its pixels."""
         return slice(*self.rows), slice(*self.columns)

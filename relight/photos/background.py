@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageColor
+from PIL import Image, ImageColor, ImageOps
 
 from relight.core.errors import UserError
 from relight.core.srgb import LINEAR
@@ -155,9 +155,4 @@ def _hue(color: np.ndarray) -> np.ndarray:
 
 def resize_to_cover(picture: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Scales a picture (h,w,3) uint8 to fill `shape` (H,W) and cuts it around the middle."""
-    height, width = shape
-    scale = max(height / picture.shape[0], width / picture.shape[1])
-    rows, columns = height / scale, width / scale
-    top, left = (picture.shape[0] - rows) / 2, (picture.shape[1] - columns) / 2
-    box = (left, top, min(left + columns, picture.shape[1]), min(top + rows, picture.shape[0]))
-    return np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS, box))
+    return np.asarray(ImageOps.fit(Image.fromarray(picture), shape[::-1], Image.Resampling.LANCZOS))

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from relight.core.errors import UserError
+
 if TYPE_CHECKING:
     from relight.photos.look import Look
     from relight.photos.network import PhotoNetwork
@@ -173,7 +175,6 @@ def photo(
     """Relight the people in a photo, in several, or in each photo of a folder."""
     from rich.console import Console
 
-    from relight.core.errors import UserError
     from relight.core.files import PHOTO_SUFFIXES
     from relight.photos.folder import BEFORE_AFTER, Summary, photos_in, relight_file, relight_photos, relight_to
     from relight.photos.mask.find import NoMaskNetwork
@@ -242,11 +243,10 @@ def movie(
     weights: Path | None = None,
 ) -> None:
     """Write a movie: a photo under a turning light, or a relit clip of moving people. The exposure is fixed."""
-    from relight.core.errors import UserError
-    from relight.photos.video import writable_video
+    from relight.photos.video import require_writable_video
 
     out = out or Path(f"{path.stem}_relit.mp4")
-    writable_video(out)
+    require_writable_video(out)
     if not path.exists():
         raise UserError(f"movie: there is no file or folder {path}")
     from relight.photos.folder import require_unused
@@ -283,7 +283,6 @@ def mask_draw(
     mask_model: str | None = None,
 ) -> None:
     """Write the automatic mask of a photo, to correct in a paint program. `relight photo` finds it beside the photo."""
-    from relight.core.errors import UserError
     from relight.core.files import writable_file
     from relight.photos.mask.find import automatic_mask
     from relight.photos.picture import Picture

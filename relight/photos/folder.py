@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Unpack
@@ -45,10 +45,10 @@ MOST_LINES = 12  # of notes in a summary
 
 def relight_file(
     network: PhotoNetwork,
-    path: Path | str,
-    out: Path | str,
+    path: Path,
+    out: Path,
     look: Look,
-    mask: Path | str | None = None,
+    mask: Path | None = None,
     maps: bool = False,
     **options: Unpack[SceneOptions],
 ) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def relight_file(
     Raises:
         UserError: if an input is wrong, or the folder cannot be written.
     """
-    out = writable_folder(out, "--out")
+    writable_folder(out, "--out")
     for given in _inputs(path, mask, look, options.get("lit_by")):
         if given.is_file() and given.resolve().parent == out.resolve() and is_result(given):
             raise UserError(f"{given} is in the folder of results and would be overwritten: give another --out")
@@ -149,24 +149,22 @@ def relight_to(
     return scene.notes + scene.notes_on(look)
 
 
-def require_unused(
-    out: Path, path: Path | str, mask: Path | str | None, look: Look, lit_by: Light | str | None
-) -> None:
+def require_unused(out: Path, path: Path, mask: Path | None, look: Look, lit_by: Light | str | None) -> None:
     """Raises UserError if writing `out` would overwrite a file that relighting `path` reads."""
     for given in _inputs(path, mask, look, lit_by):
         if out.exists() and given.exists() and out.samefile(given):
             raise UserError(f"{given} would be overwritten: give another --out")
 
 
-def _inputs(path: Path | str, mask: Path | str | None, look: Look, lit_by: Light | str | None) -> list[Path]:
+def _inputs(path: Path, mask: Path | None, look: Look, lit_by: Light | str | None) -> list[Path]:
     """Returns what may be files among the words that say how a photo is relit."""
     lights = [split_place(part)[0] for text in (look.words["light"], str(lit_by)) for part in parts_of(text)]
     return [Path(given) for given in (path, mask or mask_beside(path), look.background.name, *lights) if given]
 
 
-def is_result(path: Path | str) -> bool:
+def is_result(path: Path) -> bool:
     """Returns whether a file has the name of one that `relight_file` writes."""
-    return re.sub(r"_\d+$", "", Path(path).name.split(".")[0]) in RESULTS
+    return re.sub(r"_\d+$", "", path.name.split(".")[0]) in RESULTS
 
 
 @dataclass
@@ -224,9 +222,9 @@ def photos_in(folder: Path) -> tuple[list[Path], Summary]:
 def relight_photos(
     photos: Sequence[Path],
     summary: Summary,
-    out: Path | str,
+    out: Path,
     look: Look,
-    masks: Path | str | None = None,
+    masks: Path | None = None,
     weights: Path | None = None,
     jobs: int | None = None,
     maps: bool = False,
@@ -253,7 +251,7 @@ def relight_photos(
         UserError: if something is wrong with the arguments, and not with a single photo.
     """
     writable_folder(out, "--out")
-    if masks and not Path(masks).is_dir():
+    if masks and not masks.is_dir():
         raise UserError(f"mask {masks}: for several photos give a folder of masks")
     for one, other in pairwise(sorted(photos, key=lambda path: path.name)):
         if one.name == other.name:
@@ -262,20 +260,20 @@ def relight_photos(
     network = read_network(weights).digest
     tasks = {}
     for photo in photos:
-        mask = (mask_in(masks, photo.stem) or Path(masks) / f"{photo.stem}.png") if masks else mask_beside(photo)
+        mask = (mask_in(masks, photo.stem) or masks / f"{photo.stem}.png") if masks else mask_beside(photo)
         files = photo, mask, automatic_model(options.get("mask_model"))
         fingerprint = _fingerprint(files, look, maps, options, network)
-        if _recorded(Path(out) / photo.name) == fingerprint:
+        if _recorded(out / photo.name) == fingerprint:
             summary.kept.append(photo.name)
         else:
-            tasks[photo.name] = (photo, Path(out) / photo.name, mask, fingerprint)
-    Path(out).mkdir(parents=True, exist_ok=True)  # else each process would make it for its check, and remove it again
+            tasks[photo.name] = (photo, out / photo.name, mask, fingerprint)
+    out.mkdir(parents=True, exist_ok=True)  # else each process would make it for its check, and remove it again
     jobs = max(1, min(jobs or os.cpu_count() or 1, len(tasks)))
     work = partial(_relight_one, look=look, maps=maps, **options)
     for name, reason in progress(_run(work, tasks, jobs, weights), "photos", total=len(tasks)):
         if reason is None:
             summary.done.append(name)
-            summary.notes[name] = json.loads((Path(out) / name / RECORD).read_text())["notes"]
+            summary.notes[name] = json.loads((out / name / RECORD).read_text())["notes"]
         else:
             summary.failed[name] = reason
 
@@ -288,17 +286,17 @@ def _run(work: partial, tasks: dict, jobs: int, weights: Path | None) -> Iterato
     """
     cores = os.cpu_count() or 1
     if not has_semaphores():
-        _start(weights, cores, work)
-        yield from ((name, _work(task)) for name, task in tasks.items())
+        yield from ((name, work(weights, cores, *task)) for name, task in tasks.items())
         return
     name = next(iter(tasks), "")
-    block = getattr(signal, "pthread_sigmask", lambda *_: None)  # Windows has none
     spawn = multiprocessing.get_context("spawn")  # threads of the inference do not survive a fork
-    with ProcessPoolExecutor(jobs, spawn, initializer=_start, initargs=(weights, max(1, cores // jobs), work)) as pool:
+    threads = max(1, cores // jobs)
+    with ProcessPoolExecutor(jobs, spawn) as pool:
         try:
-            block(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it: Ctrl-C, which waits meanwhile, is not theirs
-            futures = [(name, pool.submit(_work, task)) for name, task in tasks.items()]
-            block(signal.SIG_UNBLOCK, {signal.SIGINT})
+            # Workers inherit the block: Ctrl-C, which waits meanwhile, is not theirs.
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            futures = [(name, pool.submit(work, weights, threads, *task)) for name, task in tasks.items()]
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
             for name, future in futures:
                 yield name, future.result()
         except BrokenProcessPool:
@@ -313,26 +311,14 @@ def _run(work: partial, tasks: dict, jobs: int, weights: Path | None) -> Iterato
             raise
 
 
-_worker: tuple[PhotoNetwork, partial] | None = None  # those of this process
-
-
-def _start(weights: Path | None, threads: int, work: partial) -> None:
-    """Loads the network once for each process, and keeps what `_work` does with it."""
-    global _worker
-    _worker = read_network(weights, threads), work
-
-
-def _work(task: tuple[Path, Path, Path | None, str]) -> str | None:
-    assert _worker is not None  # `_start` ran before
-    network, work = _worker
-    return work(network, *task)
+_network = cache(read_network)  # once in each process
 
 
 def _relight_one(
-    network: PhotoNetwork, photo: Path, out: Path, mask: Path | None, fingerprint: str, **options: Any
+    weights: Path | None, threads: int, photo: Path, out: Path, mask: Path | None, fingerprint: str, **options: Any
 ) -> str | None:
     try:
-        record = relight_file(network, photo, out, mask=mask, **options)
+        record = relight_file(_network(weights, threads), photo, out, mask=mask, **options)
         write_json(out / RECORD, {**record, "fingerprint": fingerprint}, default=str)
         return None
     except UserError as error:

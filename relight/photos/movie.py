@@ -40,9 +40,9 @@ UNKNOWN_LENGTH = 250  # frames of one turn of the light, for clips that do not s
 
 def write_movie(
     network: PhotoNetwork,
-    path: Path | str,
-    mask: Path | str | None,
-    out: Path | str,
+    path: Path,
+    mask: Path | None,
+    out: Path,
     look: Look,
     seconds: float | None = None,
     fps: float | None = None,
@@ -71,7 +71,6 @@ def write_movie(
     Raises:
         UserError: if an input is wrong or the file cannot be written.
     """
-    path = Path(path)
     if look.background.kind == "none":
         raise UserError("a movie cannot be transparent: give another --background")
     light_notes = look.light.notes if look.light else []
@@ -94,8 +93,8 @@ def write_movie(
 
 def _relight_clip(
     network: PhotoNetwork,
-    path: Path | str,
-    masks: Path | str | None,
+    path: Path,
+    masks: Path | None,
     look: Look,
     size: int,
     turns: float,
@@ -139,7 +138,7 @@ def _white_notes(picture: Picture, look: Look) -> list[str]:
 
 
 def with_masks(
-    clip: Path | str, frames: Iterator[Picture], masks: Path | str | None, mask_model: Path | str | None = None
+    clip: Path, frames: Iterator[Picture], masks: Path | None, mask_model: Path | str | None = None
 ) -> Iterator[Picture]:
     """Yields the frames of a clip, masked.
 
@@ -149,8 +148,7 @@ def with_masks(
     if masks is None:
         yield from (masked(frame, None, mask_model) for frame in frames)
         return
-    masks = Path(masks)
-    named = masks.is_dir() and Path(clip).is_dir() and any(mask_in(masks, frame.stem) for frame in list_photos(clip))
+    named = masks.is_dir() and clip.is_dir() and any(mask_in(masks, frame.stem) for frame in list_photos(clip))
     if not masks.is_dir() and not is_video(masks):
         raise UserError(f"mask {masks}: for a clip give a folder of masks or a video of them")
     stream: Iterator[Given] = iter(list_pictures(masks)) if masks.is_dir() else map(_drawn, read_frames(masks)[0])

@@ -59,14 +59,10 @@ def open_picture(path: Path, what: str) -> Image.Image:
         kinds = f"{', '.join(PHOTO_SUFFIXES)} or .exr; clips are for relight movie"
         raise UserError(f"{what} cannot be read as a picture: give {kinds}") from None
     (width, height), stored = image.size, path.stat().st_size
-    reason = ""
     if width * height > MAX_PIXELS:
-        reason = f"{what} is too large, {width}x{height}: {TOO_LARGE}"
-    elif width * height > max(FREE_PIXELS, MOST_PACKED * stored):
-        reason = f"{what} is damaged: it promises {width}x{height} pixels in {stored} bytes"
-    if reason:
-        image.close()
-        raise UserError(reason)
+        raise UserError(f"{what} is too large, {width}x{height}: {TOO_LARGE}")
+    if width * height > max(FREE_PIXELS, MOST_PACKED * stored):
+        raise UserError(f"{what} is damaged: it promises {width}x{height} pixels in {stored} bytes")
     return image
 
 
@@ -190,16 +186,15 @@ def _primary_properties(data: memoryview) -> list[tuple[bytes, memoryview]]:
     return []
 
 
-def mask_beside(photo: Path | str) -> Path | None:
+def mask_beside(photo: Path) -> Path | None:
     """Returns the mask file in the folder of a photo, me_mask.png for me.jpg; None if there is none."""
-    photo = Path(photo)
     beside = find_path(photo.parent, (f"{photo.stem}_mask.png",))
     return beside if beside is not None and beside.is_file() else None
 
 
-def mask_in(masks: Path | str, name: str) -> Path | None:
+def mask_in(masks: Path, name: str) -> Path | None:
     """Returns the mask of the photo `name` in a folder of masks, name.png or name_mask.png; None if there is none."""
-    files = {folded(file.stem): file for file in sorted(Path(masks).iterdir(), reverse=True) if is_picture(file)}
+    files = {folded(file.stem): file for file in sorted(masks.iterdir(), reverse=True) if is_picture(file)}
     return files.get(folded(name)) or files.get(folded(f"{name}_mask"))
 
 
@@ -208,9 +203,8 @@ def is_picture(path: Path | str) -> bool:
     return Path(path).suffix.lower() in PHOTO_SUFFIXES
 
 
-def list_pictures(folder: Path | str) -> list[Path]:
+def list_pictures(folder: Path) -> list[Path]:
     """Lists the pictures in a folder by name, 2 before 10. Raises UserError if there is none."""
-    folder = Path(folder)
     require_readable(folder, "folder")
     found = [
         path
@@ -222,7 +216,7 @@ def list_pictures(folder: Path | str) -> list[Path]:
     return sorted(found, key=lambda path: [int(part) if part.isdecimal() else part for part in NUMBER.split(path.name)])
 
 
-def list_photos(folder: Path | str) -> list[Path]:
+def list_photos(folder: Path) -> list[Path]:
     """Lists the pictures in a folder without masks (x_mask.png). Raises UserError if there is none."""
     found = [path for path in list_pictures(folder) if not path.stem.endswith("_mask")]
     if not found:

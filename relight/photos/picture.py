@@ -120,14 +120,13 @@ class Picture:
         if scale >= 1:
             return replace(self, pixels=codes)
         side = max(LEAST_SIDE, round(width * scale)), max(LEAST_SIDE, round(height * scale))
-        pixels, coverage = (
-            values
-            if values is None
-            else np.asarray(Image.fromarray(values).resize(side, Image.Resampling.LANCZOS, reducing_gap=3))
-            for values in (replace(self, pixels=codes).rgba, self.coverage)
-        )
-        assert pixels is not None  # as codes are not
+
+        def resized(values: np.ndarray) -> np.ndarray:
+            return np.asarray(Image.fromarray(values).resize(side, Image.Resampling.LANCZOS, reducing_gap=3))
+
+        pixels = resized(replace(self, pixels=codes).rgba)
         alpha = None if self.alpha is None else pixels[..., 3]
+        coverage = None if self.coverage is None else resized(self.coverage)
         return replace(self, pixels=pixels[..., :3], alpha=alpha, coverage=coverage)
 
 

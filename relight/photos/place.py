@@ -52,17 +52,15 @@ def light(text: str, order: int = 2) -> Light:
     Raises:
         UserError: if the file is no photo, or the direction is none.
     """
-    source, toward = f"{PREFIX}{text}", None
+    source = f"{PREFIX}{text}"
     path, stated = split_place(text)
     if not is_picture(path):
         raise UserError(f"{source}: {path} is no photograph of a place: give a JPEG, PNG, WebP or TIFF")
-    if stated:
-        azimuth, elevation = (parse_number(number or str(ELEVATION), source) for number in stated)
-        toward = direction(azimuth, elevation, source)
-    codes = on_white(Picture.of(path, "place").rgba)
-    if stated:
-        return Light(place_light(codes, toward), source).at_order(order)
-    return estimated(codes, path).at_order(order)
+    if not stated:
+        return estimated(on_white(Picture.of(path, "place").rgba), path).at_order(order)
+    azimuth, elevation = (parse_number(number or str(ELEVATION), source) for number in stated)
+    toward = direction(azimuth, elevation, source)
+    return Light(place_light(on_white(Picture.of(path, "place").rgba), toward), source).at_order(order)
 
 
 def estimated(codes: np.ndarray, name: str) -> Light:

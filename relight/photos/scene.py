@@ -163,12 +163,13 @@ class Scene:
         level, y, z, x = luminance(look.light.at_order(1).coefficients)
         heading = np.degrees(np.arctan2(x, z))
         turned = abs((heading + look.turn + 180) % 360 - 180)
-        notes = [f"most of this light comes from behind: faces suffer; a turn of {-heading:.0f} brings it to the front"]
-        if turned < BEHIND or np.hypot(x, z) < DIRECTED * level:
-            notes = []
+        notes = list(look.light.notes)
+        if turned >= BEHIND and np.hypot(x, z) >= DIRECTED * level:
+            turn = f"a turn of {-heading:.0f} brings it to the front"
+            notes.append(f"most of this light comes from behind: faces suffer; {turn}")
         if -y > DIRECTED * level:
             notes.append("most of this light comes from below, as none in the network's training does: faces suffer")
-        return look.light.notes + notes
+        return notes
 
     def turned(
         self, look: Look, light: np.ndarray, background: Background, turns: Sequence[float] = (0.0,)

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 CODECS = {".mp4": ("libx264", {"crf": "18", "preset": "medium"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
 FPS = 25.0  # of what does not state its rate
 READABLE = (".mp4", ".mov", ".webm", ".mkv", ".avi", ".m4v", ".gif")
-WRITABLE = (*CODECS, ".gif")
 MAX_FPS = 60  # of a clip whose rate varies
 HDR = {PQ: "PQ", HLG: "HLG"}
 BT2020 = 9  # color primaries of ITU-T H.273
@@ -35,19 +34,16 @@ KNOWN_MATRICES = (0, 1, 4, 5, 6, 7, 8, 9, 10, 14)  # of H.273; 2 is not specifie
 MIN_GIF_TICKS = 2  # hundredths of a second of a frame; many players slow shorter ones down
 
 
-def writable_video(path: Path | str) -> Path:
-    """Returns `path` if a video can be written there; raises UserError otherwise, before any work is done."""
-    path = Path(path)
-    if path.suffix.lower() not in WRITABLE:
+def require_writable_video(path: Path) -> None:
+    """Raises UserError if a video cannot be written there, before any work is done."""
+    if path.suffix.lower() not in (*CODECS, ".gif"):
         raise UserError(f"movie {path}: the name must end in .mp4, .webm or .gif")
     if path.suffix.lower() in CODECS:
         import av  # noqa: F401  (says at once that it is missing)
-    return writable_file(path, "movie")
+    writable_file(path, "movie")
 
 
-def write_video(
-    path: Path | str, frames: Iterable[np.ndarray], fps: float = FPS, sound: Path | str | None = None
-) -> None:
+def write_video(path: Path, frames: Iterable[np.ndarray], fps: float = FPS, sound: Path | None = None) -> None:
     """Writes a video, whole or not at all.
 
     Odd sizes gain a repeated row or column, since codecs halve the resolution of color. Colors are tagged BT.709.
@@ -61,14 +57,14 @@ def write_video(
     Raises:
         UserError: for another suffix, if there are no frames, or if the file cannot be written.
     """
-    path = writable_video(path)
+    require_writable_video(path)
     with atomic_write(path) as tmp:
         if path.suffix.lower() == ".gif":
             _write_gif(tmp, frames, fps)
         else:
             _write_video(tmp, frames, fps, *CODECS[path.suffix.lower()])
             if sound:
-                _add_sound(tmp, Path(sound))
+                _add_sound(tmp, sound)
 
 
 def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: str, options: dict[str, str]) -> None:
@@ -78,24 +74,23 @@ def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: st
     """
     import av
 
+    frames = iter(frames)
+    first = next(frames, None)
+    if first is None:
+        raise UserError("the movie has no frames")
     with av.open(str(path), "w", options={"movflags": "faststart"} if path.suffix == ".mp4" else {}) as container:
-        stream: av.VideoStream | None = None
-        for pixels in frames:
+        stream = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001), options=options)
+        assert isinstance(stream, av.VideoStream)
+        stream.height, stream.width = (side + side % 2 for side in first.shape[:2])
+        stream.pix_fmt = "yuv420p"
+        stream.codec_context.colorspace = 1  # BT.709, which players assume at this size
+        stream.codec_context.color_range = 1  # values 16 to 235
+        for pixels in chain([first], frames):
             pixels = np.pad(pixels, ((0, pixels.shape[0] % 2), (0, pixels.shape[1] % 2), (0, 0)), mode="edge")
-            if stream is None:
-                added = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001), options=options)
-                assert isinstance(added, av.VideoStream)
-                stream = added
-                stream.height, stream.width = pixels.shape[:2]
-                stream.pix_fmt = "yuv420p"
-                stream.codec_context.colorspace = 1  # BT.709, which players assume at this size
-                stream.codec_context.color_range = 1  # values 16 to 235
             image = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
             container.mux(
                 stream.encode(image.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG"))
             )
-        if stream is None:
-            raise UserError("the movie has no frames")
         container.mux(stream.encode())
 
 
@@ -145,12 +140,12 @@ def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
     first.save(path, format="GIF", save_all=True, append_images=rest, duration=durations, loop=0, disposal=1)
 
 
-def is_video(path: Path | str) -> bool:
+def is_video(path: Path) -> bool:
     """Returns whether a file name is that of a video or an animated GIF."""
-    return Path(path).suffix.lower() in READABLE
+    return path.suffix.lower() in READABLE
 
 
-def read_frames(path: Path | str) -> tuple[Iterator[Picture], list[int], float]:
+def read_frames(path: Path) -> tuple[Iterator[Picture], list[int], float]:
     """Reads the frames of a video file or a folder of pictures, one by one.
 
     Frames of a video come upright, with square pixels, in sRGB.
@@ -163,7 +158,6 @@ def read_frames(path: Path | str) -> tuple[Iterator[Picture], list[int], float]:
         UserError: if the path is neither, or, at the frame where it shows, if the file is damaged or its frames change
             their size.
     """
-    path = Path(path)
     if path.is_dir():
         files = list_photos(path)
         return (Picture.of(file) for file in files), [1] * len(files), FPS

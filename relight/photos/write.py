@@ -4,15 +4,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
 from PIL import Image
 
 from relight.core.files import atomic_write
 from relight.core.srgb import to_linear
-from relight.core.version import __version__
 from relight.lights import Light, lit_ball, write_light
 from relight.maps import coefficient_names
-from relight.maps.exr import CONVENTION, FRAME
+from relight.maps.exr import write_exr
 from relight.maps.square import Window, tiles
 from relight.photos.color import display_shading, on_white, to_srgb8
 from relight.photos.deep import write_deep
@@ -106,17 +104,11 @@ def _write_layers(path: Path, scene: Scene) -> None:
     channels, top, left = layers(scene)
     (height, width), (rows, columns) = scene.picture.shape, channels["coverage.A"].shape
     header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
         "displayWindow": _window(0, 0, width, height),
         "dataWindow": _window(left, top, left + columns, top + rows),
-        "software": f"relight {__version__}",
-        "frame": FRAME,
-        "convention": CONVENTION,
         "normal": "mean unoccluded direction: the surface's normal where nothing is occluded",
     }
-    with atomic_write(path) as tmp:
-        OpenEXR.File(header, channels).write(str(tmp))
+    write_exr(path, channels, header)
 
 
 def placed_maps(

@@ -8,7 +8,6 @@ import zlib
 
 import numpy as np
 
-AVERAGE, MEDIAN, BLEND = range(3)
 STRATEGIES = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_FILTERED)
 
 
@@ -44,7 +43,7 @@ def neighbours(values: np.ndarray, region: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def predictions(left: np.ndarray, up: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Predicts each pixel from its neighbours in three ways, in the order AVERAGE, MEDIAN, BLEND.
+    """Predicts each pixel from its neighbours in three ways; the page knows each by its index.
 
     Args:
         left, up, corner: (H,W) integers, the left, upper and upper left neighbours.

@@ -6,6 +6,9 @@ from typing import Annotated
 
 import typer
 
+from relight.core.errors import UserError
+from relight.core.progress import progress
+
 app = typer.Typer()
 Lights = Annotated[
     list[str] | None,
@@ -36,9 +39,7 @@ def view(
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
     """Write one self-contained .html page: drag to turn the light, choose lights, drop your own .hdr."""
-    from relight.core.errors import UserError
     from relight.core.files import writable_file
-    from relight.core.progress import progress
     from relight.viewer.build import build_viewer
     from relight.viewer.source import figure_of, load, named_lights
 
@@ -76,8 +77,6 @@ def web_build(
     weights: Weights = None,
 ) -> None:
     """Write the site to the folder DIR, for any static web server."""
-    from relight.core.errors import UserError
-    from relight.core.progress import progress
     from relight.photos.network import WEIGHTS
     from relight.viewer.site import build_site
     from relight.viewer.source import figure_of, load, named_lights, portrait

@@ -4,22 +4,22 @@ import os
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.lights import load_light, reference_brightness
-from relight.maps import Maps
+from relight.maps import LeftOut, Maps, read_maps
 from relight.panoramas import luminance
+from relight.photos import api
+from relight.photos.color import on_white
+from relight.photos.render import total_coverage
+from relight.photos.scene import Scene
 from relight.photos.shading import saturation
+from relight.photos.write import placed_maps
 from relight.sh import UNOCCLUDED_T00
 from relight.viewer.figure import Figure
-
-if TYPE_CHECKING:
-    from relight.photos.api import Relighter
-    from relight.photos.scene import Scene
 
 BRIGHTNESS = 0.8  # the first light's irradiance toward the viewer, the middle of the paper's [.7, .9]
 PORTRAIT = Path(__file__).parent / "web" / "astronaut.jpg"
@@ -63,10 +63,8 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
     return {name: light * (scale * next(iter(bright.values())) / bright[name]) for name, light in lights.items()}
 
 
-def load(weights: Path | None) -> "Relighter":
+def load(weights: Path | None) -> api.Relighter:
     """Loads a network; raises UserError for one of `train.color=paper`, whose shading acts on coded values."""
-    from relight.photos import api
-
     relighter = api.load(weights)
     if relighter.network.config.get("train", {}).get("color") == "paper":
         raise UserError("the viewer needs a network trained with train.color=photo; this one was trained with paper")
@@ -79,8 +77,6 @@ def baked_figure(path: Path) -> Figure:
     Raises:
         UserError: if there is no such file, or it stands for a figure that was left out.
     """
-    from relight.maps import LeftOut, read_maps
-
     try:
         maps = read_maps(existing_file(path, "maps"))
     except LeftOut as reason:
@@ -88,7 +84,7 @@ def baked_figure(path: Path) -> Figure:
     return Figure(str(maps.info.get("name") or path.stem), maps)
 
 
-def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = None, size: int = 1024) -> Figure:
+def figure_of(path: Path, relighter: api.Relighter | None, mask: Path | None = None, size: int = 1024) -> Figure:
     """Makes the figure of a file of maps, or of a photo.
 
     Args:
@@ -108,12 +104,12 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
     return photo_figure(relighter.scene(path, mask, size))
 
 
-def portrait(relighter: "Relighter") -> Figure:
+def portrait(relighter: api.Relighter) -> Figure:
     """Makes the figure of the portrait of Eileen Collins by NASA (public domain)."""
     return replace(photo_figure(relighter.scene(PORTRAIT, PORTRAIT_MASK)), title="Eileen Collins (NASA)")
 
 
-def photo_figure(scene: "Scene") -> Figure:
+def photo_figure(scene: Scene) -> Figure:
     """Makes the figure of a photo: what the network infers about its people, at the photo's pixels.
 
     A page has one light a photo: several people share the mean of theirs, weighted by area.
@@ -121,10 +117,6 @@ def photo_figure(scene: "Scene") -> Figure:
     Args:
         scene: with a picture of 8 bits, whose name is the title of the figure, and a network of `train.color=photo`.
     """
-    from relight.photos.color import on_white
-    from relight.photos.render import total_coverage
-    from relight.photos.write import placed_maps
-
     people, pixels = scene.people, scene.picture.codes
     coverage = total_coverage(people)
     shape = coverage.shape

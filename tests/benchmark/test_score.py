@@ -12,7 +12,7 @@ from samples import ssim_in_the_box
 from skimage.metrics import peak_signal_noise_ratio
 from typer.testing import CliRunner
 
-from relight.benchmark.files import KEYS, MAPS, PICTURES, BenchmarkSet
+from relight.benchmark.files import MAPS, PICTURES, BenchmarkSet
 from relight.benchmark.measures import INVARIANCES, LEAKS
 from relight.benchmark.methods import answer
 from relight.benchmark.score import COLUMNS, read_scores, score
@@ -125,7 +125,7 @@ def test_score_and_answer_refuse(drawn, truth, tmp_path):
         ({"shading": arrays["shading"] * np.nan}, "shading has values that are not finite numbers"),
         ({"relit": arrays["full"]}, "holds relit: it may hold photo, ratio, full, albedo, shading, transport, light"),
         ({"albedo": None}, "all answers of a folder must hold the same arrays"),
-        (dict.fromkeys(KEYS), "is empty: it must hold at least one of ratio, full"),
+        (dict.fromkeys([*PICTURES, *MAPS, "light"]), "is empty: it must hold at least one of ratio, full"),
     ):
         changed(path, **changes)
         with pytest.raises(UserError, match=words) as caught:
@@ -164,7 +164,7 @@ def test_answer_and_score_of_a_network(drawn, weights, tmp_path):
     assert says.exit_code == 0 and f"{len(entries)} answers written" in says.output
     base = entries[0]
     given = np.load(out / f"{base.name}.npz")
-    assert set(given) == {"photo", *KEYS}
+    assert set(given) == {"photo", *PICTURES, *MAPS, "light"}
     assert str(given["photo"]) == hashlib.sha256((base.folder / "photo.png").read_bytes()).hexdigest()
     assert all(given[name].shape == (32, 32, n) for name, n in MAPS.items())
     outside = np.asarray(Image.open(base.folder / "mask.png")) == 0

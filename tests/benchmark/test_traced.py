@@ -69,7 +69,7 @@ def test_render_picture_true_maps_agree_with_the_tracer(traced, person, tmp_path
     making.write_index(tmp_path, "report", [recipe.name], asdict(SETTINGS))
     benchmark = BenchmarkSet(tmp_path)
     entry = benchmark.entries[0]
-    says = true_maps()(benchmark, entry)
+    says = true_maps(benchmark, entry)
     pictures = np.load(tmp_path / "truth" / f"{recipe.name}.npz")["full"]
     inside = entry.shot().mask == 255
     ours, theirs = (decode(x[:, inside] / 255) for x in (says["full"], pictures))

@@ -12,7 +12,6 @@ from omegaconf import OmegaConf
 from samples import snowman
 
 from relight import settings as config
-from relight.evaluation.scoring.evaluate import TEST, Condition
 from relight.evaluation.scoring.statistics import estimate
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
@@ -26,7 +25,7 @@ class World:
     lights: Path
     split: Path
     maps: list[Path]
-    condition: Condition = TEST
+    condition: str = "test"
 
 
 def some_lights(count: int, seed: int) -> np.ndarray:

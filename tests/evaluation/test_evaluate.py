@@ -1,5 +1,4 @@
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,8 +69,8 @@ def test_evaluate_and_plates_without_figures_or_lights(checkpoints, world, tmp_p
     for name, sitting in (("some", ["snowman04"]), ("none", [])):
         (tmp_path / f"{name}.json").write_text(json.dumps({**parts, "sitting": sitting}))
 
-    def scored(split, **on):
-        condition, out = replace(world.condition, **on), tmp_path / "ours.csv"
+    def scored(split, condition):
+        out = tmp_path / "ours.csv"
         evaluate(checkpoints["ours"], world.packed, world.lights, tmp_path / split, condition, out)
         evaluate_baselines(world.packed, world.lights, tmp_path / split, condition, tmp_path / "baselines.csv")
         given = world.packed, world.lights, tmp_path / split, condition
@@ -79,8 +78,8 @@ def test_evaluate_and_plates_without_figures_or_lights(checkpoints, world, tmp_p
         assert bool(read_scores(tmp_path / "baselines.csv")) == bool(read_scores(out)) and (tmp_path / "p.png").exists()
         return read_scores(out)
 
-    assert scored("some.json", figures="sitting")["ours"].figures == ["snowman04"]
-    assert scored("none.json", figures="sitting") == {} and scored("some.json", lights="unusual") == {}
+    assert scored("some.json", "sitting-test")["ours"].figures == ["snowman04"]
+    assert scored("none.json", "sitting-test") == {} and scored("some.json", "test-unusual") == {}
 
 
 def test_unlearned_outputs_are_replaced_by_the_truth(checkpoints, world, tmp_path, monkeypatch):

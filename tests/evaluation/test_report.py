@@ -58,11 +58,8 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
     (folder / "report").mkdir(exist_ok=True)
     (folder / "figures.json").write_text('{"figures": {}, "left_out": {}}')
     run = folder / "run.yaml"
-    told = (
-        yaml.safe_load(run.read_text())
-        if run.exists()
-        else {"overrides": [], "settings": {"figures": {"source": "generated"}}, "rows": {}}
-    )
+    told = {"overrides": [], "settings": {"figures": {"source": "generated"}, "experiments": {}}, "rows": {}}
+    told = yaml.safe_load(run.read_text()) if run.exists() else told
     for row in rows:
         words = dict(word.split("=") for word in one["sweep"]["rows"][row] if "." in word.split("=")[0])
         train = {"part": "train", "steps": int(words.get("train.steps", 1000 + len(row)))}
@@ -292,12 +289,8 @@ def test_head_draws_no_conclusion_from_a_few_subjects(tmp_path):
         assert ("these results hold for these networks" in body) == concludes
 
 
-def test_command_repeats_a_run(tmp_path):
-    folder = tmp_path / "mine"
-    folder.mkdir()
-    assert provenance.command(folder) == "relight run"
-    (folder / "run.yaml").write_text(yaml.safe_dump({"overrides": ["name=mine", "experiment=[a,b]"]}))
-    assert provenance.command(folder) == "relight run name=mine 'experiment=[a,b]'"
-    swept = {"overrides": ["name=mine"], "settings": {"experiments": {"sweep": {}}}}
-    (folder / "run.yaml").write_text(yaml.safe_dump(swept))
-    assert provenance.command(folder) == "snakemake all --configfile results/mine/run.yaml"
+def test_command_repeats_a_run():
+    run = {"overrides": ["name=mine", "experiment=[a,b]"], "settings": {"experiments": {"a": {}, "b": {}}}}
+    assert provenance.command("mine", run) == "relight run name=mine 'experiment=[a,b]'"
+    swept = run | {"settings": {"experiments": {"sweep": {}}}}
+    assert provenance.command("mine", swept) == "snakemake all --configfile results/mine/run.yaml"

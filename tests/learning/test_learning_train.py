@@ -244,8 +244,6 @@ def test_learning_rate(schedule):
     for half, first in zip(halves, (0, 50)):
         assert learning_rate(half, 20) == pytest.approx(learning_rate(whole, first + 20))
     assert {learning_rate(schedule(schedule="constant", warmup=0, lr=0.3), step) for step in range(8)} == {0.3}
-    with pytest.raises(UserError, match="schedule=linear"):
-        learning_rate(schedule(schedule="linear"), 0)
 
 
 def test_what_is_trained_on(world, schedule, tmp_path):

@@ -562,13 +562,6 @@ def exr(path, pixels, header=(), **channels):
 SCENE = RNG.uniform(0, 4, (40, 30, 3)).astype(np.float32)
 
 
-def test_read_photo_of_openexr_is_linear(tmp_path):
-    photo = Picture.of(exr(tmp_path / "a.exr", SCENE))
-    np.testing.assert_array_equal(photo.pixels, SCENE)
-    assert photo.suffix == ".exr" and photo.alpha is None
-    np.testing.assert_allclose(photo.codes, np.round(encode(SCENE) * 255), atol=1)
-
-
 def test_read_photo_of_openexr_divides_by_alpha_and_converts_primaries(tmp_path):
     alpha = np.zeros((40, 30), np.float32)
     alpha[:20], alpha[20:30] = 1, 0.5

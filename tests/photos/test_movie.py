@@ -1,6 +1,7 @@
 """Movies: they hold what was put in, the exposure is fixed, the turn closes, and clips are steadied."""
 
 import re
+from pathlib import Path
 
 import av
 import numpy as np
@@ -196,9 +197,9 @@ def test_a_clip_of_masks_is_checked_as_a_mask_is(tmp_path, name):
     photo = Picture.of((NOTHING + np.arange(96)[:, None, None] * 2 + 30).astype(np.uint8))
     if says:
         with pytest.raises(UserError, match=rf"frame 1 of the clip, mask of .*masks\.mp4: .*{says}"):
-            list(with_masks("clip.mp4", iter([photo]), tmp_path / "masks.mp4"))
+            list(with_masks(Path("clip.mp4"), iter([photo]), tmp_path / "masks.mp4"))
     else:
-        (frame,) = with_masks("clip.mp4", iter([photo]), tmp_path / "masks.mp4")
+        (frame,) = with_masks(Path("clip.mp4"), iter([photo]), tmp_path / "masks.mp4")
         assert ((frame.coverage > 127) != INSIDE).mean() < 0.01
 
 

@@ -288,6 +288,13 @@ def test_paper_networks_see_coded_values(relighter, weights, draw):
     assert np.array_equal(render(pixels, [paper], paper.light), pixels)
 
 
+def test_a_picture_behind_fills_the_photo_and_is_cut_around_its_middle():
+    columns = np.broadcast_to(np.arange(14, dtype=np.uint8)[:, None] * 18, (8, 14, 3))
+    behind = Background("picture", picture=np.ascontiguousarray(columns))
+    assert np.array_equal(to_srgb8(behind.linear((8, 8))), columns[:, 3:-3])
+    assert behind.linear((9, 17)).shape == (9, 17, 3)  # where the corner of the cut would be rounded to less than 0
+
+
 def soft_disc(size=200, radius=60, softness=12.0):
     y, x = np.mgrid[:size, :size] - size / 2
     return np.clip(0.5 + (radius - np.hypot(x, y)) / softness, 0, 1).astype(np.float32)

@@ -10,7 +10,7 @@ from people import person
 from samples import mesh_of
 
 from relight.core.errors import UserError
-from relight.evaluation.scoring.evaluate import Condition, select_pairs
+from relight.evaluation.scoring.evaluate import select_pairs
 from relight.lab.plan import Plan
 from relight.lab.record import compose_run
 from relight.learning.data import RelitSet
@@ -123,7 +123,7 @@ def test_the_front_is_evaluated(made, settings):
     data = RelitSet(made / "packed", made / "lights.npz", 2, "photo")
     own = json.loads((made / "split").read_text())["test"][0]
     assert [data.names[i] for i in select_pairs(data, made / "split")[0]] == [own]
-    assert not len(select_pairs(data, made / "split", Condition("sitting"))[0])
+    assert not len(select_pairs(data, made / "split", "sitting-test")[0])
 
 
 def test_plan_names_the_maps():

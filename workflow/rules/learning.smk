@@ -37,10 +37,7 @@ rule train:
         runtime=1440,
         gpu=PLAN.gpus,
     params:
-        settings=lambda wildcards: {
-            group: PLAN.settings(wildcards.training)[group]
-            for group in ("model", "loss", "train", "augment")
-        }
+        settings=lambda wildcards: PLAN.settings(wildcards.training)
         | PLAN.start_stamps(wildcards.training),
         code=lambda wildcards: code_hash("train", PLAN.extensions(wildcards.training)),
     script:

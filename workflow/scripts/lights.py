@@ -1,7 +1,7 @@
 import json
 from pathlib import Path
 
-from relight.core.files import atomic_write
+from relight.core.files import write_text
 from relight.lab.job import job
 from relight.lights import build_light_set, write_light_set
 from relight.settings import Lights, Panoramas
@@ -9,6 +9,5 @@ from relight.settings import Lights, Panoramas
 with job(snakemake):
     given = snakemake.params
     light_set, dropped = build_light_set(Panoramas(**given.panoramas), Lights(**given.lights), given.order)
-    with atomic_write(snakemake.output.record) as tmp:
-        tmp.write_text(json.dumps(dropped, indent=1))
+    write_text(snakemake.output.record, json.dumps(dropped, indent=1))
     write_light_set(light_set, Path(snakemake.output.lights))

@@ -1,13 +1,12 @@
 from pathlib import Path
 
 from relight.evaluation.pictures.panels import Shown, plates, relit, shadings
-from relight.evaluation.scoring.evaluate import Condition
 from relight.lab.job import job
 
 with job(snakemake):
     given, out = snakemake.input, snakemake.output
     networks = dict(zip(snakemake.params.rows, map(Path, given.networks)))
-    data = Path(given.packed), Path(given.lights), Path(given.split), Condition.parse(snakemake.params.condition)
+    data = Path(given.packed), Path(given.lights), Path(given.split), snakemake.params.condition
     shown = Shown(networks, *data)
     plates(shown, Path(out.plates))
     shadings(shown, Path(out.overview))

@@ -34,7 +34,6 @@ VARIANTS = {
 }
 # Predictions without a network.
 BASELINES = {"as_it_is": "the picture as it is", "true_maps_mean_light": "true maps, mean training light"}
-MAX_ERROR = 0.5  # error of a picture (vector norm) at the dark end of the color scale
 
 
 @dataclass
@@ -184,4 +183,4 @@ def transfer_plate(networks: dict[str, Path], packed: Path, lights: Path, split:
         "Two figures in two lights, each relit by the light inferred from the other's picture. The spheres show the "
         "light of each picture: the true one in input and truth, the inferred one where it was relit."
     )
-    draw(heads, lines, MAX_ERROR, words).save(out)
+    draw(heads, lines, words).save(out)

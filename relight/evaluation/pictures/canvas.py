@@ -1,9 +1,9 @@
 """Draws sheets of masked maps: cells, labels, and the display colors of maps."""
 
 from functools import lru_cache
-from importlib.util import find_spec
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
@@ -22,10 +22,8 @@ MIN_FONT = 9  # pixels, to which text is shrunk at most
 @lru_cache
 def font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
     """Loads DejaVu Sans from matplotlib's files, so that no font need be installed."""
-    matplotlib = find_spec("matplotlib")
-    assert matplotlib is not None and matplotlib.origin is not None
-    folder = Path(matplotlib.origin).parent / "mpl-data" / "fonts" / "ttf"
-    return ImageFont.truetype(str(folder / f"DejaVuSans{'-Bold' if bold else ''}.ttf"), size)
+    file = Path(matplotlib.get_data_path(), "fonts", "ttf", f"DejaVuSans{'-Bold' if bold else ''}.ttf")
+    return ImageFont.truetype(str(file), size)
 
 
 def transport_bands(transport: np.ndarray) -> list[np.ndarray]:

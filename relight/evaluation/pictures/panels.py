@@ -19,7 +19,7 @@ from relight.evaluation.pictures.canvas import (
     heat,
     transport_bands,
 )
-from relight.evaluation.scoring.evaluate import Condition, dense, infer, load, pixels, select_pairs, truth
+from relight.evaluation.scoring.evaluate import dense, infer, load, pixels, select_pairs, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
 from relight.evaluation.scoring.truth import Inferred, Truth
@@ -32,7 +32,7 @@ COLUMNS = (
 CELL_HEIGHT = 300  # pixels
 LARGE_BALL, SMALL_BALL = 0.8, 0.26  # diameter over the width of a cell: alone in it, and in its corner
 GAP, GUTTER, TOP, LINE = 6, 150, 60, 24  # pixels: between cells, left of them, above them, of a line of text
-MAX_ERROR = 0.5  # shading error (vector norm) at the dark end of the color scale
+MAX_ERROR = 0.5  # error (vector norm) at the dark end of the color scale
 LIGHTS = 8  # number of lights by which a figure is relit
 PLATE_FIGURES = 6  # test figures on a plate
 NOTE = (
@@ -122,13 +122,12 @@ class Line:
     first: bool = False
 
 
-def draw(heads: list[str], lines: list[Line], max_error: float | None, note: str) -> Canvas:
-    """Draws rows of views, with heads above and a scale of errors below.
+def draw(heads: list[str], lines: list[Line], note: str) -> Canvas:
+    """Draws rows of views, with heads above and, if a view is an error, the scale of errors below.
 
     Args:
         heads: titles of the columns, of which there may be too many.
         lines: the rows, with a view for each column; the sheet says so if there are none.
-        max_error: the error at the dark end of the color scale; None if no view is an error.
         note: explains the views.
     """
     if not lines:
@@ -151,33 +150,26 @@ def draw(heads: list[str], lines: list[Line], max_error: float | None, note: str
         sheet.text(line.label, *left_of_cells, size=18, anchor="rm", bold=line.first, width=GUTTER - 24)
         for c, view in enumerate(line.views):
             x = GUTTER + c * (width + GAP)
-            _draw_view(sheet, view, line.subject, box, x, y, (width, height), max_error)
+            _draw_view(sheet, view, line.subject, box, (x, y), (width, height))
         y += height + GAP
-    if max_error:
-        color_scale = np.repeat(heat(np.linspace(0, max_error, 160), max_error)[None], 14, 0)  # 160 x 14 pixels
+    if any(view.error is not None for line in lines for view in line.views):
+        color_scale = np.repeat(heat(np.linspace(0, MAX_ERROR, 160), MAX_ERROR)[None], 14, 0)  # 160 x 14 pixels
         sheet.put(Image.fromarray((color_scale * 255).round().astype(np.uint8)), GUTTER, y + 8)
-        sheet.text(f"error, 0 to {max_error:g} (vector norm)", GUTTER + 170, y + 5, size=14, color=FAINT)
+        sheet.text(f"error, 0 to {MAX_ERROR:g} (vector norm)", GUTTER + 170, y + 5, size=14, color=FAINT)
     sheet.text(note, GUTTER, y + LINE + 8, size=14, color=FAINT, width=sheet.image.width - GUTTER - 2 * GAP)
     return sheet
 
 
 def _draw_view(
-    sheet: Canvas,
-    view: Cell,
-    subject: Subject,
-    box: tuple[slice, slice],
-    x: int,
-    y: int,
-    size: tuple[int, int],
-    max_error: float | None,
+    sheet: Canvas, view: Cell, subject: Subject, box: tuple[slice, slice], place: tuple[int, int], size: tuple[int, int]
 ) -> None:
-    """Draws the part `box` (rows, columns) of a view of a subject in a cell of a sheet at (x,y)."""
-    width, height = size
+    """Draws the part `box` (rows, columns) of a view of a subject in a cell of a sheet, at a place (x,y)."""
+    (x, y), (width, height) = place, size
     if view.colors is not None:
         colors = view.colors if view.coded else np.clip(view.colors, 0, 1)
         colors = encode(colors) if subject.linear and not view.coded else colors
-    elif view.error is not None and max_error is not None:
-        colors = heat(view.error, max_error)
+    elif view.error is not None:
+        colors = heat(view.error, MAX_ERROR)
     else:
         if view.light is not None:
             picture = ball(view.light, round(LARGE_BALL * width), subject.white, subject.linear)
@@ -196,14 +188,14 @@ class Shown:
     Attributes:
         networks: row -> checkpoint.
         packed, lights, split: the data set (.safetensors, .npz, .json).
-        condition: the figures and lights to choose from.
+        condition: the figures and lights to choose from, as `select_pairs` takes them.
     """
 
     networks: dict[str, Path]
     packed: Path
     lights: Path
     split: Path
-    condition: Condition
+    condition: str
 
     def inferred(
         self, choose: Callable[[int, np.ndarray], list[tuple[int, np.ndarray]]]
@@ -253,7 +245,7 @@ def relit(shown: Shown, out: Path) -> None:
         shadings = [shade(transport[0], each_light) for each_light in (light, *subject.truth.lights[1:])]
         lines.append(Line(label(row), subject, [Cell(albedo[0] * shading) for shading in shadings]))
     heads = ["picture", *(f"relit {light}" for light in range(1, LIGHTS))]
-    draw(heads, lines, max_error=None, note=NOTE_RELIT).save(out)
+    draw(heads, lines, NOTE_RELIT).save(out)
 
 
 def plates(shown: Shown, out: Path) -> None:
@@ -276,7 +268,7 @@ def plates(shown: Shown, out: Path) -> None:
             ]
         for block, (subject, inferred) in zip(blocks, answers):
             block.append(Line(label(row), subject, _views(subject, inferred)))
-    draw(list(COLUMNS), [line for block in blocks for line in block], MAX_ERROR, NOTE).save(out)
+    draw(list(COLUMNS), [line for block in blocks for line in block], NOTE).save(out)
 
 
 def shadings(shown: Shown, out: Path) -> None:
@@ -291,7 +283,7 @@ def shadings(shown: Shown, out: Path) -> None:
         shading = shade(transport[0], subject.truth.lights[0])
         lines[0].views.append(Cell(shading / subject.white))
         lines[1].views.append(Cell(error=np.linalg.norm(shading - true_shading, axis=-1)))
-    draw(["picture", "true shading", *map(label, shown.networks)], lines, MAX_ERROR, NOTE_SHADINGS).save(out)
+    draw(["picture", "true shading", *map(label, shown.networks)], lines, NOTE_SHADINGS).save(out)
 
 
 def evenly_spaced(items: int, count: int) -> list[int]:

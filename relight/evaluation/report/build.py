@@ -15,9 +15,7 @@ from relight.evaluation.scoring.paper import CITATION
 from relight.evaluation.scoring.statistics import MIN_SUBJECTS
 from relight.evaluation.scoring.tables import PRINTED, Table
 
-# Endings of the files of an experiment.
-PICTURES = ("errors", "plates", "relit", "overview")
-FILE_ENDS = (".csv", ".md", *(f"_{kind}.png" for kind in PICTURES))
+FILE_ENDS = (".csv", ".md", "_errors.png", "_plates.png", "_relit.png", "_overview.png")  # of an experiment
 
 
 @dataclass
@@ -94,6 +92,8 @@ def head(name: str, results: Results, outcome: dict[str, Any] | None) -> Markup:
     with_plates = [table for table in results.tables if results.experiments[table]["plates"]]
     hero = next((results.report / f"{table}_overview.png" for table in with_plates), results.report / "figures.png")
     left_out = len(results.record["left_out"])
+    # The trainings of each row that the tables compare.
+    rows = {row: own for table in results.tables for row, own in results.experiments[table]["trainings"].items()}
     return page.section(
         "head.md",
         title=f"relight: {name}",
@@ -109,9 +109,9 @@ def head(name: str, results: Results, outcome: dict[str, Any] | None) -> Markup:
         overview=bool(with_plates),
         figures=len(results.record["figures"]) - left_out,
         lights=results.lights["lights"],
-        trainings=len(results.trainings),
-        steps=sorted({results.run["rows"][row]["train"]["steps"] for row in results.rows}),
-        origin=provenance(results.folder),
+        trainings=sum(map(len, rows.values())),
+        steps=sorted({results.run["rows"][row]["train"]["steps"] for row in rows}),
+        origin=provenance(name, results.run),
     )
 
 

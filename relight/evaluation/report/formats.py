@@ -136,12 +136,9 @@ def write_tables(
     parts = [f"## {title}", note, to_markdown(shown)]
     if others is not None:
         parts += ["### Other readings of the same scores", to_markdown(others)]
-    texts = {
-        ".csv": statistics.to_csv(index=statistics.index.name is not None, lineterminator="\n"),
-        ".md": "\n\n".join(parts) + "\n",
-    }
-    for suffix, text in texts.items():
-        write_text(stem.with_suffix(suffix), text)
+    csv = statistics.to_csv(index=statistics.index.name is not None, lineterminator="\n")
+    write_text(stem.with_suffix(".csv"), csv)
+    write_text(stem.with_suffix(".md"), "\n\n".join(parts) + "\n")
 
 
 def score_grid(table: Table, columns: Iterable[str]) -> TextTable:

@@ -3,19 +3,21 @@
 import platform
 import shlex
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import psutil
-import yaml
 
 from relight.core.processes import count_cores, git
 from relight.core.version import __version__
 from relight.settings import ROOT
 
 
-def provenance(folder: Path) -> dict[str, Any]:
-    """Collects the provenance of the report of results/<name>, whose run.yaml contains the given settings.
+def provenance(name: str, run: dict[str, Any]) -> dict[str, Any]:
+    """Collects the provenance of the report of a run.
+
+    Args:
+        name: of the run, whose results are in results/<name>.
+        run: its record (`Results.run`).
 
     Returns:
         `date`; `version` of relight; `commit`, "" without git; whether files are `changed` since; `machine`, in words;
@@ -27,7 +29,7 @@ def provenance(folder: Path) -> dict[str, Any]:
         "commit": git(ROOT, "rev-parse", "HEAD")[:12],
         "changed": bool(git(ROOT, "status", "--porcelain", "--untracked-files=no")),
         "machine": machine(),
-        "command": command(folder),
+        "command": command(name, run),
     }
 
 
@@ -41,10 +43,8 @@ def machine() -> str:
     return "; ".join([*parts, f"{platform.system()} {platform.machine()}", f"Python {platform.python_version()}"])
 
 
-def command(folder: Path) -> str:
-    """Returns the command that repeats results/<name> in a clone; a sweep is repeated from its record, run.yaml."""
-    record = folder / "run.yaml"
-    config = yaml.safe_load(record.read_text()) if record.exists() else {}
-    if list(config.get("settings", {}).get("experiments", ())) == ["sweep"]:
-        return f"snakemake all --configfile results/{folder.name}/run.yaml"
-    return shlex.join(["relight", "run", *config.get("overrides", [])])
+def command(name: str, run: dict[str, Any]) -> str:
+    """Returns the command that repeats a run in a clone; a sweep is repeated from its record, run.yaml."""
+    if list(run["settings"]["experiments"]) == ["sweep"]:
+        return f"snakemake all --configfile results/{name}/run.yaml"
+    return shlex.join(["relight", "run", *run["overrides"]])

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterable
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ import yaml
 from relight.core.files import existing_file
 from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.tables import Rows, Table, columns_of, experiment_table
-from relight.learning.training_name import TrainingName
 
 
 class Results:
@@ -47,17 +45,6 @@ class Results:
         return self.experiments[name]["title"] or name
 
     @cached_property
-    def trainings(self) -> list[str]:
-        """The trainings that the tables compare."""
-        rows = (row for name in self.tables for row in self.experiments[name]["trainings"].values())
-        return list(dict.fromkeys(chain.from_iterable(rows)))
-
-    @cached_property
-    def rows(self) -> list[str]:
-        """The rows that the tables compare."""
-        return list(dict.fromkeys(TrainingName.parse(training).row for training in self.trainings))
-
-    @cached_property
     def record(self) -> dict[str, Any]:
         """figures.json: `figures`, the record of each, and `left_out`, the reasons why some are not in the set."""
         return self.json("figures.json")
@@ -82,10 +69,6 @@ class Results:
         rows = self.gather(path for row, paths in files.items() if row for path in paths)
         return {row: rows[row] for row in files if row in rows}
 
-    def baselines(self, name: str, usual: bool = False) -> Rows:
-        """Returns the scores of an experiment's baselines."""
-        return self.gather(self._files(name, usual)[""])
-
     def table(self, name: str, usual: bool = False) -> Table:
         """Returns the table of an experiment; the spread of trainings is pooled over all tables on the same pairs."""
         if (name, usual) not in self._tables:
@@ -94,19 +77,16 @@ class Results:
 
     def _table(self, name: str, usual: bool) -> Table:
         """Computes the table of an experiment; it has no rows if the data set has no such figures or lights."""
-        rows = self.scores(name, usual)
+        rows, columns = self.scores(name, usual), columns_of(*self.experiments[name]["shows"])
+        baselines = self._files(name, usual)[""]
         if not rows:
-            return Table(self.columns(name))
+            return Table(columns)
         pool: Rows = {}
         for other in dict.fromkeys([name, *self.tables]):
             for condition in (False, True):
-                if self._files(other, condition)[""] == self._files(name, usual)[""]:  # the same pairs
+                if self._files(other, condition)[""] == baselines:  # the same pairs
                     pool |= self.scores(other, condition)
-        return experiment_table(name, rows, self.baselines(name, usual), self.columns(name), pool)
-
-    def columns(self, name: str) -> tuple[str, ...]:
-        """Returns the columns of the scores that an experiment's table shows: RMSE and SSIM of its quantities."""
-        return columns_of(*self.experiments[name]["shows"])
+        return experiment_table(name, rows, self.gather(baselines), columns, pool)
 
     @cached_property
     def run(self) -> dict[str, Any]:

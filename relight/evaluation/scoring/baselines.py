@@ -16,20 +16,20 @@ import numpy as np
 import torch
 
 from relight.core.errors import UserError
-from relight.evaluation.scoring.evaluate import Condition, Predictor, pixel_rows, pixels, truth, write_all_scores
+from relight.evaluation.scoring.evaluate import Predictor, pixel_rows, pixels, truth, write_all_scores
 from relight.evaluation.scoring.truth import Inferred
 from relight.learning.data import RelitSet, read_split
 from relight.sh import order_of, unoccluded
 
 
 def evaluate_baselines(
-    packed: Path, lights: Path, split: Path, condition: Condition, out: Path, color: str = "paper", order: int = 2
+    packed: Path, lights: Path, split: Path, condition: str, out: Path, color: str = "paper", order: int = 2
 ) -> None:
     """Writes the scores of all baselines.
 
     Args:
         packed, lights, split: the data set (.safetensors, .npz, .json).
-        condition: the figures and lights.
+        condition: the figures and lights, as `select_pairs` takes them.
         out: the scores (.csv).
         color: color model of the networks to be compared with (`train.color`).
         order: order of the data (`bake.order`).
@@ -50,16 +50,17 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
         )
     mean_light = train_lights.mean(0, keepdims=True)
     order = order_of(mean_light.shape[1])
-    mean = _MeanFigure(data, figures)
+    mean = _mean_figure(data, figures)
 
     def true(name: str, figure: int) -> np.ndarray:
         """Returns a true map (1,P,C) of a figure at its P pixels; (1,P) for AO."""
         return getattr(data, name)[pixel_rows(data, figure)].float().numpy()[None]
 
     def mean_figure(figure: int, lights: np.ndarray) -> Inferred:
-        maps = mean.at(pixels(data, figure))
+        maps = {name: values[pixels(data, figure)].astype(np.float32)[None] for name, values in mean.items()}
+        maps["normal"] /= np.linalg.norm(maps["normal"], axis=-1, keepdims=True)
         light = np.repeat(mean_light, len(lights), 0)
-        return Inferred(maps["albedo"], maps["transport"], maps["normal"], maps["ao"], light)
+        return Inferred(maps["albedo"], maps["transport"], maps["normal"], maps["ao"][..., 0], light)
 
     def nearest_light(figure: int, lights: np.ndarray) -> Inferred:
         true_lights = data.lights.numpy()[lights]
@@ -85,24 +86,19 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
     }
 
 
-class _MeanFigure:
-    """The mean of the training figures at each pixel; at pixels outside all figures, the mean over all pixels."""
+def _mean_figure(data: RelitSet, figures: np.ndarray) -> dict[str, np.ndarray]:
+    """Returns the mean maps (S*S,C) of figures with these indices (F,), of an image of side S.
 
-    def __init__(self, data: RelitSet, figures: np.ndarray):
-        """Averages the maps of the figures with these indices (F,)."""
-        rows = np.r_[tuple(pixel_rows(data, figure) for figure in figures)]  # of all pixels of these figures
-        pixel = data.pixel.numpy()[rows]  # where each lies in its image
-        count = np.bincount(pixel, minlength=data.size**2)[:, None]
-        self.maps = {}
-        for name in ("albedo", "transport", "normal", "ao"):
-            values = getattr(data, name).numpy()[rows].astype(np.float64).reshape(len(rows), -1)
-            if name == "albedo" and data.color == "paper":  # stored as 8-bit codes
-                values = values / 255
-            total = np.stack([np.bincount(pixel, channel, data.size**2) for channel in values.T], 1)
-            self.maps[name] = np.where(count > 0, total / np.maximum(count, 1), values.mean(0))
-
-    def at(self, pixel: np.ndarray) -> dict[str, np.ndarray]:
-        """Returns the maps (1,P,C) and `ao` (1,P) at flat pixel indices (P,), float32; normals have unit length."""
-        maps = {name: values[pixel].astype(np.float32)[None] for name, values in self.maps.items()}
-        maps["normal"] /= np.linalg.norm(maps["normal"], axis=-1, keepdims=True)
-        return {**maps, "ao": maps["ao"][..., 0]}
+    At pixels outside all figures, it is the mean over all pixels.
+    """
+    rows = np.r_[tuple(pixel_rows(data, figure) for figure in figures)]  # of all pixels of these figures
+    pixel = data.pixel.numpy()[rows]  # where each lies in its image
+    count = np.bincount(pixel, minlength=data.size**2)[:, None]
+    maps = {}
+    for name in ("albedo", "transport", "normal", "ao"):
+        values = getattr(data, name).numpy()[rows].astype(np.float64).reshape(len(rows), -1)
+        if name == "albedo" and data.color == "paper":  # stored as 8-bit codes
+            values = values / 255
+        total = np.stack([np.bincount(pixel, channel, data.size**2) for channel in values.T], 1)
+        maps[name] = np.where(count > 0, total / np.maximum(count, 1), values.mean(0))
+    return maps

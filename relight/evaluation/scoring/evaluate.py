@@ -1,7 +1,7 @@
 """Scores a trained network, or a baseline, on every test figure under every test light."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from relight.learning.data import RelitSet, choose_device, read_split
 from relight.learning.harmonics import unoccluded
 from relight.learning.networks import Network
 from relight.maps import Maps
-from relight.settings.schema import PARTS, SCORED_LIGHTS, Loss, fields_by_key
+from relight.settings.schema import Loss, fields_by_key
 from relight.settings.setting import setting_of
 from relight.sh import UNOCCLUDED_T00, coefficient_count
 
@@ -28,39 +28,7 @@ BATCH_PIXELS = 2**20  # largest number of pixels of the images in a batch
 Predictor = Callable[[int, np.ndarray], Inferred]  # (figure, lights (N,)), indices in a RelitSet -> prediction
 
 
-@dataclass(frozen=True)
-class Condition:
-    """What predictors are scored on.
-
-    Attributes:
-        figures: part of the split, one of PARTS.
-        lights: split of the light set, one of SCORED_LIGHTS.
-    """
-
-    figures: str = "test"
-    lights: str = "test"
-
-    @classmethod
-    def parse(cls, text: str) -> "Condition":
-        """Parses the name of a condition: test, or FIGURES-LIGHTS. Raises UserError if it is none.
-
-        >>> Condition.parse("sitting-test")
-        Condition(figures='sitting', lights='test')
-        """
-        figures, _, lights = text.partition("-")
-        condition = cls(figures, lights or "test")
-        if condition.figures not in PARTS or condition.lights not in SCORED_LIGHTS:
-            raise UserError(
-                f"condition {text}: must be FIGURES-LIGHTS, with figures {', '.join(PARTS)} and lights "
-                f"{', '.join(SCORED_LIGHTS)}"
-            )
-        return condition
-
-
-TEST = Condition()
-
-
-def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, condition: Condition, out: Path) -> None:
+def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, condition: str, out: Path) -> None:
     """Scores a network on every figure under every light of a condition.
 
     The same inputs give the same bytes on the same machine, since one thread is used on a CPU.
@@ -68,7 +36,7 @@ def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, conditio
     Args:
         checkpoint: the network, which also determines the color model.
         packed, lights, split: the data set (.safetensors, .npz, .json).
-        condition: the figures and lights.
+        condition: the figures and lights, as `select_pairs` takes them.
         out: the scores (.csv), whose predictor has the name of the file. If there are no sitting figures or
             unusual lights to score, the file has no rows.
 
@@ -79,9 +47,7 @@ def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, conditio
     write_all_scores({out.stem: partial(infer, network, data)}, data, split, condition, out)
 
 
-def write_all_scores(
-    predictors: dict[str, Predictor], data: RelitSet, split: Path, condition: Condition, out: Path
-) -> None:
+def write_all_scores(predictors: dict[str, Predictor], data: RelitSet, split: Path, condition: str, out: Path) -> None:
     """Writes the scores of predictors, by name, on a condition; no rows if it has no figures or no lights."""
     figures, lights = select_pairs(data, split, condition)
     some = len(figures) and len(lights)
@@ -122,17 +88,25 @@ def unlearned(loss: dict[str, Any] | None) -> frozenset[str]:
     return frozenset({"albedo", "light"}.difference(*used))
 
 
-def select_pairs(data: RelitSet, split: Path, condition: Condition = TEST) -> tuple[np.ndarray, np.ndarray]:
+def select_pairs(data: RelitSet, split: Path, condition: str = "test") -> tuple[np.ndarray, np.ndarray]:
     """Selects the figures (F,), seen from the front, and the lights (L,) to test on.
 
     There may be no sitting figures or unusual lights.
 
+    Args:
+        data: the data set.
+        split: file with the names of the figures by part (.json).
+        condition: a part of the split and a split of the light set, such as "sitting-test"; "test" is test figures
+            under test lights.
+
     Raises:
         UserError: if there are no test figures or test lights, and the condition has them.
     """
-    figures = data.figures(read_split(split).get(condition.figures, []))
-    lights = np.flatnonzero(data.light_split == condition.lights)
-    for found, kind, what in ((figures, condition.figures, "figures"), (lights, condition.lights, "lights")):
+    part, _, light_split = condition.partition("-")
+    light_split = light_split or "test"
+    figures = data.figures(read_split(split).get(part, []))
+    lights = np.flatnonzero(data.light_split == light_split)
+    for found, kind, what in ((figures, part, "figures"), (lights, light_split, "lights")):
         if kind == "test" and not len(found):
             raise UserError(f"nothing to evaluate: {split} gives 0 test {what} of the data set; at least one is needed")
     return figures, lights
@@ -218,7 +192,7 @@ def inferred_maps(network: Network, data: RelitSet, light: int, true: Maps) -> M
     if inferred.albedo is not None:
         coded = np.clip(inferred.albedo[0], 0, 1)
         values["albedo"] = decode(coded) if data.color == "paper" else coded
-    images: dict[str, Any] = {
-        name: dense(array, pixels(data, int(figure)), data.size) for name, array in values.items()
-    }
-    return replace(true, **{**images, "ao": images["ao"][..., 0]}, bounced=None)
+    place = pixels(data, int(figure))
+    images: dict[str, Any] = {name: dense(array, place, data.size) for name, array in values.items()}
+    images["ao"] = images["ao"][..., 0]
+    return replace(true, **images, bounced=None)

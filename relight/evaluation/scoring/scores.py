@@ -12,6 +12,7 @@ from relight.evaluation.scoring.truth import in_order
 from relight.learning.training_name import TrainingName
 
 KEYS = ["predictor", "figure", "light"]
+NAMES = dict.fromkeys(("predictor", "figure", "set", "picture"), str)  # columns that are text, whatever they hold
 
 
 @dataclass
@@ -69,9 +70,7 @@ def read_scores(path: Path) -> dict[str, Scores]:
         raise UserError(f"{path} is not a table of scores, as the stage evaluate writes it ({error})") from None
 
 
-def read_table(
-    path: Path, what: str, columns: list[str], writer: str, types: dict[str, type] | None = None
-) -> pd.DataFrame:
+def read_table(path: Path, what: str, columns: list[str], writer: str) -> pd.DataFrame:
     """Reads a CSV table of a stage; only blanks are NaN.
 
     Args:
@@ -79,14 +78,12 @@ def read_table(
         what: its content, for errors.
         columns: required columns.
         writer: the command that writes such files, for errors.
-        types: type of each column.
 
     Raises:
         UserError: if the file is missing, is not CSV, or lacks a column.
     """
     try:
-        types = {"predictor": str, "figure": str, "name": str, **(types or {})}
-        table = pd.read_csv(existing_file(path, what), dtype=types, keep_default_na=False, na_values=[""])
+        table = pd.read_csv(existing_file(path, what), dtype=NAMES, keep_default_na=False, na_values=[""])
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise UserError(f"{path} is not a table of {what}, as {writer} writes it ({reason})") from None

@@ -108,7 +108,7 @@ def segment(pixels: np.ndarray) -> np.ndarray:
         Coverage (H,W) uint8; zero everywhere when the network finds nobody.
 
     Raises:
-        UserError: if the network is not set up, or damaged.
+        UserError: if the network is damaged.
     """
     found = segment_coarsely(pixels)
     if (found > 0.5).any():
@@ -242,12 +242,9 @@ def load_network() -> Any:
     """Opens the network, once in a process.
 
     Raises:
-        UserError: if it is not set up, or damaged.
+        UserError: if it is damaged.
     """
-    path = network_file()
-    if not path.is_file():
-        raise UserError("the built-in mask is not set up: run once `relight mask setup`")
     try:
-        return open_session(path)
+        return open_session(network_file())
     except UserError:
-        raise UserError(f"{path} is damaged: run `relight mask setup` again") from None
+        raise UserError(f"{network_file()} is damaged: run `relight mask setup` again") from None
