@@ -183,8 +183,8 @@ def read_frames(path: Path) -> tuple[Iterator[Picture], list[int], float]:
     last = last if time == times[-1] else 0
     if np.abs(steps - usual).max() < 0.5 * usual and last < 1.5 * usual:
         return _decoded(path), [1] * len(times), float(1 / steps.mean())
-    rate = 1 / np.quantile(steps, 0.25, method="lower")  # rounded up where it is slow, so that no frame is left out
-    fps = float(min(MAX_FPS, round(rate) if rate > 10 else np.ceil(rate - 0.05)))
+    rate = 1 / max(np.quantile(steps, 0.25, method="lower"), 1 / MAX_FPS)
+    fps = float(round(rate) if rate > 10 else np.ceil(rate - 0.05))  # up, so that no frame of a slide show is left out
     shown = np.round((np.append(times, times[-1] + max(last, 1 / fps)) - times[0]) * fps).astype(int)
     return _decoded(path), np.diff(shown).tolist(), fps
 
