@@ -191,10 +191,10 @@ def _read(path: Path | str, header_only: bool = False) -> tuple[dict[str, Any], 
         raise UserError(f"{path} is not a file of maps of relight: its header lacks a valid 'relight' record") from None
     (low, high), (start, end) = header["dataWindow"], header["displayWindow"]
     (left, top), (width, height), (across, down) = low - start, high - low + 1, end - start + 1
-    if (left, top, width, height, across, down) != (0, 0, side, side, side, side):
+    if (left, top, width, height) != (0, 0, across, side) or height != down or width > MAX_SIZE:
         raise UserError(
             f"{path} was cropped, moved or scaled by another program: its pixels are {width} x {height} at "
-            f"({left}, {top}) of a picture of {across} x {down}, but its maps fill {side} x {side}"
+            f"({left}, {top}) of a picture of {across} x {down}, but its maps fill one that is {side} high"
         )
     if header_only:
         return info, {}

@@ -77,6 +77,9 @@ def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
         for i, (path, _) in enumerate(progress(included, "packing")):
             maps = read_maps(path)
             part, mask = slice(offset[i], offset[i + 1]), maps.mask
+            if mask.shape != (size, size):
+                height, width = mask.shape
+                raise UserError(f"{path} is {width} x {height} pixels: the maps of a data set are square")
             arrays["mask"][i] = np.packbits(mask)
             transport = maps.transport[mask]
             arrays["transport"][part] = transport if maps.bounced is None else transport + maps.bounced[mask].mean(-1)

@@ -88,7 +88,7 @@ def test_foreign_and_broken_files_are_refused(tmp_path):
         (slice(40), slice(12, 31), (12, 0), r"19 x 40 at \(12, 0\) of a picture of 40 x 40"),
         (slice(5, 30), slice(40), (0, 5), r"40 x 25 at \(0, 5\) of"),
         (slice(5, 30), slice(12, 31), (0, 0), r"19 x 25 at \(0, 0\) of"),
-        (slice(40), slice(40), (5, 0), r"40 x 40 at \(5, 0\) of a picture of 40 x 40, but its maps fill 40 x 40"),
+        (slice(40), slice(40), (5, 0), r"40 x 40 at \(5, 0\) of a picture of 40 x 40, but its maps fill one"),
         (slice(40), slice(40), (0, 0), None),
     ],
 )

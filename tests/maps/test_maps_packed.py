@@ -39,6 +39,15 @@ def test_packed_pixels_are_those_of_the_maps(folder):
             np.testing.assert_array_equal(value, whole[key][whole["offset"][i] : whole["offset"][i + 1]])
 
 
+def test_maps_that_are_not_square_are_not_packed(folder):
+    maps = read_maps(folder / "a1.exr")
+    for name in ("transport", "albedo", "normal", "ao", "mask", "depth", "coverage"):
+        setattr(maps, name, getattr(maps, name)[:, 2:])
+    write_maps(folder / "a1.exr", maps)
+    with pytest.raises(UserError, match=r"a1\.exr is 7 x 9 pixels: the maps of a data set are square"):
+        pack_maps([folder / "a1.exr"], folder / "packed.safetensors")
+
+
 def test_the_file_is_plain_safetensors(folder):
     pack_maps([folder / "a1.exr", folder / "b1.exr"], folder / "packed.safetensors")
     arrays = load_file(folder / "packed.safetensors")  # the library's own reader checks the layout
