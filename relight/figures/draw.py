@@ -22,10 +22,17 @@ def draw(name: str, figures: Figures, out: Path) -> None:
 
     def make() -> Mesh:
         if figures.source == "generated":
-            chosen = map(tuple, (figures.poses, figures.garments, figures.hair))
-            constraints = Constraints(figures.sitting, *chosen)
-            detail, texture, outfits = figures.detail, figures.texture, figures.outfits
-            mesh = make_figure(seed, detail, texture, figures.per_subject, outfits, constraints)
+            constraints = Constraints(
+                figures.sitting, tuple(figures.poses), tuple(figures.garments), tuple(figures.hair)
+            )
+            mesh = make_figure(
+                seed,
+                detail=figures.detail,
+                texture=figures.texture,
+                per_subject=figures.per_subject,
+                outfits=figures.outfits,
+                constraints=constraints,
+            )
         else:
             mesh = extension(figures.source, "figure")(figures, seed)
         mesh.info.update(name=name, axes={"up": "+y", "front": "+z"})

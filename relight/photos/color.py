@@ -166,13 +166,14 @@ def as_codes(pixels: np.ndarray) -> np.ndarray:
     return to_srgb8(pixels) if pixels.dtype.kind == "f" else np.round(pixels / np.float32(257)).astype(np.uint8)
 
 
-def convert_alpha(alpha: np.ndarray, type: np.dtype | type) -> np.ndarray:
+def convert_alpha(alpha: np.ndarray, dtype: np.dtype | type) -> np.ndarray:
     """Returns alpha of any shape, uint8, uint16 or float32, as another of these types: 255 is 65535 or 1.0."""
-    if alpha.dtype == type:
+    dtype = np.dtype(dtype)
+    if alpha.dtype == dtype:
         return alpha
     opaque = {1: 255, 2: 65535, 4: 1}  # by bytes
-    values = alpha / np.float32(opaque[alpha.itemsize]) * np.float32(opaque[np.dtype(type).itemsize])
-    return (values if np.dtype(type).kind == "f" else np.round(values)).astype(type)
+    values = alpha / np.float32(opaque[alpha.itemsize]) * np.float32(opaque[dtype.itemsize])
+    return (values if dtype.kind == "f" else np.round(values)).astype(dtype)
 
 
 def with_alpha(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:

@@ -77,14 +77,15 @@ def test_turning_light_closes_and_keeps_its_exposure(relighter, draw):
     assert twice[1][mask == 255].mean() > frames[4][mask == 255].mean() + 5
 
 
-def test_movie_of_a_photo(run, photo_files, weights, tmp_path):
+def test_movie_of_a_photo(run, photo_files, weights, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     me, mask_file, _, mask = photo_files
-    words = ["movie", me, "--out", tmp_path / "a.mp4", "--seconds", 0.4, "--size", 64, "--light", "sky:1"]
+    words = ["movie", me, "--seconds", 0.4, "--size", 64, "--light", "sky:1"]
     words += ["--background", "panorama", "--weights", weights]
     assert "the mask" not in run(*words)
     Image.fromarray(255 - mask).save(mask_file)
     assert "note: the mask may be inverted" in run(*words)
-    with av.open(str(tmp_path / "a.mp4")) as container:
+    with av.open(str(tmp_path / "me_relit.mp4")) as container:
         stream = container.streams.video[0]
         assert (stream.frames, stream.height, stream.width) == (10, 64, 50)
     with pytest.raises(UserError, match="cannot be transparent"):
