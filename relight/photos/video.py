@@ -289,11 +289,10 @@ def _shown(pixels: np.ndarray, frame: "VideoFrame") -> np.ndarray:
 
 def _upright(pixels: np.ndarray, frame: "VideoFrame") -> np.ndarray:
     """Returns pixels (H,W,3) turned and mirrored as the display matrix of a frame says (ISO 14496-12, 6.2.2)."""
-    sides: Any = frame.side_data
-    for data in sides:
-        if data.type.name == "DISPLAYMATRIX":
-            a, b, _, c, d = np.frombuffer(data, np.int32, 5)
-            if abs(b) > abs(a):
-                pixels, a, d = pixels.swapaxes(0, 1), c, b
-            return pixels[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1]
-    return pixels
+    matrix: Any = frame.side_data.get("DISPLAYMATRIX")
+    if matrix is None:
+        return pixels
+    a, b, _, c, d = np.frombuffer(matrix, np.int32, 5)
+    if abs(b) > abs(a):
+        pixels, a, d = pixels.swapaxes(0, 1), c, b
+    return pixels[:: -1 if d < 0 else 1, :: -1 if a < 0 else 1]
