@@ -33,13 +33,19 @@ def main() -> None:
         if packages and shutil.which("apt-get"):
             get(packages, Path(folder))
         if not PIP.exists():
-            wheels = [path for root in ("/", folder) for path in Path(root).glob(WHEEL)]
-            if not (wheels or find_spec("ensurepip")):
-                sys.exit(f"relight needs pip, and {sys.executable} has no ensurepip: install python3-venv")
-            install = [f"{wheels[0]}/pip", "install", "--no-index", wheels[0]] if wheels else ["-m", "ensurepip"]
-            subprocess.run([PYTHON, *install], stdout=subprocess.DEVNULL, check=True)
+            subprocess.run([PYTHON, *pip(Path("/"), Path(folder))], stdout=subprocess.DEVNULL, check=True)
     if names := missing(LIB):
         print(f"going on without {', '.join(names)}: `relight run`, `bake` and `scans` will not work; {remedy(names)}")
+
+
+def pip(*roots: Path) -> list[str]:
+    """Returns the arguments with which Python installs pip: the one that came with it, or else a distribution's."""
+    if find_spec("ensurepip"):
+        return ["-m", "ensurepip"]
+    wheels = [str(path) for root in roots for path in root.glob(WHEEL)]
+    if not wheels:
+        sys.exit(f"relight needs pip, and {sys.executable} has no ensurepip: install python3-venv")
+    return [f"{wheels[0]}/pip", "install", "--no-index", wheels[0]]
 
 
 def get(packages: list[str], folder: Path) -> None:

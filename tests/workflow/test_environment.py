@@ -84,6 +84,21 @@ def test_make_gets_system_libraries(tmp_path, monkeypatch, user):
         assert [path.name for path in Path(".venv", "lib").iterdir()] == ["libX11.so.6"]
 
 
+@pytest.mark.parametrize("has_one", [True, False])
+def test_pip_is_the_one_of_python_or_else_of_the_distribution(tmp_path, monkeypatch, has_one):
+    """Debian's is too old for a Python that is newer than Debian's."""
+    pip = runpy.run_path(str(ROOT / "tools" / "system.py"))["pip"]
+    monkeypatch.setitem(pip.__globals__, "find_spec", lambda name: has_one)
+    wheel = tmp_path / "usr" / "share" / "python-wheels" / "pip-23.0.1-py3-none-any.whl"
+    wheel.parent.mkdir(parents=True)
+    if not has_one:
+        with pytest.raises(SystemExit, match="no ensurepip: install python3-venv"):
+            pip(tmp_path)
+    wheel.touch()
+    by_wheel = [f"{wheel}/pip", "install", "--no-index", str(wheel)]
+    assert pip(tmp_path) == (["-m", "ensurepip"] if has_one else by_wheel)
+
+
 def test_licences_of_all_packages_are_told():
     """And that of pymeshlab, which binds who passes it on, where one looks first."""
     tool = runpy.run_path(str(ROOT / "tools" / "licences.py"))
