@@ -110,8 +110,8 @@ function refreshLamps() {
   state.lamps.forEach((lamp, i) => {
     const row = rows.children[i], [x, y] = onMap(lamp);
     for (const name of ["color", "strength", "softness"]) row.querySelector(`.${name}`).value = lamp[name];
-    row.querySelector(".strength").nextElementSibling.value = `×${Math.round(lamp.strength * 10) / 10}`;
-    row.querySelector(".softness").nextElementSibling.value = `${Math.round(lamp.softness)}°`;
+    row.querySelector(".strength").nextElementSibling.textContent = `×${Math.round(lamp.strength * 10) / 10}`;
+    row.querySelector(".softness").nextElementSibling.textContent = `${Math.round(lamp.softness)}°`;
     handles.children[i].style.cssText =
       `left: ${stage.clientWidth / 2 + radius * x}px; top: ${stage.clientHeight / 2 + radius * y}px; --lamp: ${lamp.color}`;
   });
@@ -130,12 +130,12 @@ function refresh() {
   element("taken-turn").hidden = state.mode !== "ratio" || !state.taken;
   for (const id of ["yaw", "tilt", "takenYaw"]) {
     element(id).value = state[id];
-    element(id).nextElementSibling.value = `${pad(Math.round(state[id]))}°`;
+    element(id).nextElementSibling.textContent = `${pad(Math.round(state[id]))}°`;
   }
   element("exposure").value = state.stops;
-  element("exposure").nextElementSibling.value = pad(Math.round(state.stops * 100) / 100);
+  element("exposure").nextElementSibling.textContent = pad(Math.round(state.stops * 100) / 100);
   element("room").value = state.room;
-  element("room").nextElementSibling.value = `${Math.round(100 * state.room)} %`;
+  element("room").nextElementSibling.textContent = `${Math.round(100 * state.room)} %`;
   for (const key of ["light", "view", "mode", "background"]) {
     const input = document.querySelector(`input[name=${key}][value="${state[key]}"]`);
     if (input) input.checked = true;
