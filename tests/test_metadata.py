@@ -30,7 +30,6 @@ ZENODO = json.loads((ROOT / ".zenodo.json").read_text())
 HEADER, PAPER = front_matter(ROOT / "docs" / "joss" / "paper.md")
 BIBLIOGRAPHY = (ROOT / "docs" / "joss" / HEADER["bibliography"]).read_text()
 CATALOGUE = yaml.safe_load((ROOT / ".snakemake-workflow-catalog.yml").read_text())
-PYTHONS = [line.rpartition(".")[2] for line in PROJECT["classifiers"] if "Python :: 3." in line]
 SAME = ("title", "version", "license", "keywords")
 SECTIONS = ["Summary", "Statement of need", "State of the field", "Software design", "Research impact statement"]
 SECTIONS += ["AI usage disclosure", "Acknowledgements", "References"]
@@ -54,7 +53,6 @@ CLAIMS = {
     "date of the archive": (ZENODO["publication_date"], str(CITATION["date-released"])),
     "the paper's method": (ZENODO["related_identifiers"][0]["identifier"], CITATION["references"][0]["doi"]),
     "fields of the catalogue": (lacking(CATALOGUE["usage"], "software-stack-deployment report mandatory-flags"), []),
-    "Python": ([f">=3.{PYTHONS[0]}", f"<3.{int(PYTHONS[-1]) + 1}"], PROJECT["requires-python"].split(",")),
     "files": (
         [name for name in (*PROJECT["license-files"], "relight/py.typed", "workflow/Snakefile", "config/README.md")
          if not (ROOT / name).is_file()], []),

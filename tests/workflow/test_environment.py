@@ -1,5 +1,6 @@
 """uv's lock, conda's environment, the Makefile and pyproject.toml say the same."""
 
+import json
 import os
 import re
 import runpy
@@ -31,6 +32,26 @@ def wanted() -> list[Requirement]:
 def test_each_dependency_is_locked_within_its_range(requirement):
     assert (versions := VERSIONS.get(canonicalize_name(requirement.name))), "make lock"
     assert all(requirement.specifier.contains(version, prereleases=True) for version in versions)
+
+
+def test_lock_has_one_version_of_a_package_for_all_pythons():
+    assert {name: versions for name, versions in VERSIONS.items() if len(versions) > 1} == {}
+
+
+def test_pythons_are_the_same_everywhere():
+    """pyproject.toml, uv.lock, make, the README, conda's environment and the tests of the hosting site name them."""
+    pythons = re.findall(r"Python :: (3\.\d+)$", "\n".join(PROJECT["classifiers"]), re.M)
+    first, last = pythons[0], pythons[-1]
+    minor = int(last.removeprefix("3."))
+    assert pythons == [f"3.{number}" for number in range(int(first.removeprefix("3.")), minor + 1)]
+    assert PROJECT["requires-python"] == f">={first},<3.{minor + 1}"
+    assert tomllib.loads(LOCK)["requires-python"] == f">={first}, <3.{minor + 1}"
+    limits = runpy.run_path(str(ROOT / "tools" / "system.py"))["PYTHONS"]
+    assert [".".join(map(str, limit)) for limit in limits] == [first, last]
+    assert f"Python {first} to {last};" in (ROOT / "README.md").read_text()
+    (conda,) = re.findall(r"- python=(\S+)", (ROOT / "environment.yml").read_text())
+    assert conda in pythons
+    assert f"python: {json.dumps(pythons)}" in (ROOT / ".github" / "workflows" / "test.yml").read_text()
 
 
 def test_lock_names_only_the_public_index_and_hashes_every_file():
