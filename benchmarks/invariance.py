@@ -25,7 +25,7 @@ from relight.benchmark.shots import variants
 from relight.core.progress import progress
 from relight.core.srgb import encode, to_bytes
 from relight.evaluation.scoring import metrics
-from relight.figures.dress import GENERATOR
+from relight.figures.make import GENERATOR
 from relight.lights import Light
 from relight.lights.chain import generated_light
 from relight.maps import Maps, read_maps, write_maps

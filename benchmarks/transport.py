@@ -51,7 +51,7 @@ def figure(path: Path | None, seed: int, per_subject: int = 1) -> Mesh:
 
     cfg = composed()
     if path is None:
-        from relight.figures.dress import make_figure
+        from relight.figures.make import make_figure
 
         mesh = make_figure(seed, detail="full", texture=512, per_subject=per_subject)
     else:

@@ -99,7 +99,7 @@ def figure(once):
     """A draft figure in three outfits, the second of three of one person, which no training has drawn."""
 
     def fill(folder: Path) -> None:
-        from relight.figures.dress import make_figure
+        from relight.figures.make import make_figure
 
         make_figure(5005, "draft", 128, per_subject=3, outfits=3).save(folder / "figure.npz")
 

@@ -27,7 +27,7 @@ from relight.core.errors import UserError
 from relight.learning.checkpoint import load_network, save_network
 from relight.learning.networks import build
 from relight.lights import load_light
-from relight.figures.draw import draw
+from relight.figures.save import save_figure
 from omegaconf import OmegaConf
 
 words = ["scale=smoke", "model.name=mine", "+loss.extra.mine=0.5", "figures.source=mine", "figures.per_subject=4"]
@@ -51,7 +51,7 @@ light = load_light("mine:2.5", order=1).coefficients
 assert light.shape == (4, 3) and (light[0] == 2.5).all() and not light[1:].any()
 assert settings.loss.extra == {"mine": 0.5}
 
-draw("g0007", settings.figures, Path("g0007.npz"))
+save_figure("g0007", settings.figures, Path("g0007.npz"))
 from relight.meshes import Mesh
 mesh = Mesh.load(Path("g0007.npz"))
 assert len(mesh.faces) == 4 and (mesh.info["name"], mesh.info["subject"]) == ("g0007", "s0001")

@@ -63,7 +63,7 @@ def test_no_circular_imports():
     ("package", "heading"),
     [
         ("relight", "* **Layers**"),
-        ("relight.figures", "`relight/figures`:"),
+        ("relight.figures", "`relight/figures`"),
         ("relight.photos", "`relight/photos`"),
         ("relight.evaluation", "`relight/evaluation`:"),
     ],

@@ -16,7 +16,7 @@ from relight.benchmark.files import BenchmarkSet
 from relight.benchmark.score import read_scores
 from relight.core import srgb
 from relight.core.npz import read_npz
-from relight.figures.dress import make_figure
+from relight.figures.make import make_figure
 from relight.lights import lit_ball, load_light
 from relight.maps import Maps
 from relight.maps.square import extent, fill_outside

@@ -83,7 +83,7 @@ def make_mesh(seed: int, settings: Settings) -> Mesh:
     Raises:
         UserError: if it refuses all ATTEMPTS.
     """
-    from relight.figures.dress import make_figure
+    from relight.figures.make import make_figure
 
     facing = Align(up="+y", front="+z")
     for spare in range(ATTEMPTS):

@@ -40,7 +40,7 @@ class Settings:
         size: side of the picture of a whole person, pixels.
         samples: paths per pixel.
         rays: per pixel, for the true transport.
-        detail, texture: of the figures (`relight.figures.dress.make_figure`).
+        detail, texture: of the figures (`relight.figures.make.make_figure`).
     """
 
     size: int = 512

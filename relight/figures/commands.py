@@ -88,8 +88,8 @@ def figures(
     from relight.core.files import writable_folder
     from relight.core.processes import has_semaphores
     from relight.core.progress import progress
-    from relight.figures.constraints import Constraints
-    from relight.figures.constraints import names as known_names
+    from relight.figures.draw.constraints import Constraints
+    from relight.figures.draw.constraints import names as known_names
 
     if names:
         for kind, known in known_names().items():
@@ -124,8 +124,8 @@ def make_one(task: tuple[int, dict, Path]) -> str | None:
 
     from relight.core.errors import UserError
     from relight.core.files import write_json
-    from relight.figures.dress import GENERATOR, make_figure
     from relight.figures.export import LICENCE, write_glb
+    from relight.figures.make import GENERATOR, make_figure
 
     seed, settings, path = task
     record = path.with_suffix(".json")

@@ -8,7 +8,7 @@ from relight.benchmark.files import BenchmarkSet
 from relight.benchmark.make import make, write_panorama
 from relight.benchmark.picture import Settings
 from relight.core.errors import UserError
-from relight.figures import dress
+from relight.figures import make as generate
 from relight.panoramas import Panorama, project, read_panorama
 
 
@@ -70,7 +70,7 @@ def test_make_mesh_takes_a_spare_seed(monkeypatch):
         asked.append(seed)
         raise UserError("it does not pass the gates")
 
-    monkeypatch.setattr(dress, "make_figure", refuse)
+    monkeypatch.setattr(generate, "make_figure", refuse)
     with pytest.raises(UserError, match="seed 900003: it does not pass the gates"):
         making.make_mesh(900_003, Settings())
     assert asked == [900_003, 901_003, 902_003]

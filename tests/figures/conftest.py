@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from relight.figures.body.person import build_body, sample_person
-from relight.figures.cloth import colliders
+from relight.figures.body.shape import build_body
+from relight.figures.drape import colliders
+from relight.figures.draw.person import sample_person
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -8,15 +8,14 @@ import pytest
 
 from relight.core.errors import UserError
 from relight.figures.body import makehuman
-from relight.figures.body.person import Shape, expressions, sample_person, units
-from relight.figures.body.skin import Iris
 from relight.figures.catalogue.schema import FOLDER, contents, entries
-from relight.figures.constraints import names
-from relight.figures.hair.styles import style_odds, styles
-from relight.figures.outfits import shoe_odds
-from relight.figures.tailor import garments
-from relight.figures.tailor.garments import GROUPS, Garment, group, wardrobe
-from relight.figures.tailor.scarves import Wrap
+from relight.figures.drape.scarves import Wrap
+from relight.figures.draw import garments
+from relight.figures.draw.constraints import names
+from relight.figures.draw.garments import GROUPS, Garment, group, wardrobe
+from relight.figures.draw.hairstyles import style_odds, styles
+from relight.figures.draw.outfits import shoe_odds
+from relight.figures.draw.person import Iris, Shape, expressions, sample_person, units
 
 
 @dataclass(frozen=True)

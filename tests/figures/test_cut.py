@@ -9,15 +9,15 @@ import trimesh
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from relight.figures import wear
-from relight.figures.cloth.colliders import Collider
-from relight.figures.cloth.drape import Level
-from relight.figures.cloth.layers import signed_distance
-from relight.figures.pose import stances
-from relight.figures.pose.motion import build_motion
+from relight.figures.body.motion import build_motion
+from relight.figures.cut import patterns, suit
+from relight.figures.cut.level import Level
+from relight.figures.drape import collars, dress, trims
+from relight.figures.drape.colliders import Collider, signed_distance
+from relight.figures.draw import fitting
+from relight.figures.draw.garments import wardrobe
+from relight.figures.draw.poses import poses
 from relight.figures.surfaces import border_loops, edges, grid_faces, loop
-from relight.figures.tailor import collars, fitting, patterns, suit, trims
-from relight.figures.tailor.garments import wardrobe
 
 UP, LEFT, AHEAD = np.eye(3)[[1, 0, 2]]
 NECK = collars.Neck(np.zeros(3), LEFT, UP, AHEAD)
@@ -77,10 +77,10 @@ def test_cleft_is_where_two_boxes_meet():
     boxes = [trimesh.creation.box((0.1, 0.6, 0.1)).apply_translation((x, 0, 0)) for x in (-0.055, 0.055)]
     both = trimesh.util.concatenate([box.subdivide().subdivide().subdivide() for box in boxes])
 
-    found = wear.cleft(SimpleNamespace(heights={"crotch": 0.0}), both.vertices, both.faces)
+    found = dress.cleft(SimpleNamespace(heights={"crotch": 0.0}), both.vertices, both.faces)
     middle, normal = both.triangles_center[found], both.face_normals[found]
     assert found.sum() > 40 and (np.abs(middle[:, 0]) < 0.006).all() and (np.abs(normal[:, 0]) > 0.99).all()
-    low, high = wear.CLEFT_HEIGHTS
+    low, high = dress.CLEFT_HEIGHTS
     inner = np.abs(both.triangles_center[:, 0]) < 0.006
     within = (both.triangles_center[:, 1] > low) & (both.triangles_center[:, 1] < high)
     assert found.sum() == (inner & within).sum()
@@ -265,4 +265,4 @@ def test_build_pattern_cuts_every_garment(body, name):
 
 
 def way_of(body):
-    return build_motion(body, stances.poses()["straight"], 1)
+    return build_motion(body, poses()["straight"], 1)

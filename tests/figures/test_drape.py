@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.figures.cloth import crossings, drape
-from relight.figures.cloth.colliders import Collider
-from relight.figures.cloth.solver import Cloth, ClothSolver, SolverSettings
-from relight.figures.rings import winding
+from relight.figures.drape import simulate
+from relight.figures.drape.colliders import Collider
+from relight.figures.drape.solver import ClothSolver, SolverSettings
+from relight.figures.draw.garments import Cloth
+from relight.figures.gates import crossings
+from relight.figures.gates.rings import winding
 from relight.figures.surfaces import grid_faces
 
 
@@ -91,7 +93,7 @@ def test_relax_torn_edges_spreads_one_torn_edge():
     torn[40, 1] += 0.3
     solver.move_to(torn)
     before = solver.strain().max()
-    solver.move_to(drape.relax_torn_edges(torn, faces, solver.edges, solver.strain(), np.zeros(81, bool)))
+    solver.move_to(simulate.relax_torn_edges(torn, faces, solver.edges, solver.strain(), np.zeros(81, bool)))
     assert solver.strain().max() < 0.4 * before
 
 

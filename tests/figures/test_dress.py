@@ -1,463 +1,292 @@
-"""Whole figures: completeness, gates, constraints, and exported files."""
+"""Scarves, tucked tops, and hands that stay out of the clothes."""
 
-import csv
-import json
-import os
-import re
-import shlex
-import signal
-import subprocess
-import sys
-import time
-from contextlib import suppress
 from dataclasses import replace
-from multiprocessing import get_context
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from typer.testing import CliRunner
+from scipy.spatial.transform import Rotation
 
-from relight.core.errors import UserError
-from relight.figures import dress, gates
-from relight.figures.cloth.drape import DrapeResult
-from relight.figures.commands import app, seeds_of, start_worker, write_table
-from relight.figures.constraints import Constraints
-from relight.figures.dress import make_figure
-from relight.figures.export import write_glb
-from relight.figures.gloss import GLOSS, LEATHER, with_gloss
-from relight.figures.pose import stances
-from relight.figures.rings import lost_rings
-from relight.figures.surfaces import grid_faces
-from relight.figures.tailor import patterns
-from relight.figures.tailor.garments import wardrobe
-from relight.figures.wear import DrapedGarment
-from relight.meshes import Material, Mesh, clean, read_mesh
+from relight.figures.assemble import layers
+from relight.figures.assemble.assembly import Assembly
+from relight.figures.assemble.builder import Builder
+from relight.figures.body import makehuman
+from relight.figures.body.motion import build_motion
+from relight.figures.body.shape import build_body
+from relight.figures.cut import patterns
+from relight.figures.cut.footwear import upper
+from relight.figures.cut.level import Level
+from relight.figures.drape import clearance, collars, scarves
+from relight.figures.drape.colliders import Collider, signed_distance
+from relight.figures.drape.dress import DETAILS, DrapedGarment, drape_outfit, drape_scarf, fallen_over
+from relight.figures.drape.simulate import DrapeResult
+from relight.figures.draw import fitting, outfits
+from relight.figures.draw.fabrics import Fabric
+from relight.figures.draw.garments import Worn, group, wardrobe
+from relight.figures.draw.person import sample_person
+from relight.figures.draw.poses import Pose, poses
+from relight.figures.draw.shoes import shoes
+from relight.figures.dye import panels
+from relight.figures.gates import checks
+from relight.figures.surfaces import border_loops, grid_faces
 
-SEED, SUBJECT = 5005, 3  # the second of three figures of one person
-
-
-@pytest.mark.slow
-def test_make_figure_record_is_complete(figure):
-    mesh = figure
-    assert mesh.vertices.dtype == np.float32 and mesh.vertices.shape[1] == 3 and np.isfinite(mesh.vertices).all()
-    assert mesh.vertices[:, 1].min() == 0 and 1.3 < mesh.vertices[:, 1].max() < 2.6
-    assert mesh.faces.max() == len(mesh.vertices) - 1 and len(np.unique(mesh.faces)) == len(mesh.vertices)
-    assert mesh.material.max() == len(mesh.materials) - 1
-    assert mesh.uv.shape == (*mesh.faces.shape, 2) and mesh.uv.min() >= 0 and mesh.uv.max() <= 1
-    keys = "name subject source seed generator garments pose hair skin age build redrawn crossing covered"
-    assert {*keys.split()} <= mesh.info.keys()
-    assert mesh.info["name"] == f"g{SEED:04d}"
-    assert len(mesh.info["garments"]) >= 1
-
-
-@pytest.mark.slow
-def test_make_figure_faces_forward(figure):
-    mesh = figure
-    face, _ = gates.first_seen(mesh.vertices, mesh.faces)
-    rows = np.flatnonzero((face >= 0).any(1))
-    upper = face[rows[: len(rows) // 3]]
-    assert (np.isin(mesh.material[upper[upper >= 0]], [1, 2])).sum() >= 4  # eyes are seen from +z
-
-
-@pytest.mark.slow
-def test_make_figure_per_subject_is_the_person_of_its_first_seed_in_another_pose(figure):
-    """The first seed as it is alone, as another set may have it."""
-    first = make_figure(SEED - SEED % SUBJECT, "draft", 128)
-    assert figure.info["subject"] == "s1668" and figure.info["name"] != first.info["name"]
-    for trait in ("sex", "age", "height", "build", "skin", "garments", "fabrics", "shoes", "hair"):
-        assert figure.info[trait] == first.info[trait], trait
-    worn = [[one for one in mesh.materials if one.name not in mesh.info["props"]] for mesh in (figure, first)]
-    for mine, theirs in zip(*worn, strict=True):
-        assert np.array_equal(mine.color, theirs.color) and np.array_equal(mine.texture, theirs.texture)
-    assert not np.array_equal(figure.vertices[:1000], first.vertices[:1000])
-    assert dress.subject_of(5, 3) == "s0001" and dress.subject_of(6, 3) == "s0002" and dress.subject_of(6, 1) == "g0006"
-
-
-def test_sample_per_subject_is_one_person_in_other_poses():
-    first = dress.sample(9600, 0, 1, 0.0)
-    draws = [dress.sample(seed, 0, 12, 0.0) for seed in range(9600, 9613)]
-    assert all(draw.person == first.person for draw in draws[:-1]) and draws[-1].person != first.person
-    assert draws[-1].person == dress.sample(9612, 0, 1, 0.0).person
-    assert len({draw.pose for draw in draws}) == len(draws)
-
-
-@pytest.mark.slow
-def test_make_figure_outfits_are_other_fabrics_on_the_same_figure(figure):
-    mesh = figure
-    assert len(mesh.outfits) == 2 and len(mesh.info["outfits"]) == 3
-    assert mesh.info["outfits"][0] == mesh.info["fabrics"]
-    for outfit in mesh.outfits:
-        assert len(outfit) >= len(mesh.info["garments"]) and 0 not in outfit, "the skin stays"
-        assert all(
-            material.texture is None or (material.texture != mesh.materials[number].texture).any()
-            for number, material in outfit.items()
-        )
-    assert all(
-        (mesh.outfits[0][k].texture != mesh.outfits[1][k].texture).any()
-        for k in mesh.outfits[0]
-        if mesh.outfits[0][k].texture is not None
-    )
-    with pytest.raises(UserError, match="outfits"):
-        make_figure(SEED, "draft", 128, outfits=0)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((1, "huge", 128), "huge"),
-        ((-1, "draft", 128), "-1"),
-        ((1, "draft", 8), "8"),
-        ((0, "draft", 128, 0), "per_subject"),
-        ((0, "draft", 128, 1, 0), "outfits"),
-    ],
-)
-def test_make_figure_bad_arguments_are_one_sentence(arguments, message):
-    with pytest.raises(UserError, match=message):
-        make_figure(*arguments)
-
-
-def failing(monkeypatch, times: int, mesh: Mesh) -> list[dress.Draw]:
-    """Lets `times` draws fail without draping them; returns the list of what is drawn."""
-    draws = []
-
-    def attempt(draw, *_):
-        draws.append(draw)
-        return (None, "torn") if len(draws) <= times else (mesh, None)
-
-    monkeypatch.setattr(dress, "attempt_figure", attempt)
-    return draws
-
-
-@pytest.mark.slow
-def test_make_figure_draws_failed_attempts_again_and_counts_them(figure, monkeypatch):
-    draws = failing(monkeypatch, 2, figure)
-    mesh = make_figure(SEED, "draft", 128)
-    assert len(draws) == 3 and mesh.info["redrawn"] == 2 and mesh.info["redrawn_because"] == ["torn", "torn"]
-    assert draws[0].person == draws[1].person == draws[2].person and draws[0].outfit != draws[1].outfit
-    failing(monkeypatch, 99, figure)
-    with pytest.raises(UserError, match="8 attempts"):
-        make_figure(SEED, "draft", 128)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("share", "sits"), [(0.0, [False] * 6), (0.99, [True] * 4 + [False] * 2), (1.0, [True] * 6)])
-def test_make_figure_redraws_sit_only_at_first_if_by_chance(figure, monkeypatch, share, sits):
-    draws = failing(monkeypatch, 5, figure)
-    make_figure(SEED, "draft", 128, constraints=Constraints(share))
-    assert [draw.pose.sitting for draw in draws] == sits
+CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
 
 
 @pytest.fixture(scope="module")
-def snug(body):
-    """A dress as its pattern lies around a standing body, not draped: a drape that passes."""
-    motion = dress.build_motion(body, stances.poses()["straight"], 4)
-    pattern = patterns.build_pattern(body, wardrobe()["dress"], 0)
-    level = pattern.levels[0]
-    x = motion.skin(level.weights, level.rest_shape)
-    return body, motion, pattern, x, np.ones(1000)
+def standing(body):
+    motion = build_motion(body, poses()["straight"], 1)
+    return motion, motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
 
 
-def lifted(x, pattern):
-    x = x.copy()
-    x[(pattern.fields["drop"] > 0) & (x[:, 0] > 0), 1] += 0.35
-    return x
+@pytest.mark.parametrize("garment", group("scarves").values(), ids=lambda garment: garment.name)
+def test_drape_scarf_lies_around_the_neck_and_hangs_in_front(body, standing, garment):
+    motion, skin = standing
+    faces = makehuman.base().faces["body"]
+    worn = drape_scarf(motion, Worn(garment, CLOTH), (skin, faces), [], DETAILS["draft"])
+    x = worn.draped.positions
+    neck = collars.neck_of(motion)
+    near = (x - neck.base)[np.linalg.norm(x - neck.base, axis=1) < 0.17]
+    around = np.unique(np.round(np.degrees(np.arctan2(near @ neck.left, near @ neck.forward)) / 20))
+    assert len(around) >= 15  # of 19: all sides but perhaps the front
+    low = x[x[:, 1] < neck.base[1] - 0.15]
+    assert (low[:, 2] > neck.base[2]).all() and low[:, 0].min() < -0.03 and low[:, 0].max() > 0.03
+    assert checks.check_garment(worn.pattern, worn.draped, motion) is None
+    _, distance, _ = signed_distance(x, Collider(skin, skin, faces), 0.1)
+    assert np.percentile(distance, 1) > -0.002
 
 
-@pytest.mark.parametrize(
-    ("spoil", "message"),
-    [
-        (lambda x, strain, pattern: (x, strain), None),
-        (lambda x, strain, pattern: (np.where(np.arange(len(x))[:, None] == 5, np.nan, x), strain), "finite"),
-        (lambda x, strain, pattern: (x, strain * 1.5), "stretched"),
-        (lambda x, strain, pattern: (x, np.where(np.arange(1000) < 5, 4.0, strain)), "torn"),
-        (lambda x, strain, pattern: (x + [2.0, 0, 0], strain), "flew"),
-        (lambda x, strain, pattern: (x - [0, 0.3, 0], strain), "slid|inside"),
-        (lambda x, strain, pattern: (lifted(x, pattern), strain), "swept"),
-        (lambda x, strain, pattern: (x * [0.6, 1, 0.6], strain), "inside"),
-    ],
-)
-@pytest.mark.slow
-def test_check_garment_rejects_what_is_spoilt(snug, spoil, message):
-    _, motion, pattern, x, strain = snug
-    x, strain = spoil(x, strain, pattern)
-    reason = gates.check_garment(pattern, DrapeResult(x, [], strain), motion)
-    assert reason is None if message is None else re.search(message, reason)
+@pytest.mark.parametrize("garment", group("scarves").values(), ids=lambda garment: garment.name)
+def test_build_scarf_turns_with_the_body(body, standing, garment):
+    turned = build_motion(body, replace(poses()["straight"], turn=70.0), 1)
+    straight, found = (
+        scarves.build_scarf(motion, garment, Collider.at_rest(motion.posed_skin, makehuman.base().faces["body"]), 0)
+        for motion in (standing[0], turned)
+    )
+    turn = Rotation.from_euler("y", 70, degrees=True)
+    np.testing.assert_allclose(found.levels[0].start, turn.apply(straight.levels[0].start), atol=1e-3)
 
 
-def test_hem_swept_finds_a_swept_hem_and_no_leaning_one(snug):
-    body, motion = snug[:2]
-    pattern = patterns.build_pattern(body, wardrobe()["t-shirt"], 0)
-    level = pattern.levels[0]
-    x = motion.skin(level.weights, level.fitted)
-    assert gates.hem_swept(pattern, x, motion) < 0.001
-    leaning = motion.transforms.copy()
-    leaning[:, :, 1] += 0.4 * leaning[:, :, 0]  # half of the body higher than the other
-    leaned = replace(motion, transforms=leaning)
-    moved = leaned.skin(level.weights, level.fitted)
-    assert np.ptp(moved[pattern.fields["drop"] > 0.999, 1] - x[pattern.fields["drop"] > 0.999, 1]) > 0.1
-    assert gates.hem_swept(pattern, moved, leaned) < 0.001
-    swept = lifted(x, pattern)
-    assert gates.hem_swept(pattern, swept, motion) > 0.3
-    assert "swept" in gates.check_garment(pattern, DrapeResult(swept, [], np.ones(1000)), motion)
+@pytest.mark.parametrize("spine", [0.0, 40.0, -40.0])
+def test_hood_opens_before_the_chest_of_a_turned_trunk(body, spine):
+    """By the bearings, in degrees, of its opening from the neck, and of its middle from that of the neckline."""
+    pose = replace(poses()["straight"], spine=(0.0, spine, 0.0), head=(0.0, -spine, 0.0))
+    motion = build_motion(body, pose, 1)
+    level = patterns.build_pattern(body, wardrobe()["hoodie"], 1).levels[-1]
+    cloth, neck = motion.skin(level.weights, level.fitted), collars.neck_of(motion)
+    ring, closed = collars.neckline(cloth, level.faces, neck)
+    hood, _, _ = collars.collar(cloth, level.faces, np.zeros((len(cloth), 2)), "hood", neck, 1.0)
+    directions = cloth[ring[0]] - neck.base, cloth[ring].mean(0) - hood.mean(0)
+    x, _, z = (np.array(directions) @ motion.bone("spine01")[:, :3]).T
+    assert closed and np.abs(np.degrees(np.arctan2(x, z))).max() < 8
 
 
-@pytest.mark.parametrize(
-    ("garment", "limb", "root", "tip", "middle"),
-    [
-        (wardrobe()["long sleeve"], "arm", "upperarm01", "lowerarm01", 0.5),
-        (wardrobe()["long sleeve"], "arm", "lowerarm01", "wrist", 1.5),
-        (wardrobe()["jeans"], "leg", "upperleg01", "lowerleg01", 0.55),
-        (wardrobe()["jeans"], "leg", "lowerleg01", "foot", 1.5),
-    ],
-    ids=["upper arm", "forearm", "thigh", "shin"],
-)
-@pytest.mark.parametrize("turned", [False, True])
-def test_lost_rings_finds_a_limb_that_left_and_none_that_twists(
-    snug, monkeypatch, garment, limb, root, tip, middle, turned
-):
-    body, motion = snug[:2]
-    pattern = patterns.build_pattern(body, garment, 0)
-    level = pattern.levels[0]
-    x = motion.skin(level.weights, level.rest_shape)
-    rings = lost_rings(pattern, x, motion)
-    assert set(rings) == {f"left {limb}", f"right {limb}"}
-    assert all(lost == 0 and found > 25 for lost, found in rings.values())
-    bone = motion.transforms[-1][motion.bones[f"{root}.L"]]
-    upper, lower = (body.joints[f"{name}.L"] @ bone[:, :3].T + bone[:, 3] for name in (root, tip))
-    axis = (lower - upper) / np.linalg.norm(lower - upper)
-    off = x - upper - ((x - upper) @ axis)[:, None] * axis
-    middling = 1 - np.abs(pattern.fields[f"{limb}L"] - middle) / 0.3
-    on = (middling > 0) & (pattern.fields["x"] > 0) & ((pattern.fields["arm_shareL"] > 0.5) | (limb == "leg"))
-    if turned:  # up to half a turn about the limb
-        angle = np.pi * middling[on, None]
-        x[on] += (np.cos(angle) - 1) * off[on] + np.sin(angle) * np.cross(axis, off[on])
-    else:  # all to one side of it
-        x[on] -= 2 * off[on] * (off[on, 2:] > 0)
-    rings = lost_rings(pattern, x, motion)
-    assert rings[f"right {limb}"][0] == 0
-    assert rings[f"left {limb}"][0] == 0 if turned else rings[f"left {limb}"][0] >= 5
-    monkeypatch.setattr(gates, "share_inside", lambda *_: 0.0)  # cloth moved by hand touches the body, too
-    reason = gates.check_garment(pattern, DrapeResult(x, [], np.ones(1000)), motion)
-    assert reason is None if turned else f"the left {limb} left it" in reason
+@pytest.mark.parametrize("name", ["shirt", "jacket", "blazer", "coat"])
+def test_a_collar_has_no_smeared_texture(body, standing, name):
+    """By the area of each face in the texture, in square metres, against that in space."""
+    pattern = patterns.build_pattern(body, wardrobe()[name], 1)
+    level, atlas = pattern.levels[-1], panels.lay_out(*panels.cloth_coordinates(pattern), 1024)
+    uv, per_metre = np.zeros((len(level.fitted), 2)), atlas.scale / atlas.side
+    uv[level.faces] = atlas.uv
+    cloth, neck = standing[0].skin(level.weights, level.fitted), collars.neck_of(standing[0])
+    vertices, faces, corners = collars.collar(cloth, level.faces, uv, wardrobe()[name].collar, neck, per_metre)
+    flat = np.pad(corners / per_metre, [(0, 0), (0, 0), (0, 1)])
+    true, drawn = (
+        np.linalg.norm(np.cross(part[:, 1] - part[:, 0], part[:, 2] - part[:, 0]), axis=1)
+        for part in (vertices[faces], flat)
+    )
+    assert true[drawn < 0.3 * true].sum() < 0.2 * true.sum()
 
 
-@pytest.mark.parametrize(("share", "stands", "sits"), [(0.01, True, True), (0.02, False, True), (0.04, False, False)])
-def test_check_outfit_bounds_cloth_through_cloth(snug, monkeypatch, share, stands, sits):
-    _, motion, pattern, x, strain = snug
-    worn = [DrapedGarment(replace(pattern, levels=pattern.levels * 2), None, DrapeResult(x, [], strain))]
-    monkeypatch.setattr(gates, "crossing", lambda *_: [share])
-    monkeypatch.setattr(gates, "covered_hands", lambda *_: (0.0, 0.0))
-    for sitting, passes in ((False, stands), (True, sits)):
-        reason, measured = gates.check_outfit(worn, motion, sitting)
-        assert (reason is None) == passes and measured["crossing"] == share
+def test_hem_has_the_texture_of_one_panel(body, standing):
+    """Each face's longest side in the texture, in metres, against its longest side in space."""
+    outfit = outfits.sample_outfit(np.random.default_rng(0), body.person)
+    for name in ("t-shirt", "jeans"):
+        pattern, garment = patterns.build_pattern(body, wardrobe()[name], 0), Worn(wardrobe()[name], CLOTH)
+        level = pattern.levels[0]
+        x = standing[0].skin(level.weights, level.rest_shape)
+        worn, builder = DrapedGarment(pattern, CLOTH, DrapeResult(x, [], np.ones(1))), Builder()
+        detail = DETAILS["draft"]
+        Assembly(builder, standing[0], replace(outfit, garments=[garment]), [worn], detail, 0).add_garment(0, worn)
+        atlas = panels.lay_out(*panels.cloth_coordinates(pattern), detail.texture)
+        corners = builder.vertices[0][builder.faces[0]], builder.uv[0] * atlas.side / atlas.scale
+        true, drawn = (np.linalg.norm(part - np.roll(part, 1, axis=1), axis=2).max(1) for part in corners)
+        hem = slice(len(level.faces), None)
+        assert len(true[hem]) > 200 and (drawn < 4 * true)[hem].all()
 
 
-def two_walls(hole: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A wall of cloth (layer 1) a centimetre in front of skin (layer 0) that bulges through it in a small square."""
-    a = np.arange(-0.3, 0.3001, 0.01)
+def test_belt_has_no_seam_in_its_texture(body, standing):
+    outfit = replace(outfits.sample_outfit(np.random.default_rng(0), body.person), belt=CLOTH)
+    pattern, builder = patterns.build_pattern(body, wardrobe()["jeans"], 0), Builder()
+    level = pattern.levels[-1]
+    x = standing[0].skin(level.weights, level.fitted)
+    worn = DrapedGarment(pattern, CLOTH, DrapeResult(x, [], np.ones(1)))
+    Assembly(builder, standing[0], outfit, [worn], DETAILS["draft"], 0).add_belt([x])
+    corners = builder.vertices[0][builder.faces[0]], builder.uv[0]  # of the ribbon, its texture 1 metre wide
+    true, drawn = (np.linalg.norm(part - np.roll(part, 1, axis=1), axis=2).max(1) for part in corners)
+    assert len(true) > 100 and (drawn < 1.5 * true).all() and 0 <= builder.uv[0].min() <= builder.uv[0].max() <= 1
+
+
+def test_tucked_top_is_pinned_below_the_waistband_only(body):
+    top, bottom = fitting.tucked(wardrobe()["t-shirt"], wardrobe()["jeans"])
+    pattern = patterns.build_pattern(body, top, 0)
+    edge = body.heights["waist"] + bottom.waist
+    y, pinned = pattern.fields["y"], pattern.levels[0].pin_weight
+    assert (pinned[y < edge - 0.01] > 0.89).all()
+    assert (pinned[(y > edge + 0.035) & (pattern.fields["arm_shareL"] + pattern.fields["arm_shareR"] < 0.1)] == 0).all()
+
+
+def folded_sheet(over: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A sheet 30 cm wide that faces +z, with a wave in its middle whose crest leans over by that many metres: vertices,
+    faces, and how far along the sheet each face is."""
+    s = np.linspace(0, 0.36, 73)
+    lift = np.clip(1 - np.abs(s - 0.18) / 0.04, 0, 1)
+    x = np.cumsum(np.r_[0, np.diff(s) * np.where(np.abs(s[1:] - 0.18) < 0.03, 0.2, 1)]) + over * lift**2
+    line = np.stack([x, 0 * s, 0.02 * lift], axis=1)
+    points = np.concatenate([line + [0, y, 0] for y in np.arange(0, 0.3, 0.005)])
+    k = np.arange(len(points) - len(s)).reshape(-1, len(s))[:, :-1].ravel()
+    faces = np.concatenate([np.stack([k, k + 1, k + 74], 1), np.stack([k, k + 74, k + 73], 1)])
+    return points, faces, np.tile(s, len(points) // len(s))[faces].mean(1)
+
+
+def test_fallen_over_finds_gathers_that_fell_and_no_upright_ones():
+    points, faces, _ = folded_sheet(0.0)
+    assert not fallen_over(points, faces).any()
+    points, faces, along = folded_sheet(0.05)
+    found = fallen_over(points, faces)
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    assert np.array_equal(found, np.cross(b - a, c - a)[:, 2] < 0)
+    assert found.any() and np.abs(along[found] - 0.18).max() < 0.04
+
+
+def box(open_side: bool) -> tuple[np.ndarray, np.ndarray]:
+    """A cube of side 2 around the origin, without its +z side if `open_side`."""
+    cube = trimesh.creation.box((2, 2, 2))
+    kept = cube.face_normals[:, 2] < 0.5 if open_side else np.ones(12, bool)
+    return cube.vertices, cube.faces[kept]
+
+
+@pytest.mark.parametrize("open_side", [False, True])
+def test_sees_outside_through_the_open_side_of_a_box(open_side):
+    vertices, faces = box(open_side)
+    points = np.array([[0, 0, 0], [0.5, 0.3, -0.9], [0, 0, 0]])
+    normal = np.array([[0.0, 0, 1], [0, 0, 1], [0, 0, -1]])  # the last turns its back to the open side
+    out = layers.sees_outside(points, normal, Collider(vertices, vertices, faces))
+    assert out.tolist() == ([True, True, False] if open_side else [False] * 3)
+
+
+def test_push_under_moves_skin_under_cloth_and_none_out_of_a_fold():
+    a = np.linspace(-0.1, 0.1, 21)
+    skin = np.stack([*np.meshgrid(a, a), np.zeros((21, 21))], -1).reshape(-1, 3)
+    faces = grid_faces(21, 21)[:, ::-1]
+    facing, free = np.tile([0.0, 0, 1], (441, 1)), np.ones(441, bool)
+    inner = (np.abs(skin[:, :2]) < 0.06).all(1)
+
+    through = layers.push_under(skin, faces, (skin - [0, 0, 0.005], faces), 0.002, free, facing)
+    np.testing.assert_allclose(through[inner], skin[inner] - [0, 0, 0.007], atol=1e-6)
+    turned = skin + [0, 0, 0.005], faces[:, ::-1]  # the inner side of a fold lies before the skin
+    np.testing.assert_array_equal(layers.push_under(skin, faces, turned, 0.002, free, facing), skin)
+
+
+def test_cover_does_not_hide_skin_under_a_lifted_garment():
+    """A sheet of cloth on skin: what it lies on is left out; lifted on one side, only what is still dark."""
+    a = np.linspace(-0.5, 0.5, 41)
     x, y = np.meshgrid(a, a)
-    n = len(a)
-    back = np.stack([x, y, np.where((np.abs(x) < hole) & (np.abs(y) < hole), 0.02, -0.01)], -1).reshape(-1, 3)
-    front = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
-    faces = grid_faces(n, n)[:, ::-1]
-    layer = np.repeat([0, 1], len(faces))
-    return np.concatenate([back, front]), np.concatenate([faces, faces + n * n]), layer
+    faces = grid_faces(41, 41)[:, ::-1]
+    skin = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
+    snug = skin + [0, 0, 0.004]
+    lifted = snug + [0, 0, 0.04] * (skin[:, :1] > 0)
+    normal, solid = np.tile([0.0, 0, 1], (len(skin), 1)), np.ones(len(skin), bool)
+
+    def left_out(draped: np.ndarray) -> np.ndarray:
+        around = Collider(*[np.concatenate([skin, draped])] * 2, np.concatenate([faces, faces + len(skin)]))
+        return layers.Cover(snug, draped, faces, solid).hides(skin, skin, normal, 2, around)
+
+    inner = np.abs(skin[:, :2]).max(1) < 0.42
+    assert left_out(snug)[inner].all() and not left_out(snug)[~inner & (np.abs(skin[:, :2]).max(1) > 0.46)].any()
+    half = left_out(lifted)
+    assert half[inner & (skin[:, 0] < -0.05)].all()
+    assert not half[inner & (skin[:, 0] > 0.38)].any()  # a look of 4 cm under the hem
 
 
-def test_poke_through_counts_specks_and_no_openings():
-    assert gates.poke_through(*two_walls(0.0)) == 0
-    found = gates.poke_through(*two_walls(0.0051))
-    assert 4 <= found <= gates.MAX_PATCH
-    assert gates.poke_through(*two_walls(0.2)) == 0  # a large opening is no speck
+@pytest.mark.parametrize("seed", [3, 5, 9])
+@pytest.mark.parametrize("name", ["tank top", "dress"])
+def test_cut_from_suit_short_sleeves_leave_the_trunk_whole(name, seed):
+    """Hem, neck and two armholes that end under the arm, not a hand's breadth down the side."""
+    body = build_body(sample_person(np.random.default_rng(seed)))
+    garment = wardrobe()[name]
+    level = patterns.build_pattern(body, garment, 0).levels[0]
+    loops = sorted(border_loops(level.faces), key=lambda ring: level.fitted[ring, 1].mean())
+    assert len(loops) == 4
+    for armhole in loops[1:3]:
+        assert body.joints["upperarm01.L"][1] - level.fitted[armhole, 1].min() < (0.10 if garment.armhole else 0.09)
 
 
+@pytest.mark.parametrize("name", ["high sneakers", "boots"])
 @pytest.mark.slow
-def test_export_glb_has_the_content_of_the_mesh(figure, tmp_path):
-    mesh = figure
-    write_glb(mesh, tmp_path / "f.glb")
-    scene = trimesh.load(tmp_path / "f.glb", process=False)
-    assert set(scene.geometry) == {material.name for material in mesh.materials}
-    assert len(scene.geometry) == len(mesh.materials) and {"skin", "eyes", *mesh.info["garments"]} < set(scene.geometry)
-    assert sum(len(part.faces) for part in scene.geometry.values()) == len(mesh.faces)
-    np.testing.assert_allclose(scene.bounds, [mesh.vertices.min(0), mesh.vertices.max(0)], atol=1e-6)
-    for number, material in enumerate(mesh.materials):
-        part, chosen = scene.geometry[material.name], mesh.material == number
-        assert part.visual.material.name == material.name
-        np.testing.assert_allclose(part.vertices[part.faces], mesh.vertices[mesh.faces[chosen]], atol=1e-6)
-        np.testing.assert_allclose(part.visual.uv[part.faces], mesh.uv[chosen], atol=1e-6)
-        if material.texture is not None:
-            theirs = np.asarray(part.visual.material.baseColorTexture.convert("RGB"))
-            np.testing.assert_array_equal(theirs, material.texture)
+def test_drape_outfit_hangs_trousers_over_the_shoes(body, name):
+    shoe = next(s for s in shoes() if s.name == name)
+    outfit = outfits.sample_outfit(np.random.default_rng(0), body.person)
+    outfit = replace(outfit, garments=[Worn(wardrobe()["jeans"], CLOTH)], shoe=shoe)
+    motion = build_motion(body, poses()["straight"], DETAILS["draft"].frames)
+    x = drape_outfit(motion, outfit, DETAILS["draft"])[0].draped.positions
+    for side in "LR":
+        leather = upper(body, shoe, side)
+        posed = motion.skin(leather.weights, leather.shape)
+        _, distance, _ = signed_distance(x, Collider(posed, posed, leather.faces), 0.03)
+        near = np.isfinite(distance) & (x[:, 1] < posed[:, 1].max() - 0.005)
+        assert near.sum() > 20 and (distance[near] < -0.002).mean() < 0.02
 
 
-def document_of(path: Path) -> dict:
-    """The JSON of a .glb."""
-    data = path.read_bytes()
-    return json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+def hands(body, pose):
+    skin = build_motion(body, pose, 1).skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+    faces = makehuman.base().faces["body"]
+    trunk = makehuman.bone_weights("root", "pelvis", "spine", "breast", "upperleg", "lowerleg") > 0.5
+    hand = makehuman.bone_weights("finger", "metacarpal", "wrist") > 0.5
+    _, distance, _ = signed_distance(skin[hand], Collider(skin, skin, faces[trunk[faces].all(1)]), 0.3)
+    return np.percentile(distance, 5)
 
 
-def test_export_glb_holds_its_licence_and_each_texture_once(tmp_path):
-    vertices, faces = np.eye(3, dtype=np.float32), np.array([[0, 1, 2], [0, 1, 2], [2, 1, 0]], np.int32)
-    pattern = np.random.default_rng(0).integers(0, 256, (4, 4, 3)).astype(np.uint8)
-    left, right = (
-        Material(np.ones(3, np.float32), pattern, "left", 0.25, 0.5),
-        Material(texture=pattern.copy(), name="right"),
+def test_clear_hands_makes_room_for_clothes(body):
+    loose = replace(poses()["straight"].left, wrist=(0.05, -0.95, 0.06))
+    pose = Pose("", loose, loose)
+    assert hands(body, pose) < 0.0
+    assert hands(body, clearance.clear_hands(body, pose, (0.04, 0.02))) > 0.025
+
+
+@pytest.mark.parametrize(("gap", "share", "turned"), [(0.02, 1.0, False), (0.2, 0.0, False), (0.02, 0.0, True)])
+def test_covered_hands_measures_a_hand_behind_cloth(body, standing, gap, share, turned):
+    motion, skin = standing
+    left = skin[(makehuman.bone_weights("finger", "metacarpal") > 0.7) & (body.skin[:, 0] > 0)]
+    (x0, y0, _), (x1, y1, front) = left.min(0) - 0.05, left.max(0) + 0.05
+    front += gap - 0.05
+    sheet = np.array([[x0, y0, front], [x1, y0, front], [x1, y1, front], [x0, y1, front]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])[:, :: -1 if turned else 1]  # the back of a shirt, a hand behind it
+    level = Level(sheet, sheet, sheet, np.zeros(4), np.zeros((4, 1)), faces)
+    pattern = patterns.Pattern(body, wardrobe()["t-shirt"], [level], [], {}, np.zeros(2, bool))
+    covered = checks.covered_hands([DrapedGarment(pattern, CLOTH, DrapeResult(sheet, [], np.ones(1)))], motion)
+    assert covered == (share, 0.0) if share == 0 else covered[0] > 0.5 and covered[1] == 0.0
+
+
+def test_fitted_to_pose_takes_off_coats_to_sit_and_scarves_to_cross_arms(body):
+    outfit = outfits.sample_outfit(np.random.default_rng(0), body.person)
+    outfit = replace(
+        outfit, garments=[Worn(g, CLOTH) for g in (wardrobe()["jeans"], wardrobe()["coat"], group("scarves")["scarf"])]
     )
-    materials = [left, right, Material()]
-    uv, info = np.zeros((3, 3, 2), np.float32), {"name": "g7", "seed": 7, "licence": "CC0-1.0"}
-    mesh = Mesh(vertices, faces, uv, np.arange(3, dtype=np.int16), materials, None, info)
-    write_glb(mesh, tmp_path / "f.glb")
-    document = document_of(tmp_path / "f.glb")
-    assert len({image["bufferView"] for image in document["images"]}) == 1
-    assert "CC0" in document["asset"]["copyright"] and document["asset"]["extras"]["license"] == "CC0-1.0"
-    root = document["nodes"][document["scenes"][0]["nodes"][0]]
-    assert root["name"] == "g7" and root["extras"] == info
-    write_glb(replace(mesh, info={"name": "scan"}), tmp_path / "scan.glb")
-    assert "CC0" not in json.dumps(document_of(tmp_path / "scan.glb"))  # a scan is not relight's to give away
-    assert [document["nodes"][child]["name"] for child in root["children"]] == ["left", "right", "part 2"]
-    read = read_mesh(tmp_path / "f.glb")
-    assert read.info["axes"] == {"up": "+y", "front": "+z"}  # need not be found
-    assert [material.name for material in read.materials] == ["left", "right", ""]
-    assert [(material.roughness, material.specular) for material in read.materials] == [(0.25, 0.5), (1, 0), (1, 0)]
+    library = poses()
 
+    def left(name):
+        return [worn.garment.name for worn in outfits.fitted_to_pose(outfit, library[name]).garments]
 
-@pytest.mark.slow
-def test_with_gloss_gives_materials_the_gloss_of_their_kind(figure):
-    found = {material.name: (material.roughness, material.specular) for material in figure.materials}
-    assert found["skin"] == pytest.approx(GLOSS["skin"]) and found["eyes"] == pytest.approx(GLOSS["eyes"])
-    assert all(0 < roughness <= 1 and 0 < specular <= 1 for roughness, specular in found.values())
-    outfit = dress.sample(0, 0, 1, 0.0).outfit
-    upper = with_gloss(Material(name="shoes: upper"), replace(outfit, shoe=replace(outfit.shoe, name="oxfords")))
-    assert (upper.roughness, upper.specular) == LEATHER
-
-
-@pytest.mark.slow
-def test_clean_of_an_exported_figure_repairs_next_to_nothing(figure, tmp_path):
-    write_glb(figure, tmp_path / "f.glb")
-    repairs = clean(read_mesh(tmp_path / "f.glb")).info["repairs"]
-    assert repairs["merged vertices"] > 500
-    # collars touch the edge that they are sewn to; specks of skin and cloth are left under other clothes
-    counts = {
-        what: count
-        for what, count in repairs.items()
-        if what not in ("merged vertices", "holes", "boundary edges", "parts")
-    }
-    assert counts.pop("floating parts", 0) < 10 and not counts
-
-
-def test_seeds_of_lists_and_ranges():
-    for text, want in {"7": [7], "0-3": [0, 1, 2, 3], "1,4,2-5": [1, 4, 2, 3, 5]}.items():
-        assert seeds_of(text) == want
-    for text in ("", "a", "5-2", "-1", "1..3", "1,,2", "²"):
-        with pytest.raises(UserError, match="--seeds"):
-            seeds_of(text)
-
-
-def test_write_table_lists_all_figures_of_the_folder(tmp_path):
-    """Those of earlier calls too, whatever columns they have."""
-    for note in ({"name": "g0001", "garments": ["robe"]}, {"name": "g0000", "pose": "waving"}):
-        (tmp_path / f"{note['name']}.json").write_text(json.dumps(note))
-        write_table(tmp_path)
-    with open(tmp_path / "figures.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert rows == [
-        {"name": "g0000", "pose": "waving", "garments": ""},
-        {"name": "g0001", "pose": "", "garments": '["robe"]'},
-    ]
-
-
-@pytest.mark.parametrize(
-    "fixed",
-    [
-        {"garments": ("waistcoat",)},
-        {"garments": ("coat", "scarf"), "hair": ("bald", "afro"), "sitting": 0.5},
-        {"garments": ("pleated skirt",), "poses": ("sitting", "waving")},
-        {"hair": ("beanie",), "sitting": 1.0},
-    ],
-    ids=lambda fixed: " ".join(fixed),
-)
-@pytest.mark.slow
-def test_sample_satisfies_the_constraints(fixed):
-    constraints = Constraints(**fixed)
-    draw = dress.sample(0, 0, 1, constraints.sitting, constraints)
-    assert {worn.garment.name for worn in draw.outfit.garments} >= set(constraints.garments)
-    assert not constraints.poses or draw.pose.name in constraints.poses
-    assert not constraints.hair or draw.outfit.hair.name in constraints.hair
-    assert draw.pose.sitting or constraints.sitting < 1
-    again = dress.sample(0, 1, 1, constraints.sitting, constraints)
-    assert again.person == draw.person and again.outfit != draw.outfit
-
-
-def test_figures_command_names_are_options_to_copy():
-    """A name of several words, or with a comma, is one argument of a shell, and a known name."""
-    lines = CliRunner().invoke(app, ["--names"]).output.splitlines()
-    arguments = [shlex.split(line) for line in lines]
-    for option, field in (("--pose", "poses"), ("--garment", "garments"), ("--hair", "hair")):
-        names = [name for given, name in arguments if given == option]
-        assert len(names) > 10
-        Constraints(**{field: tuple(names)})
-
-
-@pytest.mark.parametrize(
-    ("fixed", "message"),
-    [
-        ({"poses": ("wavin",)}, "did you mean 'waving'"),
-        ({"garments": ("toga",)}, "no garment is called 'toga'; .*robe"),
-        ({"hair": ("bob", "bald ")}, "'bald'"),
-        ({"sitting": 1.1}, "1.1"),
-        ({"sitting": 1, "poses": ("waving",)}, "sitting=1 contradicts the poses waving"),
-    ],
-)
-def test_constraints_refuse_unknown_names_in_one_sentence(fixed, message):
-    with pytest.raises(UserError, match=message):
-        Constraints(**fixed)
-
-
-@pytest.mark.parametrize(
-    ("fixed", "message"),
-    [
-        ({"garments": ("jeans", "dress")}, "would have jeans and dress"),
-        ({"garments": ("coat",), "sitting": 1.0}, "can be taken in coat"),
-        ({"garments": ("dress",), "hair": ("bald",)}, "dress and bald hair"),
-    ],
-)
-@pytest.mark.slow
-def test_constraints_that_nobody_satisfies_are_one_sentence(monkeypatch, fixed, message):
-    monkeypatch.setattr("relight.figures.constraints.OUTFITS", 20)
-    constraints = Constraints(**fixed)
-    with pytest.raises(UserError, match=message):
-        dress.sample(3, 0, 1, constraints.sitting, constraints)
-
-
-def stubborn_worker():
-    """Swallows the end, as a destructor does, and goes on."""
-    start_worker()
-    with suppress(SystemExit):
-        os.kill(os.getpid(), signal.SIGTERM)
-    time.sleep(600)
-
-
-def test_a_worker_that_swallows_its_end_ends():
-    worker = get_context("spawn").Process(target=stubborn_worker)
-    worker.start()
-    worker.join()
-    assert worker.exitcode == -signal.SIGALRM
-
-
-@pytest.mark.slow
-def test_figures_command_ends_quietly_when_terminated(tmp_path):
-    """Its workers end with it, and no part of a figure is left."""
-    command = [sys.executable, "-m", "relight.cli", "figures", "--seeds", "0-9"]
-    command += ["--detail", "draft", "--texture", "128", "--out", str(tmp_path), "--jobs", "2"]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    seated = (
+        outfits.fitted_to_pose(replace(outfit, garments=[Worn(wardrobe()["t-shirt"], CLOTH)]), library["sitting"])
+        .garments[0]
+        .garment
     )
-    while process.poll() is None and not list(tmp_path.glob("*.json")):  # by then both workers are at work
-        time.sleep(0.1)
-    process.terminate()
-    out, err = process.communicate()  # returns when all that hold the pipes have ended
-    assert process.returncode == 143
-    assert out == "" and all(line.startswith("figures ") for line in err.splitlines()), err
-    assert not [path.name for path in tmp_path.iterdir() if path.suffix not in (".glb", ".json")]
+    assert seated.slack == seated.drop == 0 and seated.hem > wardrobe()["t-shirt"].hem, (
+        "shorter: the lap pushes tops up"
+    )
+    assert left("relaxed") == ["jeans", "coat", "scarf"]
+    assert left("sitting") == ["jeans", "scarf"]
+    assert left("arms crossed") == ["jeans", "coat"]
+    assert left("hands behind") == ["jeans", "coat", "scarf"]

@@ -5,20 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relight.figures.body.person import build_body, sample_person
-from relight.figures.cloth.colliders import Collider
-from relight.figures.pose import stances
-from relight.figures.pose.motion import build_motion
+from relight.figures.body.motion import build_motion
+from relight.figures.body.shape import build_body
+from relight.figures.cut import footwear
+from relight.figures.drape.colliders import Collider
+from relight.figures.draw.person import sample_person
+from relight.figures.draw.poses import poses
+from relight.figures.draw.shoes import shoes
 from relight.figures.surfaces import edges
-from relight.figures.tailor import footwear
 
 
 def motion_in(shoe, body, pose="relaxed"):
     """The motion of a body that wears a shoe, into a pose."""
-    return build_motion(body, replace(stances.poses()[pose], heels=footwear.heel_pitch(body, shoe)), 1)
+    return build_motion(body, replace(poses()[pose], heels=footwear.heel_pitch(body, shoe)), 1)
 
 
-@pytest.mark.parametrize("shoe", footwear.shoes(), ids=lambda shoe: shoe.name)
+@pytest.mark.parametrize("shoe", shoes(), ids=lambda shoe: shoe.name)
 def test_build_shoes_has_its_pieces_around_the_foot(body, shoe):
     motion = motion_in(shoe, body)
     skin = motion.posed_skin
@@ -50,7 +52,7 @@ def test_build_shoes_has_its_pieces_around_the_foot(body, shoe):
 
 
 @pytest.mark.parametrize("person", [3, 69, 97])  # the bare heels of the last two are 3 and 1 mm higher than their balls
-@pytest.mark.parametrize("shoe", footwear.shoes(), ids=lambda shoe: shoe.name)
+@pytest.mark.parametrize("shoe", shoes(), ids=lambda shoe: shoe.name)
 def test_build_shoes_stand_on_heel_and_ball_as_the_feet_do_in_them(person, shoe):
     body = build_body(sample_person(np.random.default_rng(person)))
     motion = motion_in(shoe, body, "straight")
@@ -73,7 +75,7 @@ def test_build_shoes_stand_on_heel_and_ball_as_the_feet_do_in_them(person, shoe)
 
 
 def test_build_shoes_are_alike_on_both_feet(body):
-    shoe = footwear.shoes()[1]
+    shoe = shoes()[1]
     parts = footwear.build_shoes(motion_in(shoe, body), shoe)
     half = len(parts) // 2
     for left, right in zip(parts[:half], parts[half:], strict=True):
@@ -84,7 +86,7 @@ def test_build_shoes_are_alike_on_both_feet(body):
 
 @pytest.mark.parametrize("pose", ["walking", "stepping", "knee bent"])
 def test_build_shoes_bend_on_tiptoe(body, pose):
-    shoe = footwear.shoes()[0]
+    shoe = shoes()[0]
     parts = footwear.build_shoes(motion_in(shoe, body, pose), shoe)
     soles = [part.vertices[:, 1].min() for part in parts if part.name == "sole"]
     assert abs(soles[0] - soles[1]) < 0.02, "both stand on the ground"

@@ -4,15 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from relight.figures import wear
-from relight.figures.cloth import layers, wrinkles
-from relight.figures.cloth.colliders import Collider
-from relight.figures.cloth.drape import DrapeResult, Level
-from relight.figures.cloth.solver import Cloth, Crimp
+from relight.figures.cut import patterns
+from relight.figures.cut.level import Level
+from relight.figures.drape import dress, wrinkles
+from relight.figures.drape.colliders import Collider, signed_distance
+from relight.figures.drape.simulate import DrapeResult
+from relight.figures.draw.fabrics import Fabric
+from relight.figures.draw.garments import Cloth, Crimp, wardrobe
 from relight.figures.surfaces import grid_faces, normals
-from relight.figures.tailor import patterns
-from relight.figures.tailor.fabrics import Fabric
-from relight.figures.tailor.garments import wardrobe
 
 CRIMP = Crimp(0.024, 0.0, 3.0, 0.08)
 
@@ -90,7 +89,7 @@ def test_finished_keeps_folds_outside_the_layer_below():
     pattern = patterns.Pattern(None, garment, [level], [], {"drop": np.zeros(len(flat))}, np.zeros(len(faces), bool))
     below = Collider(flat, flat, faces)
     fabric = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
-    x = wear.finished(pattern, DrapeResult(flat + [0, 0, 0.004], [], np.ones(1)), fabric, below, None).positions
+    x = dress.finished(pattern, DrapeResult(flat + [0, 0, 0.004], [], np.ones(1)), fabric, below, None).positions
     assert x[:, 2].max() > 0.005
-    _, distance, _ = layers.signed_distance(x, below, 0.02)
-    assert distance.min() > wear.MIN_FOLD_DISTANCE * cloth.thickness - 2e-4
+    _, distance, _ = signed_distance(x, below, 0.02)
+    assert distance.min() > dress.MIN_FOLD_DISTANCE * cloth.thickness - 2e-4

@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import t
 
 from relight.evaluation.scoring.statistics import compare, estimate
-from relight.figures.body.person import build_body, sample_person
+from relight.figures.body.shape import build_body
+from relight.figures.draw.person import sample_person
 from relight.learning.color import shade
 from relight.learning.networks import build
 from relight.lights import load_light

@@ -1,1 +1,1 @@
-"""Bodies of people from MakeHuman's data, and the albedo of their skin."""
+"""A person's body, and its motion into a pose, from MakeHuman's data."""

@@ -1,0 +1,211 @@
+"""Grows guides of hair out of the scalp: they are combed, fall, and lie on head and shoulders. Strands follow them."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from relight.figures.assemble.hair.combing import (
+    Roots,
+    below_hat,
+    comb_directions,
+    head_centre,
+    plant_roots,
+    ramp,
+    scalp_roots,
+    tie_point,
+)
+from relight.figures.assemble.hair.strands import Strip, ribbons, spread_strands
+from relight.figures.body.motion import Motion
+from relight.figures.drape.colliders import Collider, signed_distance
+from relight.figures.draw.hairstyles import Comb
+from relight.figures.surfaces import Surface
+from relight.figures.texture import noise, random_numbers
+
+CONTACT_RANGE = 0.08  # search range of the surface below a guide, metres
+CLING_RANGE = 0.02  # distance from that surface up to which a guide clings to it with full strength, metres
+ROLL = 0.3  # radians by which strands are turned about themselves, to either side
+MAX_PUSH = 0.03  # metres by which one step may be moved away from that surface, or toward it
+
+
+def grow_guides(
+    comb: Comb,
+    roots: Roots,
+    direction: np.ndarray,
+    length: np.ndarray,
+    below: Collider,
+    steps: int,
+    seed: int,
+    heading: np.ndarray | None = None,
+    deflect: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Grows guides step by step: each step follows the last one, falls, and slides along the surface below.
+
+    Args:
+        comb: weight, cling, lift and wander of the hair.
+        roots: roots of the n guides.
+        direction: (n,3) in which they are combed, posed.
+        length: (n,) metres.
+        below: skin and clothes.
+        steps: per guide.
+        seed: random seed of their wandering.
+        heading: (n,3) first directions; along the skin if it is None.
+        deflect: (points, next points) to next points (n,3), away from where hair must not hang.
+
+    Returns:
+        Points of the guides, metres, and unit normals of the surface below, each (n,steps+1,3).
+    """
+    n = len(roots.points)
+    layer = comb.body * (0.85 + 0.15 * roots.random[:, 3]) * (0.35 + 0.65 * roots.rim)
+    layer = 0.002 + np.minimum(layer, 0.25 * length)  # metres over the skin; short hair lies flat
+    if heading is None:
+        along_skin = direction - (direction * roots.normals).sum(1, keepdims=True) * roots.normals
+        along_skin /= np.maximum(np.linalg.norm(along_skin, axis=1, keepdims=True), 1e-9)
+        heading = along_skin + comb.lift * (0.5 + roots.random[:, :1]) * roots.normals
+    heading /= np.linalg.norm(heading, axis=1, keepdims=True)
+    rise = comb.above * np.sqrt(roots.rim * (2 - roots.rim))  # nothing at the hairline
+    depth = np.minimum(0.002, 0.1 * length)  # of the roots in the skin
+    point, normal = roots.points + (rise - depth)[:, None] * roots.normals, roots.normals
+    points, normals_below = [point], [normal]
+    step = (length / steps)[:, None]
+    for k in range(1, steps + 1):
+        wander = np.stack([noise(roots.sides[:, c] * 9 + c, np.full(n, 0.7 * k), seed + c) for c in range(3)], -1) - 0.5
+        fall = [0, -comb.weight * min(1.0, 2.5 * k / steps), 0]
+        heading = heading + fall + comb.wander * wander
+        heading /= np.linalg.norm(heading, axis=1, keepdims=True)
+        goal = point + step * heading
+        face, distance, facing = signed_distance(goal, below, CONTACT_RANGE)
+        is_close = face >= 0
+        normal = np.where(is_close[:, None], facing, normal)
+        wanted_distance = layer * min(1.0, k / 2.5)
+        push = np.where(is_close, wanted_distance - np.where(is_close, distance, 0), 0)  # outward where positive
+        cling = comb.cling * (1 - ramp(distance, CLING_RANGE, CONTACT_RANGE))
+        push = np.where(push > 0, push, cling * push)
+        goal = goal + np.clip(push, -MAX_PUSH, MAX_PUSH)[:, None] * normal
+        if deflect is not None:
+            goal = deflect(point, goal)
+        heading = (goal - point) / np.maximum(np.linalg.norm(goal - point, axis=1, keepdims=True), 1e-9)
+        point = point + step * heading
+        points.append(point)
+        normals_below.append(normal)
+    normals = np.stack(normals_below, 1)
+    for _ in range(2):
+        normals[:, 1:-1] = (normals[:, :-2] + 2 * normals[:, 1:-1] + normals[:, 2:]) / 4
+    return np.stack(points, 1), normals
+
+
+def _deflect_from_face(motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Returns a function that moves hair from the face to its sides, and keeps it from spreading on the shoulders.
+
+    The function takes points (n,3) and their next points (n,3), posed, and returns other next points.
+    """
+    centre, head = head_centre(motion.body), motion.bone("head")
+    at_cheeks = np.abs(motion.body.skin[:, 1] - centre[1] + 0.05) < 0.02
+    cheek = motion.body.skin[at_cheeks]
+    half_width = 0.90 * cheek[cheek[:, 2] > centre[2] + 0.03, 0].max()  # of the face, metres
+
+    def deflect(points: np.ndarray, next_points: np.ndarray) -> np.ndarray:
+        """Returns the next points (n,3), moved to the side; both are given in the pose."""
+        after, before = ((posed - head[:, 3]) @ head[:, :3] - centre for posed in (next_points, points))  # rest frame
+        side = np.where(after[:, 0] > 0, 1.0, -1.0)
+        in_face = ramp(after[:, 2], 0.02, 0.06) * ramp(-after[:, 1], -0.03, 0.02)
+        outward = 0.6 * in_face * np.maximum(half_width - np.abs(after[:, 0]), 0)
+        on_shoulders = ramp(-after[:, 1], 0.09, 0.14)
+        inward = 0.75 * on_shoulders * np.maximum((after[:, 0] - before[:, 0]) * side, 0)
+        return next_points + ((outward - inward) * side)[:, None] * head[:, 0]
+
+    return deflect
+
+
+def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool, hat: bool) -> Strip:
+    """Grows all strands of a head.
+
+    Args:
+        motion: how the body moves from its rest pose into the pose.
+        comb: the style.
+        below: vertices and faces of posed skin and clothes.
+        seed: random seed of each strand.
+        fine: all strands, else a third of them, wider, of fewer pieces.
+        hat: only hair that a hat leaves free.
+
+    Returns:
+        Posed vertices (V,3), faces (F,3) and uv (V,2).
+    """
+    if not fine:
+        comb = coarser(comb)
+    share = below_hat if hat else scalp_roots
+    guides = plant_roots(motion, comb.count, seed, share)
+    direction, length = comb_directions(comb, guides)
+    direction = direction @ motion.bone("head")[:, :3].T
+    goal, _ = tie_point(motion)
+    if comb.direction == "tie":
+        direction = goal - guides.points
+        length = 1.12 * np.linalg.norm(direction, axis=1)
+    steps = int(np.clip(np.ceil(length.max() / (0.014 if fine else 0.022)), 5, 18))
+    deflect = _deflect_from_face(motion) if comb.direction == "down" else None
+    surface = Collider.at_rest(*below)
+    points, normals = grow_guides(comb, guides, direction, length, surface, steps, seed, deflect=deflect)
+    if comb.direction == "tie":  # closes the gap of the last steps to the tie
+        points = points + ramp(np.linspace(0, 1, steps + 1), 0.3, 1.0)[None, :, None] * (goal - points[:, -1:])
+    roots = plant_roots(motion, comb.count * comb.strands, seed + 1, share)
+    pieces = int(np.clip(np.ceil(length.max() / (0.018 if fine else 0.03)), 4, 14))
+    if comb.curl:
+        pieces = int(np.clip(np.ceil(5 * length.max() / comb.pitch), pieces, 16 if fine else 12))
+    points, normals = spread_strands(comb, guides, points, normals, roots, length, pieces, seed)
+    return ribbons(comb.width, points, normals, roots.random, ROLL)
+
+
+def tied_hair(motion: Motion, kind: str, below: Surface, seed: int, fine: bool) -> Strip:
+    """Builds hair that is tied at the back of the head.
+
+    Args:
+        motion: how the body moves from its rest pose into the pose.
+        kind: bun | ponytail.
+        below: vertices and faces of posed skin and clothes.
+        seed: random seed of each strand.
+        fine: all strands, else fewer, wider ones.
+
+    Returns:
+        Posed vertices (V,3), faces (F,3) and uv (V,2).
+    """
+    start, direction = tie_point(motion)
+    count, width = (900, 0.0028) if fine else (260, 0.006)  # strands, metres
+    random = random_numbers(count, 4, seed + 50)
+    if kind == "bun":
+        points, outward = _bun_arcs(start + 0.022 * direction, direction, random)
+        return ribbons(width, points, outward, random, roll=0.3)
+    side = np.array([1.0, 0, 0])
+    up = np.cross(direction, side)
+    angle = 2 * np.pi * random[:, 2]
+    spoke = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up  # away from the middle of the tail
+    comb = Comb(count=count, length=0.24, body=0.022, weight=0.4)
+    tied = start + 0.010 * np.sqrt(random[:, :1]) * spoke - 0.006 * direction
+    roots = Roots(tied, normals=np.tile(direction, (count, 1)), sides=spoke, rim=np.ones(count), random=random)
+    length = comb.length * (0.7 + 0.45 * random[:, 0])
+    heading = 0.6 * direction + 0.3 * np.sqrt(random[:, :1]) * spoke - np.array([0.0, 0.35, 0.0])
+    surface, steps = Collider.at_rest(*below), 14 if fine else 9
+    points, normals = grow_guides(comb, roots, spoke, length, surface, steps, seed, heading=heading)
+    return ribbons(width, points, np.broadcast_to(spoke[:, None], normals.shape), random, roll=0.6)
+
+
+def _bun_arcs(centre: np.ndarray, axis: np.ndarray, random: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lays arcs around a ball, as hair is wound into a bun; `axis` points away from the head.
+
+    `random` (n,4) in [0,1] has the place along the axis, a number unused here, the place around it, and the distance
+    from the centre. Returns points of the arcs, metres, and outward normals, each (n,12,3).
+    """
+    side = np.cross(axis, [0.0, 1.0, 0.0])
+    side /= np.linalg.norm(side)
+    up = np.cross(side, axis)
+    azimuth = np.linspace(-1.0, 1.0, 12)[None] + 2 * np.pi * random[:, 2:3]  # radians about the axis
+    height = np.clip((2 * random[:, :1] - 1) + 0.2 * np.sin(azimuth * 0.8), -0.999, 0.999)  # along it, over the radius
+    ring = np.sqrt(1 - height**2)
+    outward = (ring * np.cos(azimuth))[..., None] * side + (ring * np.sin(azimuth))[..., None] * up
+    outward = outward + 0.8 * height[..., None] * axis  # the ball is flattened
+    radius = 0.030 + 0.005 * random[:, 3, None, None]  # metres
+    return centre + outward * radius, outward
+
+
+def coarser(comb: Comb) -> Comb:
+    """Returns the style with fewer and wider strands, for drafts."""
+    return replace(comb, count=comb.count // 2, strands=max(2, round(comb.strands / 1.5)), width=1.8 * comb.width)

@@ -1,0 +1,126 @@
+"""Layers of clothes: removes what a garment covers, and pushes back under it what comes through."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from relight.figures.drape.colliders import Collider, signed_distance
+from relight.figures.surfaces import Surface, border_distance, smoothed
+
+DEEP = 0.006  # depth under a garment at which a hidden point must also be out of sight, metres
+DIRECTIONS = 64  # of the rays, over the whole sphere
+REST_RANGE = 0.035  # search range of a garment on the rest pose, metres
+POSED_RANGE = 0.07  # search range of a garment as it hangs, metres
+FITTED_DEPTHS = (-0.03, 0.015)  # signed distances from the fitted garment, metres, between which a point lies under it
+MAX_HEIGHT = 0.012  # metres above the garment as it hangs up to which a point counts as under it
+PUSH_RANGE = 0.02  # metres by which a point that is pushed back may be outside
+
+
+@dataclass(frozen=True)
+class Cover:
+    """A draped garment, as it covers what is below it.
+
+    Attributes:
+        fitted: (m,3) its vertices close around the body on the rest pose, metres.
+        draped: (m,3) the same as it hangs.
+        faces: (F,3).
+        close: (m,) vertices that cover; those of a free-hanging drop do not.
+    """
+
+    fitted: np.ndarray
+    draped: np.ndarray
+    faces: np.ndarray
+    close: np.ndarray
+
+    @property
+    def surface(self) -> Surface:
+        """Returns its vertices as it hangs, and its faces."""
+        return self.draped, self.faces
+
+    def hides(
+        self, rest: np.ndarray, posed: np.ndarray, normal: np.ndarray, rings: int, figure: Collider
+    ) -> np.ndarray:
+        """Returns which points (n,) it always hides, so that they can be removed.
+
+        A point must lie under the garment both on the rest pose and as the garment hangs: a sleeve may slide up an arm,
+        and a hand may come to rest on the cloth. Where the garment hangs off it, no ray from it may leave the figure
+        either: one sees far into an open jacket or an armhole.
+
+        Args:
+            rest: (n,3) the points on the rest pose, metres.
+            posed: (n,3) the same, posed.
+            normal: (n,3) their unit normals, posed.
+            rings: edges by which a covering face must be away from the garment's border.
+            figure: all surfaces of the figure.
+        """
+        inner = (border_distance(self.fitted, self.faces, rings + 1) > rings) & self.close
+        fitted, draped = (Collider.at_rest(points, self.faces) for points in (self.fitted, self.draped))
+        face, distance, _ = signed_distance(rest, fitted, REST_RANGE)
+        deepest, highest = FITTED_DEPTHS
+        hidden = (face >= 0) & (distance > deepest) & (distance < highest) & inner[self.faces[face]].all(1)
+        face, distance, _ = signed_distance(posed, draped, POSED_RANGE)
+        hidden &= (face >= 0) & (distance < MAX_HEIGHT) & inner[self.faces[face]].all(1)
+        deep = np.flatnonzero(hidden & (distance < -DEEP))
+        hidden[deep] = ~sees_outside(posed[deep], normal[deep], figure)
+        return hidden
+
+
+def sees_outside(points: np.ndarray, normal: np.ndarray, figure: Collider) -> np.ndarray:
+    """Returns from which points a ray can leave the figure.
+
+    Args:
+        points: (n,3) metres.
+        normal: (n,3) unit length.
+        figure: all surfaces of the figure.
+
+    Returns:
+        (n,) whether the ray in one of DIRECTIONS directions hits no surface.
+    """
+    index = np.arange(DIRECTIONS) + 0.5  # a Fibonacci spiral about the vertical
+    up, turn = 1 - 2 * index / DIRECTIONS, np.pi * (1 + np.sqrt(5)) * index
+    directions = np.stack([np.sqrt(1 - up**2) * np.cos(turn), up, np.sqrt(1 - up**2) * np.sin(turn)], axis=1)
+    outside, start = np.zeros(len(points), bool), points + 0.5 * DEEP * normal
+    for direction in directions:
+        pending = np.flatnonzero(~outside & (normal @ direction > 0.1))  # above their surface, and no ray left yet
+        face, _ = figure.raycast(start[pending], direction)
+        outside[pending] = face < 0
+    return outside
+
+
+def push_under(
+    points: np.ndarray,
+    faces: np.ndarray,
+    garment: Surface,
+    gap: float,
+    movable: np.ndarray | None = None,
+    facing: np.ndarray | None = None,
+) -> np.ndarray:
+    """Moves points that come through a garment by less than PUSH_RANGE back under it.
+
+    Args:
+        points: (n,3) vertices of the lower surface, metres.
+        faces: (F,3) of the lower surface.
+        garment: vertices and faces of the upper surface.
+        gap: metres to the garment afterwards.
+        movable: (n,) points that may move; all where it is None.
+        facing: (n,3) unit normals of the points. If given, points before cloth that faces against them stay: they are
+            outside of the inner side of a fold.
+
+    Returns:
+        The points (n,3), and with them their neighbours, smoothly.
+    """
+    movable = np.ones(len(points), bool) if movable is None else movable
+    vertices, garment_faces = garment
+    surface = Collider.at_rest(vertices, garment_faces)
+    inner = np.all(border_distance(vertices, garment_faces, 2)[garment_faces] > 0, axis=1)
+    for _ in range(3):
+        face, distance, normal = signed_distance(points, surface, PUSH_RANGE)
+        outside = movable & (face >= 0) & (distance > -gap) & inner[face]
+        if facing is not None:
+            outside &= np.einsum("nd,nd->n", normal, facing) > 0
+        if not outside.any():
+            break
+        move = np.where(outside[:, None], -(distance + gap)[:, None] * normal, 0)
+        neighbour_move = np.where(movable[:, None], smoothed(move, faces, 2), 0)
+        points = points + np.where(outside[:, None], move, neighbour_move)
+    return points

@@ -1,1 +1,0 @@
-"""Cloth: its simulation, layers, crossings and fine wrinkles."""

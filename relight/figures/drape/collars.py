@@ -1,0 +1,366 @@
+"""Collars, neckbands, lapels and hoods: strips that continue the draped neckline, upward or folded onto the cloth."""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from relight.figures.body.kinematics import unit
+from relight.figures.body.motion import Motion
+from relight.figures.drape.colliders import Collider, signed_distance
+from relight.figures.surfaces import (
+    Surface,
+    border_loops,
+    extruded,
+    longest_run,
+    normals,
+    smooth_line,
+    smoothed,
+    thickened,
+)
+from relight.figures.texture import noise
+
+CORD = 0.20  # metres of a drawstring
+CORD_RADIUS = 0.0028  # metres
+CORD_SIDES = 6  # of its section
+CORD_STEP = 0.007  # metres between its rings
+CORD_DISTANCE = 0.028  # metres from the middle
+MIN_CORD_RINGS = 12
+VERTICAL = np.array([0.0, 1.0, 0.0])
+NECK_AXIS = (0.0, 0.94, 0.34)  # of the rest pose: necks lean forward by 20 degrees
+NECK_RANGE = 0.16  # largest distance of the neckline from the base of the neck, metres
+MIN_NECKLINE = 12  # vertices of a neckline
+LAPEL = 0.27  # length of lapels below the base of the neck, metres
+BAND = 0.030  # standard deviation of the average by which a neckband smooths the neckline, metres
+BAND_RANGE = 0.045  # width of the cloth beside the neckline that moves with it, metres
+PATH_STEPS = 10  # of a path over the cloth
+THICKNESS = 0.0025  # metres
+TORN = 0.06  # metres on the flat panels, beyond which a face has corners in two of them
+SEAM_OFFSET = 0.0005  # metres below the border where a collar begins: vertices at the same place would be merged
+HOOD_CLEARANCE = 0.002  # metres between a hood and the cloth
+HOOD_SMOOTHING = 30  # times that a hood's paths, and the cloth under it, are averaged with their neighbours
+PROFILES = {  # rows of collars that are the same all around: metres up and out from the neckline
+    "roll": (
+        (0.014, 0.0), (0.034, -0.005), (0.052, -0.006), (0.058, 0.001), (0.050, 0.007), (0.032, 0.009), (0.004, 0.012),
+    ),
+    "stand": ((0.012, -0.002), (0.026, -0.001), (0.040, 0.002)),
+}  # fmt: skip
+NECKBAND = ((0.007, -0.001), (0.013, -0.003))  # likewise, of a neckband
+LAPELS = ((0.02, 0.7), (0.12, 1.0), (0.3, 0.9), (0.6, 0.55), (1.0, 0.35))  # rows of lapels, as of HOOD
+HOOD = (  # rows of a hood that lies on the back: share of its length, height over its thickness
+    (0.2, 0.10), (0.5, 0.10), (0.8, 0.12), (0.97, 0.22), (1.0, 0.55), (0.92, 0.85), (0.7, 1.0), (0.42, 1.05),
+    (0.2, 0.95), (0.08, 0.75), (0.05, 0.6),
+)  # fmt: skip
+
+
+class Neck(NamedTuple):
+    """The posed neck.
+
+    Attributes:
+        base: (3,) its lower end, metres.
+        left, up, forward: (3,) its axes, of unit length; `left` and `forward` are those of the chest, not of the head.
+    """
+
+    base: np.ndarray
+    left: np.ndarray
+    up: np.ndarray
+    forward: np.ndarray
+
+    @property
+    def aside(self) -> np.ndarray:
+        """The level direction (3,) to the left of the chest, for what hangs."""
+        return np.cross(VERTICAL, self.ahead)
+
+    @property
+    def ahead(self) -> np.ndarray:
+        """The level direction (3,) in front of the chest, for what hangs."""
+        return unit(self.forward - (self.forward @ VERTICAL) * VERTICAL)
+
+
+def neck_of(motion: Motion) -> Neck:
+    """Returns the neck of the posed body."""
+    up = motion.bone("neck01")[:, :3] @ NECK_AXIS
+    left = unit(np.cross(up, motion.bone("spine01")[:, 2]))
+    return Neck(motion.joint("neck01"), left, up, np.cross(left, up))
+
+
+def neckline(vertices: np.ndarray, faces: np.ndarray, neck: Neck, low: float = 0.0) -> tuple[np.ndarray, bool] | None:
+    """Finds the border around the neck.
+
+    Args:
+        vertices: (n,3) metres.
+        faces: (F,3).
+        neck: of the posed figure.
+        low: metres below the neck down to which the edges of an open front belong to the neckline.
+
+    Returns:
+        Its vertices (m,) in order, and whether it is a closed loop, which begins in front; None if there is none.
+    """
+    for ring in border_loops(faces):
+        away = vertices[ring] - neck.base
+        near = np.linalg.norm(away, axis=1) < NECK_RANGE
+        if near.sum() < MIN_NECKLINE:
+            continue
+        near |= (np.linalg.norm(away, axis=1) < 2 * low) & (away @ neck.up > -low)
+        if near.all():
+            front = int(np.argmax(away @ neck.forward - 0.2 * np.abs(away @ neck.left)))
+            return np.roll(ring, -front), True
+        run = longest_run(ring, near)
+        return (run, False) if len(run) > MIN_NECKLINE else None
+    return None
+
+
+def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: Neck) -> np.ndarray:
+    """Smooths a garment's neckline as a neckband does, and returns the vertices (n,3).
+
+    The border's displacement from a smooth border is replaced by its average along it, with a Gaussian of standard
+    deviation BAND. Averages with both neighbours, repeated, tend to a Gaussian: each adds half the square of the
+    distance between vertices to its variance. The cloth beside the border follows, less and less up to BAND_RANGE.
+
+    Args:
+        vertices: (n,3) as draped, metres.
+        faces: (F,3).
+        smooth: (n,3) the garment close around the body, without folds, metres.
+        neck: of the posed figure.
+    """
+    border = neckline(vertices, faces, neck)
+    if border is None:
+        return vertices
+    ring, closed = border
+    spacing = np.linalg.norm(np.diff(smooth[ring], axis=0), axis=1).mean()
+    averagings = round(BAND**2 / (0.5 * spacing**2))
+    displacement = (vertices - smooth)[ring]
+    move = smooth_line(displacement, averagings, closed) - displacement
+    distance, nearest = cKDTree(vertices[ring]).query(vertices, 4, distance_upper_bound=BAND_RANGE)
+    share = np.clip(1 - distance / BAND_RANGE, 0, 1) ** 2
+    move_or_none = np.concatenate([move, [[0, 0, 0]]])  # where there is no vertex in range, `nearest` is len(ring)
+    mean = np.einsum("nk,nkd->nd", share, move_or_none[nearest])
+    moved = vertices + share.max(1, keepdims=True) * mean / np.maximum(share.sum(1, keepdims=True), 1e-9)
+    moved[ring] = vertices[ring] + move
+    return moved
+
+
+def profile(kind: str, back: np.ndarray, front: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Returns the rows of a collar, from the neckline to its edge.
+
+    Args:
+        kind: fold | roll | stand; anything else is a ribbed neckband.
+        back: (m,) 1 at the back of the neck to 0 at its sides.
+        front: (m,) the same for its front.
+
+    Returns:
+        For each row its metres (m,) up and out from the neckline.
+    """
+    zero = np.zeros_like(back)
+    if kind == "fold":  # up, over, and down on the outside, lower in front
+        edge = -0.008 - 0.026 * front**3
+        return [
+            (zero + 0.010, zero + 0.000),
+            (zero + 0.022 + 0.006 * back, zero + 0.001),
+            (zero + 0.025 + 0.006 * back, zero + 0.006),
+            (zero + 0.012, zero + 0.014),
+            (edge, zero + 0.020 + 0.010 * front),
+        ]
+    return [(zero + rise, zero + reach) for rise, reach in PROFILES.get(kind, NECKBAND)]
+
+
+def _paths_over(
+    surface: Collider, start: np.ndarray, heading: np.ndarray, length: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Traces paths of a length (m,) over a surface, from points (m,3) in directions (m,3).
+
+    Returns points of the paths, and unit normals of the surface there, each (PATH_STEPS + 1,m,3).
+    """
+    points, places, facing = start, [], []
+    for _ in range(PATH_STEPS + 1):
+        face, distance, normal = signed_distance(points, surface, max_distance=0.06)
+        points = points - np.where(face >= 0, distance, 0)[:, None] * normal
+        places.append(points)
+        facing.append(normal)
+        heading = heading - (heading * normal).sum(1, keepdims=True) * normal
+        heading /= np.maximum(np.linalg.norm(heading, axis=1, keepdims=True), 1e-9)
+        heading = smooth_line(heading, 2, closed=False)
+        points = points + heading * (length / PATH_STEPS)[:, None]
+    return np.stack(places), np.stack(facing)
+
+
+def _lay_hood(vertices: np.ndarray, faces: np.ndarray, base: np.ndarray, neck: Neck) -> list[np.ndarray]:
+    """Lays a hood that is not worn on the cloth: deep and thick at the back of the neck, thin at the front.
+
+    Returns rows (m,3) from the neckline outward; `base` (m,3) is the neckline, smoothed.
+    """
+    cloth = Collider.at_rest(vertices, faces)
+    away, up = base - neck.base, neck.up
+    level = away - np.outer(away @ up, up)  # without its part along the neck
+    level_length = np.linalg.norm(level, axis=1)
+    back = np.clip(-(level @ neck.forward) / np.maximum(level_length, 1e-6), 0, 1)  # 1 at the back of the neck
+    length, thick = 0.045 + 0.15 * back**1.2, 0.020 + 0.030 * back
+    heading = level / np.maximum(level_length[:, None], 1e-6) - up  # outward on all sides, and down
+    start = smooth_line(base, HOOD_SMOOTHING, closed=False)
+    heading = smooth_line(heading, HOOD_SMOOTHING, closed=False)
+    flattened = smoothed(vertices, faces, HOOD_SMOOTHING)  # over folds the paths would cross
+    points, outward = _paths_over(Collider.at_rest(flattened, faces), start, heading, length)
+    outward = np.stack([smooth_line(row, HOOD_SMOOTHING, closed=False) for row in outward])
+    rows = _rows_over(points, outward, thick, HOOD, creased=True, smoothing=8)
+    for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):  # the opening's edge stands up around the neck
+        row += np.outer(rise + 0.016 * back, up)
+    for row in rows:
+        face, distance, normal = signed_distance(row, cloth, max_distance=0.03)
+        row += np.where(face >= 0, np.clip(HOOD_CLEARANCE - distance, 0, 0.02), 0)[:, None] * normal
+    return rows
+
+
+def _lay_lapels(
+    vertices: np.ndarray, faces: np.ndarray, ring: np.ndarray, base: np.ndarray, neck: Neck
+) -> list[np.ndarray]:
+    """Lays the collar and the lapels of a jacket on the cloth, with the notch between them.
+
+    `ring` (m,) has the vertices of the neckline in order, and `base` (m,3) is the neckline, smoothed. Returns rows
+    (m,3).
+    """
+    cloth = Collider.at_rest(vertices, faces)
+    normal = smooth_line(normals(vertices, faces)[ring], 6, closed=False)
+    tangent = smooth_line(np.gradient(base, axis=0), 6, closed=False)
+    inward = smooth_line(np.cross(normal, tangent), 12, closed=False)  # borders run so that the cloth is to their left
+    inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
+    below = np.clip(-((base - neck.base) @ neck.up), 0, LAPEL)  # metres below the neck's base
+    collar = np.clip(1 - below / 0.06, 0, 1)  # 1 on the collar around the neck, 0 on the lapels below it
+    from_end = np.minimum(np.arange(len(ring)), np.arange(len(ring))[::-1]) / 8
+    notch = 1 - 0.5 * np.exp(-(((below - 0.055) / 0.014) ** 2))  # between collar and lapels
+    length = 0.062 * collar + 0.085 * (1 - collar) * (1 - below / LAPEL) ** 0.7
+    points, outward = _paths_over(cloth, base, inward, length * notch * np.clip(from_end, 0.1, 1))
+    return _rows_over(points, outward, 0.008 + 0.020 * collar, LAPELS, creased=False, smoothing=2)
+
+
+def _rows_over(
+    points: np.ndarray,
+    outward: np.ndarray,
+    thick: np.ndarray,
+    shape: tuple[tuple[float, float], ...],
+    creased: bool,
+    smoothing: int,
+) -> list[np.ndarray]:
+    """Returns the rows (m,3) of a strip along paths over the cloth, metres.
+
+    `shape` has the share of the paths' length of each row, and its height over that of the strip, `thick` (m,);
+    `creased` heights are uneven, and `smoothing` counts how often each row is averaged along itself.
+    """
+    crease_place = np.arange(len(thick)) / 7.0  # a crease is about seven vertices wide
+    rows = []
+    for share, height in shape:
+        k = min(int(share * PATH_STEPS), PATH_STEPS - 1)
+        t = share * PATH_STEPS - k
+        row, raised = (part[k] * (1 - t) + part[k + 1] * t for part in (points, outward))
+        crease = np.zeros(len(thick))
+        if creased:
+            crease = 0.25 * (noise(crease_place, np.full_like(crease_place, 5 * share), 5) - 0.5)
+        rows.append(smooth_line(row + raised * ((height + crease) * thick)[:, None], smoothing, closed=False))
+    return rows
+
+
+def into_panel(faces: np.ndarray, cloth: np.ndarray, ring: np.ndarray) -> np.ndarray:
+    """Returns the unit direction (r,2) from each vertex of a border into its panel, along which a collar lies on it.
+
+    Args:
+        faces: (F,3) of the garment.
+        cloth: (n,2) of its vertices on the flat panels, metres.
+        ring: (r,) vertices of the border, in order.
+    """
+    step = cloth[faces].mean(1, keepdims=True) - cloth[faces]
+    step[np.linalg.norm(step, axis=2).max(1) > TORN] = 0
+    summed = np.zeros_like(cloth)
+    np.add.at(summed, faces, step)
+    direction = smooth_line(summed[ring], 20, closed=False)  # over seams
+    return direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-9)
+
+
+def collar(
+    vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, kind: str, neck: Neck, uv_per_metre: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Builds the collar of a draped garment.
+
+    Args:
+        vertices: (n,3) of the garment, metres.
+        faces: (F,3).
+        uv: (n,2) of the vertices.
+        kind: see `Garment.collar`.
+        neck: of the posed figure.
+        uv_per_metre: texture units per metre.
+
+    Returns:
+        Vertices (V,3), faces (F,3) and corner uv (F,3,2); None if the neckline is not found.
+    """
+    border = neckline(vertices, faces, neck, low=LAPEL if kind == "lapel" else 0.0)
+    if border is None:
+        return None
+    ring, closed = border
+    if kind in ("fold", "lapel", "hood"):
+        closed = False
+    elif closed:  # a band is joined at the back
+        ring = np.roll(ring, len(ring) // 2)
+    base = smooth_line(vertices[ring], 4, closed)
+    if kind == "hood":
+        rows = _lay_hood(vertices, faces, base, neck)
+    elif kind == "lapel":
+        rows = _lay_lapels(vertices, faces, ring, base, neck)
+    else:
+        away = base - neck.base
+        out = away - np.outer(away @ neck.up, neck.up)
+        out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-6)
+        spread = np.zeros_like(base)
+        if kind == "fold":  # the points stand apart where the collar opens
+            travel = np.r_[0, np.cumsum(np.linalg.norm(np.diff(base, axis=0), axis=1))]
+            for from_end, inward in ((travel, base[2] - base[0]), (travel[-1] - travel, base[-3] - base[-1])):
+                spread += np.outer(np.exp(-((from_end / 0.035) ** 2)), 0.013 * inward / np.linalg.norm(inward))
+        ahead = out @ neck.forward
+        shape = profile(kind, back=np.clip(-ahead, 0, 1), front=np.clip(ahead, 0, 1))
+        rows = [
+            base + neck.up * rise[:, None] + out * reach[:, None] + spread * (number / len(shape)) ** 2
+            for number, (rise, reach) in enumerate(shape, 1)
+        ]
+    row_lengths = [np.linalg.norm(b - a, axis=1) for a, b in pairwise([base, *rows])]
+    travel = np.concatenate([np.zeros((1, len(ring))), np.cumsum(row_lengths, axis=0)])  # metres from the neckline
+    strip, strip_faces = extruded(np.arange(len(ring)), rows, offset=len(ring), closed=closed)
+    points = np.concatenate([vertices[ring] - SEAM_OFFSET * neck.up, strip])
+    points, shell, corner = thickened(points, strip_faces, THICKNESS, rings=None)
+    row, column = np.divmod(strip_faces.ravel()[corner], len(ring))  # of each corner in the strip
+    opens = kind in ("lapel", "stand")  # down an open front; the others lie above the panels' upper sides
+    direction = into_panel(faces, uv / uv_per_metre, ring) if opens else np.tile([0.0, -1.0], (len(ring), 1))
+    corner_uv = uv[ring][column] + (travel[row, column] * uv_per_metre)[..., None] * direction[column]
+    is_torn = np.ptp(corner_uv[..., 0], axis=1) > TORN * uv_per_metre  # across a seam between panels: use one of them
+    corner_uv[is_torn] = corner_uv[is_torn][:, :1]
+    return points, shell, np.clip(corner_uv, 0.001, 0.999)
+
+
+def cords(vertices: np.ndarray, faces: np.ndarray, neck: Neck) -> list[Surface]:
+    """Builds the two drawstrings of a hood: tubes that lie on the garment's front, from the neckline down.
+
+    Args:
+        vertices: (n,3) of the garment, metres.
+        faces: (F,3) without sleeves.
+        neck: of the posed figure.
+
+    Returns:
+        Vertices (V,3) and faces (F,3) of each cord; none where the garment has no front to lie on.
+    """
+    surface, tubes = Collider.at_rest(vertices, faces), []
+    rays, distance = 60, 0.6  # rays from the front, metres before the neck, CORD_STEP apart downward
+    for side in (-1, 1):
+        top = neck.base + side * CORD_DISTANCE * neck.aside + distance * neck.ahead + 0.05 * VERTICAL
+        origin = top - CORD_STEP * np.arange(rays)[:, None] * VERTICAL
+        _, depth = surface.raycast(origin, -neck.ahead)
+        on_front = np.flatnonzero(np.isfinite(depth) & (depth < distance - 0.02))[: round(CORD / CORD_STEP)]
+        if len(on_front) < MIN_CORD_RINGS:
+            continue
+        path = origin[on_front] - neck.ahead * (depth[on_front] - 1.5 * CORD_RADIUS)[:, None]
+        path = smooth_line(path, 3, closed=False)
+        turn = 2 * np.pi * np.arange(CORD_SIDES) / CORD_SIDES
+        around = CORD_RADIUS * (np.outer(np.cos(turn), neck.aside) - np.outer(np.sin(turn), neck.ahead))
+        rings = [point + around for point in path]
+        strip, tube = extruded(np.arange(CORD_SIDES), rings[1:], offset=CORD_SIDES, closed=True)
+        last = CORD_SIDES * (len(path) - 1)  # first vertex of the last ring
+        fan = range(1, CORD_SIDES - 1)
+        ends = [[0, k, k + 1] for k in fan] + [[last, last + k + 1, last + k] for k in fan]
+        tubes.append((np.concatenate([rings[0], strip]), np.concatenate([tube, ends])))
+    return tubes

@@ -1,0 +1,1 @@
+"""Albedo and gloss: fabrics, prints, seams and wear, skin and eyes."""

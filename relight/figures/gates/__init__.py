@@ -1,0 +1,1 @@
+"""Tests that a figure must pass, or it is drawn again."""

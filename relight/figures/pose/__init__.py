@@ -1,1 +1,0 @@
-"""Poses, the motion into them, and props."""

@@ -1,0 +1,144 @@
+"""Fabrics as functions of cloth coordinates, panels as an atlas of them."""
+
+import numpy as np
+import pytest
+
+from relight.figures import texture
+from relight.figures.cut import patterns
+from relight.figures.draw.fabrics import Fabric
+from relight.figures.draw.garments import wardrobe
+from relight.figures.dye import aging, marks, panels
+from relight.figures.dye.prints import emblem
+from relight.figures.dye.weaves import WEAVES, woven
+from relight.figures.surfaces import grid_faces
+
+LATTICE = [0.212093949, 0.283698976, 0.247471035, 0.376442909]
+KINDS = sorted(WEAVES)
+
+
+def grid(side=200, span=0.4):
+    a = np.linspace(0, span, side, endpoint=False)
+    return np.meshgrid(a, a)
+
+
+def test_band_has_its_period_and_share():
+    _, v = grid(800, 0.55)
+    share = texture.band(v, 0.055, 0.42)
+    assert share.mean() == pytest.approx(0.42, abs=0.01)
+    np.testing.assert_allclose(share[:80], share[80:160], atol=1e-6)
+
+
+def test_lattice_is_the_same_everywhere():
+    i = np.array([0, 1, -3, 70000])
+    np.testing.assert_allclose(texture.lattice(i, i[::-1], 7), LATTICE, atol=1e-8)
+    noise = texture.noise(np.linspace(-5, 5, 100001), np.zeros(100001), 3)
+    assert 0 <= noise.min() and noise.max() <= 1
+    assert np.abs(np.diff(noise)).max() < 4e-4  # continuous
+
+
+def test_lay_out_panels_do_not_overlap_and_uv_finds_the_paint():
+    rng = np.random.default_rng(2)
+    panel = rng.integers(0, 4, 300)
+    cloth = rng.uniform(-0.3, 0.5, (300, 1, 2)) + rng.uniform(0, 0.02, (300, 3, 2)) + panel[:, None, None]
+    laid = panels.lay_out(["a", "b", "c", "d"], panel, cloth, 256)
+    owner = np.zeros((256, 256), int)
+    for _, _, x, y, w, h in laid.boxes.values():
+        owner[y : y + h, x : x + w] += 1
+    assert owner.max() == 1
+    assert laid.uv.min() >= 0 and laid.uv.max() <= 1
+    picture = panels.draw(
+        laid,
+        lambda name, u, v, place: np.stack([u / 10 + 0.3, v / 10 + 0.3, np.full_like(u, "abcd".index(name) / 4)], -1),
+    )
+    at = laid.uv.mean(1)
+    seen = picture[(256 * (1 - at[:, 1])).astype(int), (256 * at[:, 0]).astype(int)]
+    middle = cloth.mean(1)
+    want = texture.coded(np.stack([middle[:, 0] / 10 + 0.3, middle[:, 1] / 10 + 0.3, panel / 4], -1))
+    assert np.abs(seen.astype(int) - want.astype(int)).max() <= 3
+
+
+def test_noise_on_a_grid_is_the_same_noise():
+    a, b = np.linspace(-3, 9, 70), np.linspace(-2, 5, 40)
+    u, v = np.broadcast_arrays(a[None], b[:, None])
+    np.testing.assert_allclose(texture.noise(u, v, 3), texture.noise(u.copy(), v.copy(), 3), atol=1e-12)
+
+
+def test_grain_finer_than_a_texel_leaves_its_mean():
+    """Averages of a fine grain over texels, against what is drawn at once for texels of that size."""
+    side, coarse = 1600, 0.008
+    a = (np.arange(side) + 0.5) * 0.0005
+    u, v = np.broadcast_arrays(a[None], a[:, None])
+    fine = texture.grain(u, v, 0.002, 0.002, 0.0005, 1)
+    assert fine.std() == pytest.approx(1, abs=0.15)
+    k = round(coarse / 0.0005)
+    means = fine.reshape(side // k, k, side // k, k).mean((1, 3))
+    drawn = texture.grain(u[::k, ::k].copy(), v[::k, ::k].copy(), 0.002, 0.002, coarse, 1)
+    assert 0.5 < drawn.std() / means.std() < 2
+    assert drawn.std() < 0.4
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "denim"])
+def test_woven_is_uneven_for_each_kind(kind):
+    """The scatter of ln albedo between places 2.5 mm apart, which scans of cloth have as well."""
+    a = np.arange(240) * 0.0013
+    u, v = np.broadcast_arrays(a[None].astype(np.float32), a[:, None].astype(np.float32))
+    color = woven(Fabric(kind, (0.3, 0.2, 0.15), (0.1, 0.4, 0.7), 1.0, 11), "back", u, v, 0.0013)
+    assert color.shape == (240, 240, 3) and np.isfinite(color).all() and color.min() > 0 and color.max() < 1
+    log = np.log(color.mean(-1).reshape(120, 2, 120, 2).mean((1, 3)))
+    assert np.diff(log, axis=1).std() > 0.03
+
+
+@pytest.mark.parametrize("name", [name for name, garment in wardrobe().items() if "logo" in garment.fabrics])
+def test_emblem_is_on_a_panel_of_each_garment_with_a_logo(body, name):
+    names, panel, cloth = panels.cloth_coordinates(patterns.build_pattern(body, wardrobe()[name], 0))
+    inside = np.array([(a, b, 8 - a - b) for a in range(9) for b in range(9 - a)]) / 8
+    u, v = np.einsum("wk,fkd->dfw", inside, cloth)  # some 4 mm apart
+    for seed in range(20):
+        fabric = Fabric("logo", (0.3, 0.2, 0.15), (0.1, 0.4, 0.7), 1.0, seed)
+        shown = [emblem(fabric, names[k], u[panel == k], v[panel == k], 0.001) for k in np.unique(panel)]
+        assert max(np.abs(color - fabric.first).max() for color in shown) > 0.1
+
+
+def test_images_show_marks_in_the_atlas():
+    a = np.linspace(0, 0.4, 65)
+    x, y = np.meshgrid(a, a)
+    faces = grid_faces(65, 65)[:, ::-1]
+    cloth = np.stack([x, y], -1).reshape(-1, 2)[faces]
+    laid = panels.lay_out(["front"], np.zeros(len(faces), int), cloth, 256)
+    far = np.abs(cloth[..., 0] - 0.2)
+    found = marks.images(laid, {"seam": far, "edge": far / 2, "rub": 0 * far, "bend": 0 * far})
+    u0, _, column, row, w, h = laid.boxes[0]
+    u = u0 + (np.arange(w) + 0.5 - panels.GUTTER) / laid.scale
+    inside = (slice(row + 8, row + h - 8), slice(column + 8, column + w - 8))
+    want = np.abs(u - 0.2)[8:-8]
+    assert np.abs(found["seam"][inside] - want).max() < 0.003
+    assert np.abs(found["edge"][inside] - want / 2).max() < 0.0015
+
+
+def test_images_have_no_holes_in_an_atlas_finer_than_the_samples():
+    a = np.linspace(0, 0.4, 33)  # samples are 6 mm or 32 pixels apart
+    faces = grid_faces(33, 33)[:, ::-1]
+    cloth = np.stack(np.meshgrid(a, a), -1).reshape(-1, 2)[faces]
+    laid = panels.lay_out(["front"], np.zeros(len(faces), int), cloth, 2048)
+    found = marks.images(laid, {"seam": np.full(faces.shape, 0.1), "edge": cloth[..., 0]})
+    np.testing.assert_allclose(found["seam"], 0.1, atol=1e-6)
+    _, _, column, row, w, h = laid.boxes[0]
+    u = (np.arange(w) + 0.5 - panels.GUTTER) / laid.scale
+    assert np.abs(found["edge"][row : row + h, column : column + w] - u).max() < 0.006
+
+
+def test_aged_sews_seams_and_hems_and_fades_knees():
+    u, v = grid(100, 0.2)
+    far = np.full(u.shape, 0.1)
+    at = {"seam": far, "edge": far, "rub": 0 * u, "bend": 0 * u}
+    denim = Fabric("denim", (0.03, 0.055, 0.135), (0.5, 0.5, 0.5), 1.0, 5)
+    trousers, ground = wardrobe()["jeans"], np.full((100, 100, 3), 0.1)
+
+    def look(**marks):
+        return aging.aged(aging.Patch(denim, "front left", u, v, 0.002, trousers, at | marks, ground))
+
+    plain = look().mean()
+    assert look(rub=0 * u + 1).mean() > 1.05 * plain
+    assert look(seam=0 * u).mean() < 0.85 * plain
+    creased = np.log(look(bend=0 * u + 1) / look())[..., 0]
+    assert 0.02 < creased.std() < 0.1 and np.abs(np.diff(creased, axis=0)).mean() > 2 * np.abs(np.diff(creased)).mean()

@@ -1,0 +1,210 @@
+"""Faces and hair: expressions with the mouth closed, strands that cover the scalp, off the face and out of the head."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from relight.figures.assemble.assembly import Assembly
+from relight.figures.assemble.builder import Builder
+from relight.figures.assemble.hair import combing, facial, locks, strands
+from relight.figures.assemble.hair.heads import HairPart, build_hair
+from relight.figures.body import makehuman
+from relight.figures.body.motion import build_motion
+from relight.figures.body.shape import build_body
+from relight.figures.drape import colliders
+from relight.figures.drape.dress import DETAILS
+from relight.figures.draw import hairstyles
+from relight.figures.draw.outfits import in_other_fabrics, sample_outfit
+from relight.figures.draw.person import Expression, expressions, sample_expression, units
+from relight.figures.draw.poses import poses
+from relight.figures.dye import skin
+from relight.figures.surfaces import normals, stacked
+
+
+@pytest.fixture(scope="module")
+def head(body):
+    """A body, its pose, and its posed skin: all that hair needs."""
+    motion = build_motion(body, poses()["relaxed"], 1)
+    return body, motion, (motion.posed_skin, makehuman.base().faces["body"])
+
+
+def grown(head, name: str, fine: bool = False) -> list[HairPart]:
+    style = hairstyles.styles()[name]
+    return build_hair(head[1], style, 0.8, head[2], 5, fine)
+
+
+def strips(parts: list[HairPart], *kinds: str) -> list[strands.Strip]:
+    return [strip for kind, strip in parts if kind in kinds]
+
+
+@pytest.fixture(scope="module")
+def heads(head):
+    """Each style's parts, grown once."""
+    return {style.name: grown(head, style.name) for style in hairstyles.styles().values()}
+
+
+@pytest.mark.parametrize("name", expressions())
+def test_build_body_expression_moves_the_face_and_keeps_the_mouth_closed(body, name):
+    calm = build_body(body.person).vertices
+    face = build_body(body.person, Expression(name, units(name))).vertices
+    gap = face[skin.UPPER_LIP, 1] - face[skin.LOWER_LIP, 1]
+    assert gap < calm[skin.UPPER_LIP, 1] - calm[skin.LOWER_LIP, 1] + 0.001
+    moved = np.linalg.norm(face - calm, axis=1)
+    neck = makehuman.base().vertices[:, 1] < 0.5
+    assert moved[neck].max() == 0
+    assert moved.max() == 0 if name == "calm" else 0.002 < moved.max() < 0.03
+
+
+def test_sample_expression_varies_and_follows_its_seed():
+    drawn = [sample_expression(np.random.default_rng([seed, 3])) for seed in range(60)]
+    assert {one.name for one in drawn} == set(expressions())
+    assert drawn[7] == sample_expression(np.random.default_rng([7, 3]))
+    assert all(0 <= weight <= 1 for one in drawn for weight in one.units.values())
+    for unit in {unit for one in drawn for unit in one.units}:
+        assert len(makehuman.target(unit)[0])  # the package has it
+
+
+@pytest.mark.parametrize("style", [style.name for style in hairstyles.styles().values() if style.comb])
+@pytest.mark.slow
+def test_build_hair_is_finite_and_outside_of_the_head(head, heads, style):
+    surface = colliders.Collider(head[2][0], *head[2])
+    for kind, (vertices, faces, uv) in heads[style]:
+        assert np.isfinite(vertices).all() and uv.min() >= 0 and uv.max() <= 1
+        assert faces.max() < len(vertices) == len(uv)
+        _, distance, _ = colliders.signed_distance(vertices, surface, 0.05)
+        assert np.mean(distance < -0.008) < 0.01, kind
+
+
+@pytest.mark.parametrize("style", ["chin length", "long", "wavy long", "ponytail", "beanie", "cap"])
+def test_build_hair_leaves_the_face_free(head, heads, style):
+    built, motion, _ = head
+    turn = motion.bone("head")
+    eye = built.vertices[makehuman.EYES["L"]].mean(0)
+    for vertices, _, _ in strips(heads[style], "hair", "hat"):
+        rest = (vertices - turn[:, 3]) @ turn[:, :3] - eye
+        before = (rest[:, 2] > -0.01) & (np.abs(rest[:, 0] + eye[0]) < 1.6 * eye[0]) & (np.abs(rest[:, 1]) < 0.02)
+        assert before.mean() < 0.002
+
+
+@pytest.mark.parametrize("style", ["beanie", "cap"])
+def test_a_hat_has_no_seam_in_its_texture(heads, style):
+    for _, faces, uv in strips(heads[style], "hat"):
+        assert np.ptp(uv[faces], axis=1).max() < 0.1
+
+
+def test_build_hair_of_a_seed_is_the_same(head, heads):
+    for (_, strip), (_, twin) in zip(heads["ponytail"], grown(head, "ponytail"), strict=True):
+        assert all(map(np.array_equal, strip, twin))
+
+
+def test_grow_locks_fall_and_lie_on_the_shoulders(head, heads):
+    _, _, (posed, faces) = head
+    ((vertices, _, _),) = strips(heads["long"], "hair")
+    neck = np.ptp(posed[:, 1]) * 0.8
+    assert vertices[:, 1].min() < neck  # it reaches below the shoulders
+    _, distance, _ = colliders.signed_distance(vertices, colliders.Collider(posed, posed, faces), 0.1)
+    low = vertices[:, 1] < neck + 0.02
+    assert np.median(distance[low & np.isfinite(distance)]) < 0.04
+
+
+@pytest.mark.parametrize(
+    "name", [style.name for style in hairstyles.styles().values() if style.comb and style.hat == "none"]
+)
+def test_build_hair_shows_little_scalp_from_any_side(head, name):
+    """Rays from all around toward the scalp inside the hairline meet hair first."""
+    _, _, (posed, faces) = head
+    hair = stacked([(vertices, faces) for vertices, faces, _ in strips(grown(head, name, fine=True), "hair")])
+    base = makehuman.base().vertices[makehuman.BODY]
+    inside = skin.above_hairline(base) > 0.12
+    out = normals(posed, faces)
+    cover = colliders.Collider.at_rest(*hair)
+    seen = total = 0
+    for direction in np.random.default_rng(2).normal(size=(24, 3)):
+        direction /= np.linalg.norm(direction)
+        facing = np.flatnonzero(inside & (out @ direction > 0.3))
+        start = posed[facing] + 0.4 * direction
+        _, depth = cover.raycast(start, np.broadcast_to(-direction, start.shape))
+        seen, total = seen + int((depth > 0.4).sum()), total + len(facing)
+    assert seen / total < 0.15
+
+
+def test_spread_strands_start_at_their_roots_and_draw_together(head):
+    _, motion, below = head
+    comb = hairstyles.Comb(40, 0.15, clump=0.6, fray=0.0)
+    guides, roots = (combing.plant_roots(motion, count, 3 + count) for count in (40, 600))
+    direction, length = combing.comb_directions(comb, guides)
+    points, facing = locks.grow_guides(comb, guides, direction, length, colliders.Collider(below[0], *below), 8, 3)
+    lines, _ = strands.spread_strands(comb, guides, points, facing, roots, length, 9, 4)
+    own = np.linalg.norm(guides.points[None] - roots.points[:, None], axis=2).argmin(1)
+    sunk = points[:, 0] - guides.points  # guides start a little inside the skin
+    np.testing.assert_allclose(np.linalg.norm(sunk, axis=1), 0.002, rtol=1e-6)
+    np.testing.assert_allclose(lines[:, 0], roots.points + sunk[own], atol=1e-9)
+
+    def widths(at: int) -> np.ndarray:
+        """Distances between strands of one guide that end alike, at one of their points."""
+        alike = (own[:, None] == own) & (np.abs(roots.random[:, :1] - roots.random[:, 0]) < 0.05)
+        i, j = np.nonzero(np.triu(alike, 1))
+        return np.linalg.norm(lines[i, at] - lines[j, at], axis=1)
+
+    assert np.median(widths(-1) / widths(0)) == pytest.approx(0.4, abs=0.12)
+
+
+def test_ribbons_are_as_wide_as_asked_and_face_outward():
+    line = np.stack([np.zeros(6), -np.linspace(0, 0.1, 6), np.zeros(6)], 1)[None]
+    random = np.array([[0.5, 0.5, 0.5, 0.5]])  # of middle width, not turned
+    vertices, faces, uv = strands.ribbons(0.003, line, np.broadcast_to([0.0, 0, 1], line.shape), random, 0.4)
+    across = vertices.reshape(6, 2, 3)
+    np.testing.assert_allclose(
+        np.linalg.norm(across[:, 1] - across[:, 0], axis=1), 0.003 * np.interp(np.linspace(0, 1, 6), *strands.OUTLINE)
+    )
+    a, b, c = vertices[faces].swapaxes(0, 1)
+    assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+    assert (np.diff(uv.reshape(6, 2, 2)[:, 0, 1]) < 0).all() and np.ptp(uv[:, 0]) < 0.05
+
+
+def test_beard_grows_on_jaw_and_lip_only(head, heads):
+    _, motion, below = head
+    base = makehuman.base().vertices[makehuman.BODY]
+    share = skin.beard_share(base)
+    eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
+    assert share.max() > 0.9 and (share[base[:, 1] > eye[1] - 0.02] == 0).all()
+    assert (share[base[:, 2] < eye[2] - 0.1] == 0).all()  # not on the nape
+    lips = base[[skin.UPPER_LIP, skin.LOWER_LIP]]
+    assert (skin.beard_share(lips) == 0).all()
+    assert facial.beard(motion, facial.STUBBLE, below, 5, False) is None
+    surface = colliders.Collider(below[0], *below)
+    _, distance, _ = colliders.signed_distance(strips(heads["bald"], "beard")[0][0], surface, 0.1)
+    assert np.mean(distance < -0.004) < 0.02 and distance.max() < 0.05
+
+
+def test_lashes_stand_on_the_lids_of_both_eyes(head):
+    built, motion, _ = head
+    for lid, tip in (facial.UPPER, facial.LOWER):
+        left, right = built.vertices[list(lid + tip)], built.vertices[np.array(lid + tip) + facial.MIRROR_OFFSET]
+        np.testing.assert_allclose(left, right * [-1, 1, 1], atol=2e-3)
+    vertices, _, _ = facial.lashes(motion, 5, True)
+    turn = motion.bone("head")
+    rest = (vertices - turn[:, 3]) @ turn[:, :3]
+    for eye in ("L", "R"):
+        centre = built.vertices[makehuman.EYES[eye]].mean(0)
+        off = np.linalg.norm(rest - centre, axis=1)
+        near = off[off < 0.04]
+        assert len(near) == len(vertices) / 2 and near.min() > 0.011 and near.max() < 0.030
+
+
+def test_add_hair_hats_change_with_the_outfit_and_hair_does_not(head):
+    style = hairstyles.styles()["cap"]
+    outfit = replace(sample_outfit(np.random.default_rng(3), head[0].person), hair=style, beard=0.8)
+    outfit = replace(outfit, hat=outfit.garments[0].fabric)
+    looks = [outfit, in_other_fabrics(outfit, np.random.default_rng(4))]
+    builder = Builder()
+    detail = replace(DETAILS["draft"], texture=64)
+    Assembly(builder, head[1], outfit, [], detail, 5).add_hair(head[2])
+    mesh = builder.mesh({}, looks)
+    assert len(builder.vertices) == len(mesh.materials) + 1, "a part for each material, but two of the hat"
+    assert sorted(material.name for material in mesh.materials) == ["beard", "brows", "hair", "hat", "lashes"]
+    hats = [number for number, material in enumerate(mesh.materials) if material.name == "hat"]
+    assert sorted(mesh.outfits[0]) == hats
+    for number in hats:
+        assert (mesh.outfits[0][number].texture != mesh.materials[number].texture).any()
