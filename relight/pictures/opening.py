@@ -12,7 +12,7 @@ from PIL import ExifTags, Image, TiffImagePlugin
 
 from relight.core.errors import UserError
 from relight.core.files import PHOTO_SUFFIXES, require_readable
-from relight.meshes.find import find_path, folded
+from relight.core.names import find_path, folded
 
 MAX_PIXELS = 100_000_000  # of a photo; decoders allocate memory before they find that a file is a decompression bomb
 TOO_LARGE = f"at most {MAX_PIXELS // 10**6} million pixels are read"
