@@ -65,6 +65,7 @@ def test_no_circular_imports():
         ("relight", "* **Layers**"),
         ("relight.figures", "`relight/figures`"),
         ("relight.photos", "`relight/photos`"),
+        ("relight.pictures", "`relight/pictures`"),
         ("relight.evaluation", "`relight/evaluation`:"),
     ],
 )

@@ -18,15 +18,15 @@ from relight.core import srgb
 from relight.core.errors import UserError
 from relight.lights import Light
 from relight.lights.light import parts_of
+from relight.lights.place import is_of_person, split_place
 from relight.maps.square import tiles
 from relight.panoramas import Panorama, project
 from relight.photos.api import load
 from relight.photos.look import Look
 from relight.photos.mask.find import NobodyFound, masked
-from relight.photos.picture import Picture
-from relight.photos.place import is_of_person, split_place
 from relight.photos.shading import shading
 from relight.photos.write import placed_maps
+from relight.pictures.picture import Picture
 from relight.sh import mean_direction
 
 MEMORY = 32_000_000  # pixels whose scenes are kept, so that turning a light is quick: an inference takes CPU-seconds

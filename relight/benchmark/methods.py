@@ -16,11 +16,12 @@ from relight.core.srgb import LINEAR, decode
 from relight.maps import read_maps
 from relight.maps.square import fill_outside
 from relight.panoramas import project, read_panorama
-from relight.photos.color import apply_gain, to_srgb8
+from relight.photos.color import apply_gain
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.person import Person, infer_person
 from relight.photos.render import render
 from relight.photos.shading import gain, shading
+from relight.pictures.codes import to_srgb8
 
 Method = Callable[[BenchmarkSet, Entry], dict[str, np.ndarray]]  # to the arrays of an answer
 RECORD = "answers.json"  # in a folder of answers: what made them

@@ -18,7 +18,6 @@ from typing import Any
 from relight.core.errors import UserError
 
 GROUP = "relight.extensions"
-OWN = {"place": "relight.photos.place"}  # of relight: lights that need packages above relight.lights
 
 
 @cache
@@ -53,9 +52,9 @@ def extension(name: str, part: str) -> Any:
     Raises:
         UserError: if there is no such extension, it cannot be imported, or it does not define `part`.
     """
-    if name not in OWN and name not in names():
+    if name not in names():
         raise UserError(missing(name))
-    module = OWN.get(name) or installed().get(name, f"{__name__}.{name}")
+    module = installed().get(name, f"{__name__}.{name}")
     try:
         imported = import_module(module)
     except (SyntaxError, ImportError) as error:

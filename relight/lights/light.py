@@ -177,3 +177,11 @@ def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
         with atomic_write(path) as temporary, open(temporary, "wb") as file:
             np.save(file, coefficients)
     return path
+
+
+def parse_number(part: str, text: str) -> float:
+    """Parses the number `part` of `text`; raises UserError if it is not a number."""
+    try:
+        return float(part)
+    except ValueError:
+        raise UserError(f"{text}: {part!r} is not a number") from None

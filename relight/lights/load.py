@@ -18,7 +18,8 @@ from relight.core.files import PHOTO_SUFFIXES, existing_file
 from relight.core.npz import read_npy
 from relight.core.srgb import decode
 from relight.core.text import read_text
-from relight.lights.light import Light, direction, parts_of, total
+from relight.lights.light import Light, direction, parse_number, parts_of, total
+from relight.lights.place import PREFIX, read_place
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import read_light_set
 from relight.panoramas import Panorama, orient, polyhaven, project, read_panorama
@@ -60,7 +61,7 @@ def load_light(
     even                            light without a direction, of irradiance 1
     key:#ffeedd@45,30,0.2           a distant lamp of this sRGB color, 45 degrees to the right of the camera and 30
                                     degrees up, with a constant fill of 0.2 times its irradiance (both by default)
-    place:street.jpg                an estimate from a photograph of a place (relight.photos.place)
+    place:street.jpg                an estimate from a photograph of a place (relight.lights.place)
     mine:text                       the light that the extension `mine` returns for the text
     room:7 + key:#ffeedd@45,30      the sum of lights
 
@@ -104,13 +105,15 @@ def load_light(
         light = Light(np.eye((order + 1) ** 2, 1) * np.full(3, np.sqrt(4 * np.pi) / np.pi), text)
     elif (match := IN_SET.fullmatch(text)) and not os.path.exists(text):
         light = _read_row(match[1], int(match[2]))
-    elif ":" in text and (name := text.partition(":")[0]) in (*extensions.OWN, *extensions.names()):
+    elif text.startswith(PREFIX):
+        light = read_place(text.removeprefix(PREFIX), order)
+    elif ":" in text and (name := text.partition(":")[0]) in extensions.names():
         answer = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
         light = answer if isinstance(answer, Light) else Light(as_table(answer, text), text)
     elif text.startswith(("room:", "sky:", "lamps:")):
         raise UserError(f"{text} is malformed: a generated light is room:7, sky:3; a sum has blanks around its plus")
     elif (match := KIND.match(text)) and match[1] not in polyhaven.NAMES and not os.path.exists(text):
-        kinds = ", ".join(["room", "sky", "lamps", "key", *extensions.OWN, *extensions.names()])
+        kinds = ", ".join(["room", "sky", "lamps", "key", "place", *extensions.names()])
         raise UserError(f"{text}: there is neither such a file nor a kind of light {match[1]!r}; kinds are {kinds}")
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):
         kind = "coefficients"
@@ -168,14 +171,6 @@ def _parse_key(text: str) -> tuple[str, float, float, float]:
     usual = ("", str(ELEVATION), str(FILL))
     azimuth, elevation, fill = (parse_number(part, text) for part in (*parts, *usual[len(parts) :]))
     return bytes((red, green, blue)).hex(), azimuth, elevation, fill
-
-
-def parse_number(part: str, text: str) -> float:
-    """Parses the number `part` of `text`; raises UserError if it is not a number."""
-    try:
-        return float(part)
-    except ValueError:
-        raise UserError(f"{text}: {part!r} is not a number") from None
 
 
 def key_light(color: str, azimuth: float, elevation: float, fill: float, order: int) -> np.ndarray:

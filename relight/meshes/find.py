@@ -1,10 +1,10 @@
 """Finds the files that a mesh names: textures, libraries of materials, buffers, scans of a table."""
 
 import os
-import unicodedata
 from pathlib import Path, PurePosixPath
 
 from relight.core.errors import UserError
+from relight.core.names import find_path, folded
 from relight.core.text import spellings
 
 
@@ -40,22 +40,6 @@ def find_file(beside: Path, *names: str | bytes) -> Path:
     return real
 
 
-def find_path(folder: Path, parts: tuple[str, ...]) -> Path | None:
-    """Returns the path `parts` in `folder`, written so or with other capitals or accents; None if there is none."""
-    path = folder
-    for part in parts:
-        if part in ("", "."):
-            continue
-        if not os.path.lexists(path / part):
-            names = sorted(os.listdir(path)) if path.is_dir() else []
-            alike = next((name for name in names if folded(name) == folded(part)), None)
-            if alike is None:
-                return None
-            part = alike
-        path = path / part
-    return path
-
-
 def _is_inside(path: PurePosixPath) -> bool:
     """Returns whether a path as written stays in the folder: it is relative, without `..` or the drive of Windows."""
     return not path.is_absolute() and ".." not in path.parts and ":" not in path.parts[0]
@@ -77,8 +61,3 @@ def _find_below(beside: Path, folder: Path, tried: list[PurePosixPath]) -> Path 
     if len(found) > 1:
         raise UserError(f"{beside} names {tried[0]}, and {len(found)} files in the subfolders are called so")
     return found[0] if found else None
-
-
-def folded(name: str) -> str:
-    """Returns a name without the differences that file systems disregard: capitals, and how accents are composed."""
-    return unicodedata.normalize("NFC", name).casefold()

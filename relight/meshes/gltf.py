@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from relight.core.errors import UserError
 from relight.meshes.gltf_file import PICTURE_FORMATS, Gltf
 from relight.meshes.mesh import CLAMP, MIRROR, REPEAT, Material
-from relight.meshes.raw import MAX_FACES, RawMesh, read_texture, unit_colors
+from relight.meshes.raw import MAX_FACES, RawMesh, unit_colors
+from relight.pictures.texture import read_texture
 
 DEFAULT_WRAP = 10497
 WRAPS = {DEFAULT_WRAP: REPEAT, 33071: CLAMP, 33648: MIRROR}  # of a sampler

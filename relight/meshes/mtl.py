@@ -11,7 +11,8 @@ from relight.core.errors import UserError
 from relight.core.text import open_lines, spellings
 from relight.meshes.find import find_file
 from relight.meshes.mesh import CLAMP, REPEAT, Material
-from relight.meshes.raw import linear, read_texture, unit_colors
+from relight.meshes.raw import linear, unit_colors
+from relight.pictures.texture import read_texture
 
 MAX_BYTES = 16 << 20  # a material has under 1 kB
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"

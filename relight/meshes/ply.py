@@ -10,7 +10,8 @@ from relight.meshes.find import find_file
 from relight.meshes.mesh import Material
 from relight.meshes.ply_file import Block, ListColumn, read_blocks
 from relight.meshes.polygons import triangulate
-from relight.meshes.raw import RawMesh, linear, read_texture, unit_colors, without_tints
+from relight.meshes.raw import RawMesh, linear, unit_colors, without_tints
+from relight.pictures.texture import read_texture
 
 COLORS = [
     [prefix + name for name in names] for prefix in ("", "diffuse_") for names in (("red", "green", "blue"), "rgb")

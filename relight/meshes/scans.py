@@ -10,8 +10,8 @@ from pathlib import Path
 
 from relight.core.errors import UserError
 from relight.core.files import require_readable, require_safe_name
+from relight.core.names import find_path
 from relight.core.text import Table, read_table
-from relight.meshes.find import find_path
 from relight.meshes.left_out import save_mesh
 from relight.meshes.mesh import Mesh
 from relight.meshes.read import READERS, read_mesh, suffix_list

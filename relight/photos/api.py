@@ -12,8 +12,8 @@ from relight.photos.background import Background
 from relight.photos.look import AUTO, LightGiven, Look
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.person import Person
-from relight.photos.picture import Given
 from relight.photos.scene import Scene, SceneOptions, named_light
+from relight.pictures.picture import Given
 
 
 class Relighter:

@@ -11,9 +11,10 @@ from relight.core.errors import UserError
 from relight.core.srgb import LINEAR
 from relight.panoramas import Panorama, luminance
 from relight.photos.camera import blurred, camera_view
-from relight.photos.color import apply_gain, on_white, roll_off
-from relight.photos.opening import is_picture
-from relight.photos.picture import Given, Picture
+from relight.photos.color import apply_gain, roll_off
+from relight.pictures.codes import on_white
+from relight.pictures.opening import is_picture
+from relight.pictures.picture import Given, Picture
 
 KINDS = ("keep", "none", "color", "picture", "panorama")
 

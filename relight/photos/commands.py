@@ -243,7 +243,7 @@ def movie(
     weights: Path | None = None,
 ) -> None:
     """Write a movie: a photo under a turning light, or a relit clip of moving people. The exposure is fixed."""
-    from relight.photos.video import require_writable_video
+    from relight.pictures.video import require_writable_video
 
     out = out or Path(f"{path.stem}_relit.mp4")
     require_writable_video(out)
@@ -285,8 +285,8 @@ def mask_draw(
     """Write the automatic mask of a photo, to correct in a paint program. `relight photo` finds it beside the photo."""
     from relight.core.files import writable_file
     from relight.photos.mask.find import automatic_mask
-    from relight.photos.picture import Picture
     from relight.photos.write import write_picture
+    from relight.pictures.picture import Picture
 
     out = out or path.with_name(f"{path.stem}_mask.png")
     if out.exists():  # it may have been corrected, or be the photo

@@ -12,9 +12,9 @@ import numpy as np
 from relight.core.errors import UserError
 from relight.lights import Light, load_light
 from relight.lights.light import total
+from relight.lights.place import estimated, is_of_person
 from relight.photos.background import Background, read_background
-from relight.photos.picture import Given
-from relight.photos.place import estimated, is_of_person
+from relight.pictures.picture import Given
 from relight.sh.conventions import as_table
 
 AUTO = "auto"

@@ -18,16 +18,16 @@ from PIL import Image
 from relight.core.errors import UserError
 from relight.core.progress import progress
 from relight.maps.square import MASK_THRESHOLD, Crop, crop_around
-from relight.photos.color import on_white
 from relight.photos.look import Look
 from relight.photos.mask.find import masked
 from relight.photos.mask.people import mask_warnings
 from relight.photos.network import PhotoNetwork
-from relight.photos.opening import list_photos, list_pictures, mask_in
 from relight.photos.person import Person, balanced, infer_person
-from relight.photos.picture import Given, Picture
 from relight.photos.scene import Scene, SceneOptions, require_white_balance
-from relight.photos.video import FPS, at_constant_rate, is_video, read_frames, write_video
+from relight.pictures.codes import on_white
+from relight.pictures.opening import list_photos, list_pictures, mask_in
+from relight.pictures.picture import Given, Picture
+from relight.pictures.video import FPS, at_constant_rate, is_video, read_frames, write_video
 
 T = TypeVar("T")
 LIGHT_RADIUS, CROP_RADIUS, TRANSPORT_RADIUS = 12, 4, 1  # frames to each side that the means include

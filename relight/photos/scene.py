@@ -10,6 +10,7 @@ import numpy as np
 
 from relight.core.errors import UserError
 from relight.lights import Light, load_light
+from relight.lights.place import PREFIX, is_of_person
 from relight.panoramas import luminance
 from relight.photos.background import Background
 from relight.photos.look import AUTO, Look
@@ -17,11 +18,10 @@ from relight.photos.mask.find import AUTOMATIC, masked
 from relight.photos.mask.people import NobodyFound, mask_warnings, split_people
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.person import Person, balanced, infer_person, with_light
-from relight.photos.picture import Given, Picture
-from relight.photos.place import PREFIX, is_of_person
 from relight.photos.render import frames
 from relight.photos.shading import exposure_factor
 from relight.photos.trust import doubts
+from relight.pictures.picture import Given, Picture
 from relight.sh import deringed, order_of, rotate_y
 
 BEHIND = 110  # degrees from the front

@@ -12,13 +12,14 @@ from relight.lights import Light, lit_ball, write_light
 from relight.maps import coefficient_names
 from relight.maps.exr import write_exr
 from relight.maps.square import Window, tiles
-from relight.photos.color import display_shading, on_white, to_srgb8
-from relight.photos.deep import write_deep
+from relight.photos.color import display_shading
 from relight.photos.guide import FittedMap, luma
 from relight.photos.person import Person
 from relight.photos.render import total_coverage
 from relight.photos.scene import Scene
 from relight.photos.shading import shading
+from relight.pictures.codes import on_white, to_srgb8
+from relight.pictures.deep import write_deep
 from relight.sh import mean_direction
 
 STRIP_SIDE, GAP = 1080, 12  # pixels of the longer side of each picture in a strip, and between them

@@ -91,7 +91,7 @@ def bake(
 
     from relight.meshes import read_mesh
     from relight.meshes.cleaning import count_opposed_faces
-    from relight.meshes.raw import read_texture
+    from relight.pictures.texture import read_texture
     from relight.transport.view import View
 
     view = View(yaw, pitch, focal)

@@ -13,11 +13,11 @@ from relight.lights import load_light, reference_brightness
 from relight.maps import LeftOut, Maps, read_maps
 from relight.panoramas import luminance
 from relight.photos import api
-from relight.photos.color import on_white
 from relight.photos.render import total_coverage
 from relight.photos.scene import Scene
 from relight.photos.shading import saturation
 from relight.photos.write import placed_maps
+from relight.pictures.codes import on_white
 from relight.sh import UNOCCLUDED_T00
 from relight.viewer.figure import Figure
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from relight.core.srgb import LINEAR, encode
-from relight.photos.color import KNEE, apply_gain, chroma, clipping_excess, display_shading, roll_off, to_srgb8
+from relight.photos.color import KNEE, apply_gain, chroma, clipping_excess, display_shading, roll_off
+from relight.pictures.codes import to_srgb8
 
 CODES = np.arange(256)
 HUES = [(1, 1, 1), (1, 0.62, 0.4), (1, 0.3, 0.2), (0.4, 0.6, 1), (0.5, 1, 0.4), (1, 0.9, 0.3), (0.8, 0.3, 1)]

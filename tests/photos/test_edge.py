@@ -10,8 +10,8 @@ from scipy.ndimage import gaussian_filter
 from relight.core.srgb import LINEAR, encode
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import masked
-from relight.photos.picture import Picture
 from relight.photos.render import estimate_foreground
+from relight.pictures.picture import Picture
 
 BLACK_CLOTH, WHITE_CLOTH = (0.010, 0.011, 0.016), (0.9, 0.88, 0.8)
 SKY, LAWN = (0.25, 0.45, 0.9), (0.2, 0.4, 0.05)

@@ -10,10 +10,10 @@ from relight.lights import Light, load_light
 from relight.maps.square import extent
 from relight.panoramas import Panorama
 from relight.photos.background import Background, estimate_white, read_background
-from relight.photos.color import to_srgb8
 from relight.photos.ground import Camera, _fill_with_balls, _transport, ground_under
 from relight.photos.look import Look
 from relight.photos.render import render
+from relight.pictures.codes import to_srgb8
 from relight.sh import basis, rotate_y, unoccluded
 
 Y00 = 0.5 / np.sqrt(np.pi)

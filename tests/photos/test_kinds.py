@@ -14,13 +14,13 @@ from samples import encoded, png_chunks
 
 from relight.core.errors import UserError
 from relight.core.srgb import decode, encode, to_linear
-from relight.photos.color import as_codes, convert_alpha, to_codes, with_alpha
 from relight.photos.look import Look
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import NoMaskNetwork, masked, read_mask
-from relight.photos.picture import Picture
-from relight.photos.profile import _curve, to_srgb
 from relight.photos.write import write_picture
+from relight.pictures.codes import as_codes, convert_alpha, to_codes, with_alpha
+from relight.pictures.picture import Picture
+from relight.pictures.profile import _curve, to_srgb
 
 RNG = np.random.default_rng(0)
 RGB = RNG.integers(0, 256, (40, 30, 3)).astype(np.uint8)
@@ -114,7 +114,7 @@ def test_to_srgb_converts_16_bits_by_the_same_profiles(name):
 
 
 def test_to_srgb_of_a_16_bit_profile_without_curves_is_refused(monkeypatch):
-    monkeypatch.setattr("relight.photos.profile._curve", lambda profile, name: None)
+    monkeypatch.setattr("relight.pictures.profile._curve", lambda profile, name: None)
     image = Image.new("RGB", (2, 2))
     image.info["icc_profile"] = PROFILES["Display P3"][0]
     with pytest.raises(UserError, match=r"a\.tif has 16 bits and a color profile of tables"):

@@ -14,7 +14,7 @@ from relight.core.errors import UserError
 from relight.photos.mask import selfie, u2net
 from relight.photos.mask.find import AUTOMATIC, NO_OUTLINE, automatic_model, masked
 from relight.photos.mask.tflite import convert
-from relight.photos.picture import Picture
+from relight.pictures.picture import Picture
 
 
 @pytest.fixture

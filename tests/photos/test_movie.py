@@ -14,8 +14,8 @@ from relight.maps.square import crop_around
 from relight.photos.look import Look
 from relight.photos.movie import smooth_over_time, with_masks, write_movie
 from relight.photos.person import Person
-from relight.photos.picture import Picture
-from relight.photos.video import read_frames, write_video
+from relight.pictures.picture import Picture
+from relight.pictures.video import read_frames, write_video
 
 COLORS = [(200, 60, 40), (40, 180, 60), (60, 80, 220), (128, 128, 128), (250, 250, 250)]
 

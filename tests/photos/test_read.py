@@ -12,8 +12,8 @@ from samples import png_of_size
 from relight.core.errors import UserError
 from relight.photos.mask.find import read_mask
 from relight.photos.mask.people import count_heads, mask_warnings, split_people
-from relight.photos.opening import RAW, mask_beside, mask_in
-from relight.photos.picture import Picture
+from relight.pictures.opening import RAW, mask_beside, mask_in
+from relight.pictures.picture import Picture
 
 RGB = np.random.default_rng(0).integers(0, 256, (40, 30, 3)).astype(np.uint8)
 

@@ -14,7 +14,7 @@ from PIL import Image, ImageCms
 PLAIN = {  # readers whose result needs no check
     "record": "meshes.mesh:Mesh.load",
     "network": "learning.checkpoint:load_network",
-    "photo": "photos.picture:Picture.of",
+    "photo": "pictures.picture:Picture.of",
     "scores": "evaluation.scoring.scores:read_scores",
     "axes": "meshes.alignment:read_align_table",
 }

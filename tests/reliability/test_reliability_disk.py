@@ -24,7 +24,7 @@ from relight.lights import Light, write_light
 from relight.maps import pack_maps, write_maps
 from relight.meshes import Material, list_scans, read_mesh
 from relight.panoramas import list_panoramas, read_panorama
-from relight.photos.opening import list_photos
+from relight.pictures.opening import list_photos
 from relight.settings import Model
 
 MODEL = Model(name="unet", width=0.1, norm="batch", dropout=0.0, order=1, albedo="clip", light_head="pooled",

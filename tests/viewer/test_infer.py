@@ -21,9 +21,9 @@ from relight.photos.mask import selfie
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import automatic_mask
 from relight.photos.network import PhotoNetwork
-from relight.photos.picture import Picture
 from relight.photos.render import estimate_foreground
 from relight.photos.scene import Scene
+from relight.pictures.picture import Picture
 from relight.viewer.bundle import bundle
 from relight.viewer.codec import encode as encode_planes
 from relight.viewer.figure import EXCESS_STEPS, QUALITIES, pack

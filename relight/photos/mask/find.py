@@ -10,13 +10,13 @@ from PIL import Image
 from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.maps.square import MASK_THRESHOLD
-from relight.photos.color import as_codes, convert_alpha
 from relight.photos.mask import selfie, u2net
 from relight.photos.mask.coverage import WANTED, coverage_of
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.people import NobodyFound, is_inverted
-from relight.photos.opening import decoding_errors, mask_beside, open_picture, orientation_of, require_still, upright
-from relight.photos.picture import Given, Picture
+from relight.pictures.codes import as_codes, convert_alpha
+from relight.pictures.opening import decoding_errors, mask_beside, open_picture, orientation_of, require_still, upright
+from relight.pictures.picture import Given, Picture
 
 AUTOMATIC = (
     "the mask is automatic: at times it misses hands and hats, takes in what is behind, or takes a thing for a person; "

@@ -10,7 +10,7 @@ from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.srgb import decode, encode
-from relight.photos.video import at_constant_rate, read_frames, write_video
+from relight.pictures.video import at_constant_rate, read_frames, write_video
 
 PATCHES = np.array([[200, 60, 40], [40, 160, 60], [50, 80, 200], [128, 128, 128]])
 LUMA = {"601": (0.299, 0.114), "709": (0.2126, 0.0722), "2020": (0.2627, 0.0593)}  # of red and blue

@@ -14,9 +14,9 @@ from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.files import atomic_write, writable_file
-from relight.photos.opening import list_photos
-from relight.photos.picture import Picture
-from relight.photos.profile import HLG, PQ, PRIMARIES, TRANSFERS, by_codes
+from relight.pictures.opening import list_photos
+from relight.pictures.picture import Picture
+from relight.pictures.profile import HLG, PQ, PRIMARIES, TRANSFERS, by_codes
 
 if TYPE_CHECKING:
     from av import VideoFrame

@@ -9,9 +9,9 @@ from PIL import Image, TiffImagePlugin
 
 from relight.core.errors import UserError
 from relight.core.files import existing_file
-from relight.photos.color import as_codes, convert_alpha, with_alpha
-from relight.photos.deep import is_exr, of_linear, read_16_bits, read_linear
-from relight.photos.opening import (
+from relight.pictures.codes import as_codes, convert_alpha, with_alpha
+from relight.pictures.deep import is_exr, of_linear, read_16_bits, read_linear
+from relight.pictures.opening import (
     bits_of,
     coding_of,
     decoding_errors,
@@ -20,7 +20,7 @@ from relight.photos.opening import (
     require_still,
     upright,
 )
-from relight.photos.profile import to_srgb
+from relight.pictures.profile import to_srgb
 
 FEW_BITS = 1 << 12  # codes of cameras that write 12 bits into 16
 LEAST_SIDE = 8  # pixels

@@ -12,7 +12,7 @@ from PIL import ExifTags, Image, TiffImagePlugin
 
 from relight.core.errors import UserError
 from relight.core.files import PHOTO_SUFFIXES, require_readable
-from relight.meshes.find import find_path, folded
+from relight.core.names import find_path, folded
 
 MAX_PIXELS = 100_000_000  # of a photo; decoders allocate memory before they find that a file is a decompression bomb
 TOO_LARGE = f"at most {MAX_PIXELS // 10**6} million pixels are read"
@@ -141,7 +141,7 @@ def coding_of(image: Image.Image, file: Path | None) -> tuple[int, int] | None:
         return profile["color_primaries"], profile["transfer_characteristics"]
     if image.format == "AVIF" and file.is_file() and not image.info.get("icc_profile"):
         for kind, content in _primary_properties(memoryview(file.read_bytes())):
-            if kind == b"colr" and content[:4] == b"nclx":
+            if kind == b"colr" and bytes(content[:4]) == b"nclx":
                 return struct.unpack_from(">HH", content, 4)
     return None
 
