@@ -176,6 +176,21 @@ def test_training_run_is_recorded_in_another_folders_sqlite(tmp_path):
         assert kept.read_bytes() == (folder / f"{network}.safetensors").read_bytes()
 
 
+def test_a_run_of_the_environment_is_left_alone(empty_store, tmp_path, monkeypatch):
+    """`mlflow run` and Databricks set MLFLOW_RUN_ID for the programs that they start."""
+    shutil.copy(empty_store, tmp_path / "mlflow.db")
+    in_folder(tmp_path, train_again, "there", 1)
+    (foreign,) = runs(MlflowClient(f"sqlite:///{tmp_path}/mlflow.db"))
+    in_folder(tmp_path, train_inside, foreign.info.run_id)
+    found = {run.info.run_id: run.data.params["lr"] for run in runs(MlflowClient(f"sqlite:///{tmp_path}/mlflow.db"))}
+    assert found.pop(foreign.info.run_id) == "1" and [*found.values()] == ["2"]
+
+
+def train_inside(run: str) -> None:
+    os.environ["MLFLOW_RUN_ID"] = run
+    train_again("here", 2)
+
+
 def train_again(clone: str, rate: int) -> None:
     given = tracking(URI)
     given["tags"] = {**TAGS, "clone": clone}
