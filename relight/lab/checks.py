@@ -57,14 +57,16 @@ def _files(plan: Plan) -> Iterator[str]:
 
 def _data(plan: Plan, folder: Path) -> Iterator[str]:
     """Yields messages about the run whose data are taken."""
-    name, folder = plan.shared["data"], folder / plan.data
     if plan.data == plan.out:
         return
+    name, folder = plan.shared["data"], folder / plan.data
     if not all((folder / file).exists() for file in DATA):
         yield f"data={name}: {plan.data} has no data set yet: relight run name={name} makes it"
     for groups in DATA.values():
         for key, (made, value) in plan.changed(read_record(folder), groups).items():
             yield f"data={name} has {key}={made}, and this run asks for {value}: leave out one of the two"
+    for file in plan.outdated(folder.parents[1]):
+        yield f"{plan.data}/{file} was made with other settings: relight run name={name} makes it anew"
 
 
 def _rows(plan: Plan) -> Iterator[str]:

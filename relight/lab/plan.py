@@ -1,5 +1,6 @@
 """Plans a workflow for the Snakefile: names of figures, trainings and experiments, and the files of each."""
 
+import json
 import os
 import platform
 import shlex
@@ -12,7 +13,7 @@ from typing import Any
 import yaml
 
 from relight.core.errors import UserError
-from relight.core.files import PHOTO_SUFFIXES, is_unsafe_name, write_text
+from relight.core.files import PHOTO_SUFFIXES, is_unsafe_name, write_json, write_text
 from relight.core.processes import git
 from relight.lab.record import Record, read_record
 from relight.learning.training_name import TrainingName
@@ -309,8 +310,8 @@ class Plan:
     def write_record(self, folder: Path) -> Path:
         """Writes the record to run.yaml in the results, and returns the file.
 
-        It is not touched if it holds this record already. Data of other settings are removed, so that no other run
-        takes them, however this one ends.
+        It is not touched if it holds this record already. Beside data of other settings, it writes these, so that no
+        other run takes the data until they are made anew (`outdated`), however this one ends.
 
         Args:
             folder: the working directory.
@@ -319,15 +320,34 @@ class Plan:
         if not file.exists() or file.read_text(encoding="utf-8") != self.text:
             before = read_record(folder / self.out)
             for data, groups in DATA.items():
-                if self.changed(before, groups):
-                    (folder / self.out / data).unlink(missing_ok=True)
+                made = folder / self.out / data
+                if self.changed(before, groups) and made.exists() and not newer(mark_of(made), made):
+                    write_json(mark_of(made), {"settings": {group: before["settings"][group] for group in groups}})
             write_text(file, self.text)
         return file
+
+    def outdated(self, folder: Path) -> list[str]:
+        """Returns the DATA that were made with other settings than this run's, and were not made anew since."""
+        files = {data: folder / self.data / data for data in DATA}
+        marked = {
+            data: json.loads(mark_of(file).read_text()) for data, file in files.items() if newer(mark_of(file), file)
+        }
+        return [data for data, made in marked.items() if self.changed(made, DATA[data])]
 
     @property
     def text(self) -> str:
         """The record as YAML."""
         return yaml.safe_dump(self.record, sort_keys=False)
+
+
+def mark_of(data: Path) -> Path:
+    """Returns the file that says, as long as it is newer than data, with what settings these were made."""
+    return data.with_suffix(".outdated.json")
+
+
+def newer(file: Path, other: Path) -> bool:
+    """Returns whether both files exist, and the first is not the older one."""
+    return file.exists() and other.exists() and file.stat().st_mtime_ns >= other.stat().st_mtime_ns
 
 
 def safe(paths: Iterable[Path | str]) -> list[str]:

@@ -64,6 +64,8 @@ def from_config(config: dict[str, Any]) -> Record:
         return {key: config[key] for key in PARTS if key in config}
     if sum(word.startswith("hydra=") for word in sys.argv) > 1:
         raise UserError('--config takes hydra once: write --config hydra="scale=smoke name=mine"')
+    if sum(word in ("--config", "-C") or word.startswith("--config=") for word in sys.argv) > 1:
+        raise UserError("--config is given twice, and Snakemake drops the first: write --config scale=smoke name=mine")
     words = config.get("hydra") or []
     given = flat({key: value for key, value in config.items() if key != "hydra"})
     named = [f"{key}={'null' if value is None else str(value)}".replace("'", "") for key, value in given.items()]

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from base64 import urlsafe_b64encode
 from collections.abc import Iterator
 from contextlib import suppress
 from importlib import import_module
@@ -18,7 +19,7 @@ from relight.core.errors import UserError
 from relight.core.processes import end_with_parent
 from relight.lab.checks import check, check_figures
 from relight.lab.code import SCRIPTS, code_hash
-from relight.lab.plan import Plan
+from relight.lab.plan import DATA, Plan
 from relight.lab.record import compose_run, expand_sweep, read_record
 from relight.settings import ROOT, flat
 
@@ -95,6 +96,7 @@ def run(
         print(first, *tables[-1:], sep="Job stats:\n", end="")
         return ran.returncode
     os.close(hold(ROOT / plan.out))
+    require_known(plan)
     if plan.data != plan.out:
         os.close(hold(ROOT / plan.data, shared=True))
     # In a file, since jobs on a cluster break quotes within quotes.
@@ -160,6 +162,25 @@ def change_lines(plan: Plan) -> Iterator[str]:
         )
     if code:
         yield f"the code of {', '.join(code)} has changed since {plan.out} was made: they run again"
+
+
+def require_known(plan: Plan) -> None:
+    """Raises UserError where other settings would be overlooked: in results that Snakemake has no metadata of.
+
+    Such are copies, and those whose .snakemake is lost. Snakemake keeps them, whatever they were made with.
+    """
+    groups = ("figures", "align", "bake", "split", "panoramas", "lights")
+    before = read_record(ROOT / plan.out)
+    rows, then = flat(plan.record["rows"]), flat(before["rows"])
+    changed = [*plan.changed(before, groups), *(key for key, value in rows.items() if then.get(key, value) != value)]
+    files = [f"{plan.out}/{name}" for name in (*DATA, "split.json")] + [*map(plan.network, plan.trainings)]
+    known = ROOT / ".snakemake" / "metadata"
+    for file in files if changed else []:
+        if (ROOT / file).exists() and not (known / urlsafe_b64encode(file.encode()).decode()).exists():
+            raise UserError(
+                f"{file} was copied, or .snakemake was lost: Snakemake would keep it in spite of "
+                f"{', '.join(changed[:3])}; leave that out, or remove the files that are to be made again"
+            )
 
 
 def snakemake(command: list[str]) -> int:

@@ -80,6 +80,7 @@ def test_a_change_runs_what_it_touches(plans, change):
 EDITS = {
     ("relight/learning/losses.py", "X = 1\n"): {"train": 2, **AFTER_TRAINING},
     ("relight/transport/integrate.py", "# A comment.\n"): {},
+    ("workflow/scripts/bake.py", "# A comment.\n"): {},
     ("workflow/scripts/lights.py", "X = 1\n"): {"lights": 1, **AFTER_LIGHTS},
     ("workflow/rules/lights.smk", "        more=1,\n"): {"lights": 1, **AFTER_LIGHTS},
 }

@@ -43,6 +43,9 @@ def test_settings_that_snakemake_would_drop_are_refused(monkeypatch):
     monkeypatch.setattr(sys, "argv", ["snakemake", "--config", "hydra=scale=smoke", "hydra=name=x"])
     with pytest.raises(UserError, match=r'--config takes hydra once: write --config hydra="scale=smoke name=mine"'):
         from_config({"hydra": "name=x"})
+    monkeypatch.setattr(sys, "argv", ["snakemake", "--config", "scale=smoke", "--config", "name=x"])
+    with pytest.raises(UserError, match="--config is given twice, and Snakemake drops the first"):
+        from_config({"name": "x"})
     record = compose_run(["scale=smoke"])
     assert from_config({**record, "process": 1}) == record
     with pytest.raises(UserError, match="hydra is given beside the record of a run, which has all settings"):
@@ -251,9 +254,15 @@ def test_data_of_another_run(tmp_path):
     plan_of("scale=smoke name=a train.steps=7").write_record(tmp_path)
     assert all(file.exists() for file in files)
     plan_of("scale=smoke name=a bake.rays=33").write_record(tmp_path)  # and is interrupted
-    assert [file.exists() for file in files] == [False, True]
-    with pytest.raises(UserError, match="has no data set yet"):
+    assert all(file.exists() for file in files)
+    with pytest.raises(UserError, match=r"results/a/packed\.safetensors was made with other settings: .* name=a makes"):
         check(plan_of("scale=smoke data=a name=b bake.rays=33"), tmp_path)
+    plan_of("scale=smoke name=a bake.rays=34").write_record(tmp_path)
+    first.write_record(tmp_path)  # back again
+    check(plan, tmp_path)
+    plan_of("scale=smoke name=a bake.rays=33").write_record(tmp_path)
+    os.utime(files[0], (time.time() + 9,) * 2)  # is made anew
+    check(plan_of("scale=smoke data=a name=b bake.rays=33"), tmp_path)
 
 
 def test_files_beside_a_mesh_are_of_the_meshes_whose_names_begin_like_theirs_or_of_its_folder(tmp_path):

@@ -198,6 +198,24 @@ def test_a_path_in_other_words_is_the_same(calls, tmp_path, monkeypatch, capsys)
     assert before[0]["folder"] == "." and before == 3 * before[:1] and not capsys.readouterr().out
 
 
+def test_other_settings_for_a_copy_are_refused(calls, tmp_path):
+    """Snakemake has no metadata of it, and would say that there is nothing to be done."""
+    run("name=a")
+    network = tmp_path / "results" / "a" / "train" / "run.s0.safetensors"
+    network.parent.mkdir()
+    network.touch()
+    run("name=a")
+    with pytest.raises(UserError, match=r"a/train/run\.s0\.safetensors was copied, .* in spite of run\.train\.lr;"):
+        run("name=a", "train.lr=0.5")
+    record = yaml.safe_load((tmp_path / "results" / "a" / "run.yaml").read_text())
+    assert record["settings"]["train"]["lr"] != 0.5 and len(calls) == 2
+    known = tmp_path / ".snakemake" / "metadata"
+    known.mkdir(parents=True)
+    (known / "cmVzdWx0cy9hL3RyYWluL3J1bi5zMC5zYWZldGVuc29ycw==").touch()
+    run("name=a", "train.lr=0.5")
+    assert len(calls) == 3
+
+
 def test_changed_code_is_told(calls, capsys, tmp_path):
     run()
     record = tmp_path / "results" / "smoke" / "run.yaml"
