@@ -83,6 +83,7 @@ def figures(
     their licence: docs/figures.md.
     """
     import multiprocessing
+    from importlib import import_module
 
     from relight.core.errors import UserError
     from relight.core.files import writable_folder
@@ -95,6 +96,7 @@ def figures(
         for kind, known in known_names().items():
             typer.echo("\n".join(f"--{kind.split()[0]} {shlex.quote(name)}" for name in known))
         return
+    import_module("relight.figures.make")  # a package that is missing is told here, not by each process
     numbers = seeds_of(seeds)
     writable_folder(out, "--out")
     settings = {
