@@ -72,7 +72,8 @@ def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[
 
     Returns:
         The network, float32 and in evaluation mode; and the values of its header: `size` in pixels, the settings
-        `model`, and what else `save_network` was given.
+        `model`, with the defaults of those that a file of an older version lacks, and what else `save_network` was
+        given.
 
     Raises:
         UserError: if the file does not exist, is neither safetensors nor .onnx, or holds no network of this version.
@@ -94,7 +95,7 @@ def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise UserError(f"{path} does not fit this version of relight: {reason}") from None
     network.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]  # not in torch's hints
-    return network.eval(), config
+    return network.eval(), {**config, "model": asdict(model)}
 
 
 def read_weights(path: Path, network: Network) -> dict[str, torch.Tensor]:

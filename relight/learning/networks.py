@@ -491,6 +491,24 @@ def with_transport(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
     return {**maps, "transport": transport * maps["ao"] if "ao" in maps else transport}
 
 
+def widened(weights: dict[str, Tensor], network: UNet) -> dict[str, Tensor]:
+    """Returns the weights of a U-Net of the same or a lower order for `network`, whose further bands are zero at first.
+
+    Their layers learn all the same, since the inputs of these are not zero.
+
+    Args:
+        weights: by name. Bands come first in every tensor that has them; the last layer has the albedo after them.
+        network: of the same settings but the order.
+    """
+    wide = {name: torch.zeros_like(values) for name, values in network.state_dict().items()}
+    for name, values in weights.items():
+        bands = values[:-3] if name.startswith("last.") else values
+        wide[name][tuple(slice(side) for side in bands.shape)] = bands
+        if name.startswith("last."):
+            wide[name][-3:] = values[-3:]
+    return wide
+
+
 def on_meta(network: nn.Module) -> bool:
     """Returns whether the parameters are on the meta device, where drawing weights would import torch's compiler."""
     return next(network.parameters()).is_meta

@@ -32,7 +32,7 @@ from relight.learning.augment import augment_batch
 from relight.learning.checkpoint import load_network, restore_state, save_network, save_state
 from relight.learning.data import Batch, RelitSet, choose_device, draw_pairs, generator, read_split
 from relight.learning.losses import losses
-from relight.learning.networks import STRIDE, Network, UNet, build
+from relight.learning.networks import STRIDE, Network, UNet, build, widened
 from relight.learning.optimizers import make_optimizers
 from relight.learning.validation import Validation
 from relight.settings import Augment, Loss, Model, Train
@@ -276,8 +276,9 @@ def select_training_data(data: RelitSet, split: Path, train: Train) -> tuple[np.
 def _initial_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
     """Returns the network at step 0, in training mode: a new one, or that of `train.start`.
 
-    With `train.only=encoder` all parts except the encoder are frozen, including their running statistics. Raises
-    UserError if the size is larger than that of the maps, or `train.start` has other model settings.
+    A U-Net's `train.start` may be of a lower order: the further bands are then zero at first. With `train.only=encoder`
+    all parts except the encoder are frozen, including their running statistics. Raises UserError if the size is larger
+    than that of the maps, or `train.start` has other model settings.
     """
     settings = recipe.train
     size = settings.size or data.size
@@ -292,16 +293,19 @@ def _initial_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
     start_settings = {"size": start_config["size"], **start_config["model"]}
     new_settings = {"size": network.size, **asdict(recipe.model)}
     start_settings["dropout"] = new_settings["dropout"]  # no weight depends on it
-    # A U-Net is convolutional: its weights fit every size above one pixel at the bottleneck.
-    if isinstance(network, UNet) and min(network.size, start_config["size"]) > STRIDE:
-        start_settings["size"] = network.size
+    if isinstance(network, UNet):
+        # It is convolutional: its weights fit every size above one pixel at the bottleneck.
+        if min(network.size, start_config["size"]) > STRIDE:
+            start_settings["size"] = network.size
+        start_settings["order"] = max(start.order, network.order)
     # Both have the same outputs; only their gradients differ.
     if {start_settings["albedo"], new_settings["albedo"]} == {"clip", "straight_through"}:
         start_settings["albedo"] = new_settings["albedo"]
     if other := [key for key in new_settings if start_settings[key] != new_settings[key]]:
         theirs, ours = (", ".join(f"{key}={values[key]}" for key in other) for values in (start_settings, new_settings))
         raise UserError(f"train.start={settings.start} is a network with {theirs}: give one with {ours}")
-    network.load_state_dict(start.state_dict())
+    weights = start.state_dict()
+    network.load_state_dict(widened(weights, network) if isinstance(network, UNet) else weights)
     if settings.only == "encoder":
         for name, part in network.named_children():
             if name != "encoder":

@@ -7,7 +7,7 @@ from torch import nn
 from torch.utils.flop_counter import FlopCounterMode
 
 from relight.core.errors import UserError
-from relight.learning.networks import PooledHead, Refinement, build, constrain_albedo
+from relight.learning.networks import PooledHead, Refinement, build, constrain_albedo, widened
 
 HEAD = {"ours": "strided", "unet": "pooled"}
 
@@ -216,3 +216,21 @@ def test_the_unet_starts_alive(model, seed):
         albedo = network(0.4 * torch.rand(2, 3, 128, 128), torch.ones(2, 1, 128, 128))["albedo"]
     assert active[0].mean((0, 2, 3)).min() > 0.01
     assert ((albedo > 0) & (albedo < 1)).float().mean() > 0.9
+
+
+def test_a_unet_of_a_lower_order_goes_on_as_it_is_and_learns_the_further_bands(model):
+    torch.manual_seed(0)
+    options = {"name": "unet", "light_head": "pooled", "refine": True, "width": 0.1}
+    narrow, wide = (build(model(order=order, **options), 64) for order in (2, 4))
+    for value in narrow.parameters():
+        torch.nn.init.normal_(value, std=0.1)
+    wide.load_state_dict(widened(narrow.state_dict(), wide))
+    image, mask = torch.rand(2, 3, 64, 64), torch.ones(2, 1, 64, 64)
+    before, after = narrow.eval()(image, mask), wide.eval()(image, mask)
+    torch.testing.assert_close(after["transport"][:, :9], before["transport"], rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(after["albedo"], before["albedo"], rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(after["light"][:, :9], before["light"], rtol=1e-3, atol=1e-4)
+    assert not after["transport"][:, 9:].any() and not after["light"][:, 9:].any()
+    (after["transport"][:, 9:].sum() + after["light"][:, 9:].sum()).backward()
+    assert all(row.abs().max() > 0 for row in wide.last.weight.grad[9:25])
+    assert all(row.abs().max() > 0 for row in wide.light.last.weight.grad[27:])

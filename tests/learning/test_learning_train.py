@@ -2,20 +2,24 @@
 
 import copy
 import csv
+import json
 import os
 import pickle
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import make_dataclass, replace
 from pathlib import Path
 from unittest.mock import call, patch
 
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
+from safetensors.torch import save_file
 
 import relight.learning.__main__ as program
 from relight.core.errors import UserError
+from relight.learning import checkpoint
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet, draw_pairs
 from relight.learning.train import (
@@ -232,6 +236,20 @@ def test_going_on_from_another_network_with_its_decoders_frozen(run):
     run("clip", {"albedo": clip}, alone, start=str(first.out), steps=1)()  # the same values
     with pytest.raises(UserError, match=r"a network with albedo=\w+: give one with albedo=sigmoid"):
         run("other", {"albedo": "sigmoid"}, alone, start=str(first.out))()
+
+
+def test_a_network_from_before_a_setting_goes_on_with_its_default(run, monkeypatch):
+    first = run("first")
+    first()
+    with safe_open(first.out, "pt") as file:
+        header = json.loads(file.metadata()["relight"])
+        weights = {name: file.get_tensor(name) for name in file.keys()}
+    default = header["model"].pop("sees")
+    older = first.out.with_name("older.safetensors")
+    save_file(weights, older, {"relight": json.dumps(header)})
+    newer = make_dataclass("Newer", [("sees", str, default)], bases=(checkpoint.Model,))
+    monkeypatch.setattr(checkpoint, "Model", newer)
+    run("older", start=str(older), steps=1)()
 
 
 def test_learning_rate(schedule):
