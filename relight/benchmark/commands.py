@@ -43,7 +43,9 @@ def make(
 def answer(
     out: Annotated[Path, typer.Argument(help="Folder for the answers.", metavar="FOLDER")],
     truth: SetFolder = BENCHMARK,
-    method: Annotated[str, typer.Option(help="network, as_it_is, mean_light or true_maps.")] = "network",
+    method: Annotated[
+        str, typer.Option(help="network, as_it_is, mean_light, true_maps, true_maps_3, _4, _6, or exact.")
+    ] = "network",
     weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A network (.onnx) of relight.")] = None,
 ) -> None:
     """Write relight's own answers to a set: by a network, a trivial baseline, or the true maps."""

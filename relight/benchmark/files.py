@@ -117,6 +117,10 @@ class BenchmarkSet:
         arrays = read_npz(self.folder / "truth" / f"{entry.name}.npz", "benchmark file")
         return to_intrinsics(arrays, square_mask(entry)), arrays["full"]
 
+    def light(self, entry: Entry) -> Path:
+        """Returns the panorama of the light of a picture. Raises UserError if it is missing."""
+        return existing_file(self.folder / "truth" / f"{entry.name}.light.exr", "true light")
+
     def maps(self, entry: Entry) -> Path:
         """Returns the file of the true maps at the photograph's pixels. Raises UserError if it is missing."""
         return existing_file(self.folder / "truth" / f"{entry.name}.exr", "true maps")

@@ -2,26 +2,34 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
 
 from relight.benchmark.files import BenchmarkSet, Entry, keep_record, square_mask, write_arrays
+from relight.benchmark.lights import resampled
+from relight.benchmark.make import make_mesh
+from relight.benchmark.picture import MIN_ALBEDO, Settings, crop_maps, crop_window, scene_baker
+from relight.benchmark.recipes import draw_recipes
 from relight.core.errors import UserError
 from relight.core.files import file_hash, writable_folder
 from relight.core.progress import progress
 from relight.core.srgb import LINEAR, decode
-from relight.maps import read_maps
+from relight.maps import Maps, read_maps
 from relight.maps.square import fill_outside
+from relight.meshes import Mesh
 from relight.panoramas import project, read_panorama
 from relight.photos.color import apply_gain
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.person import Person, infer_person
 from relight.photos.render import render
-from relight.photos.shading import gain, shading
+from relight.photos.shading import gain, gain_between, shading
 from relight.pictures.codes import to_srgb8
+from relight.transport.camera import Camera
+from relight.transport.tracer import PathTracer
 
 Method = Callable[[BenchmarkSet, Entry], dict[str, np.ndarray]]  # to the arrays of an answer
 RECORD = "answers.json"  # in a folder of answers: what made them
@@ -114,7 +122,10 @@ def mean_light(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
         The mean light (9,3), the shading by it (S,S,3), and the relit pictures (N,H,W,3) uint8.
     """
     light = mean_training_light()
-    ratio = _relight_by_ratio(benchmark, entry, light)
+    maps, linear = read_maps(benchmark.maps(entry)), LINEAR[entry.shot().photo]
+    new = (project(read_panorama(path), order=2) for path in entry.panoramas())
+    gains = [gain(maps.transport, maps.mask, light, one) for one in new]
+    ratio = np.stack([to_srgb8(apply_gain(linear, factor)) for factor in gains])
     truth, _ = benchmark.truth(entry)
     assert truth.transport is not None  # a set with true maps has it
     return {"light": light, "shading": shading(truth.transport, light), "ratio": ratio}
@@ -128,15 +139,38 @@ def mean_training_light() -> np.ndarray:
     return lights[:, :9].mean(0).astype(np.float64)
 
 
-def true_maps(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
+def true_maps(benchmark: BenchmarkSet, entry: Entry, order: int = 2) -> dict[str, np.ndarray]:
     """Answers with the true maps (S,S,C) and the true light (9,3), and with relit pictures (N,H,W,3) uint8 by them.
 
-    Light and transport have nine coefficients, and relit pictures are computed from them: their errors are those of
-    the formulation.
+    Relit pictures are of light and transport of an `order`: their errors are those of the formulation.
     """
-    maps = read_maps(benchmark.maps(entry))
-    truth, _ = benchmark.truth(entry)
-    full = [to_srgb8(maps.albedo * shading(maps.transport, light)) for light in new_lights(entry)]
+    maps = read_maps(benchmark.maps(entry)) if order == 2 else _scene(benchmark, entry, order).maps
+    old, *new = (project(read_panorama(path), order) for path in (benchmark.light(entry), *entry.panoramas()))
+    gains = [gain(maps.transport, maps.mask, old, light) for light in new]
+    return _true(benchmark, entry, [maps.albedo * shading(maps.transport, light) for light in new], gains)
+
+
+def exact(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
+    """Answers like `true_maps`, but by irradiance that is traced in the lights themselves, without gloss or bounces."""
+    scene, settings = _scene(benchmark, entry), benchmark.index["settings"]
+    sources = [read_panorama(path) for path in (benchmark.light(entry), *entry.panoramas())]
+    tracer = PathTracer(scene.mesh, settings["size"], scene.camera)
+    skies = [resampled(source) for source in sources]
+    traced = [np.pi * tracer.radiance(sky, settings["samples"], seed=n)[scene.window] for n, sky in enumerate(skies)]
+    albedo = np.maximum(scene.maps.albedo * scene.maps.coverage[..., None], MIN_ALBEDO)
+    old, *new = (project(source, order=2) for source in sources)
+    gains = [
+        gain_between(traced[0] / albedo, image / albedo, scene.maps.mask, old, light)
+        for image, light in zip(traced[1:], new)
+    ]
+    return _true(benchmark, entry, traced[1:], gains)
+
+
+def _true(
+    benchmark: BenchmarkSet, entry: Entry, pictures: list[np.ndarray], gains: list[np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Returns an answer with true maps and light, and with relit pictures (H,W,3), linear, and by gains (H,W,3)."""
+    truth, linear = benchmark.truth(entry)[0], LINEAR[entry.shot().photo]
     # A set with true maps has all of them.
     assert truth.albedo is not None and truth.transport is not None and truth.light is not None
     return {
@@ -144,24 +178,35 @@ def true_maps(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
         "transport": truth.transport,
         "light": truth.light,
         "shading": shading(truth.transport, truth.light),
-        "full": np.stack(full),
-        "ratio": _relight_by_ratio(benchmark, entry, truth.light),
+        "full": np.stack([to_srgb8(picture) for picture in pictures]),
+        "ratio": np.stack([to_srgb8(apply_gain(linear, factor)) for factor in gains]),
     }
 
 
-def new_lights(entry: Entry) -> list[np.ndarray]:
-    """Returns the radiance coefficients (9,3) of each new light of a picture."""
-    return [project(read_panorama(path), order=2) for path in entry.panoramas()]
+class _Scene(NamedTuple):
+    """The figure of a picture, made again: `mesh`, its `camera`, the `window` of the photo, and `maps` within it."""
+
+    mesh: Mesh
+    camera: Camera
+    window: tuple[slice, slice]
+    maps: Maps
 
 
-def _relight_by_ratio(benchmark: BenchmarkSet, entry: Entry, light: np.ndarray) -> np.ndarray:
-    """Relights a photograph by the ratio of new to old shading, both by true transport: (N,H,W,3) uint8.
+def _scene(benchmark: BenchmarkSet, entry: Entry, order: int = 2) -> _Scene:
+    """Makes the figure of a picture again, with transport of an order."""
+    settings = Settings(**benchmark.index["settings"])
+    (recipe,) = (recipe for recipe in draw_recipes(benchmark.index["set"]) if recipe.name == entry.name)
+    mesh = make_mesh(recipe.seed, settings)
+    baker = scene_baker(mesh, settings, order)
+    maps = baker.maps(recipe.view)
+    window = crop_window(maps.mask, recipe.cut)
+    return _Scene(mesh, baker.camera(recipe.view), window, crop_maps(maps, window))
 
-    `light` (9,3) is taken for that of the photograph.
-    """
-    maps, linear = read_maps(benchmark.maps(entry)), LINEAR[entry.shot().photo]
-    gains = (gain(maps.transport, maps.mask, light, new) for new in new_lights(entry))
-    return np.stack([to_srgb8(apply_gain(linear, factor)) for factor in gains])
 
-
-BASELINES: dict[str, Method] = {"as_it_is": as_it_is, "mean_light": mean_light, "true_maps": true_maps}
+BASELINES: dict[str, Method] = {
+    "as_it_is": as_it_is,
+    "mean_light": mean_light,
+    "true_maps": true_maps,
+    **{f"true_maps_{order}": partial(true_maps, order=order) for order in (3, 4, 6)},
+    "exact": exact,
+}

@@ -88,7 +88,7 @@ def render_picture(recipe: PictureRecipe, mesh: Mesh, settings: Settings) -> Pic
         UserError: without Mitsuba.
     """
     size = settings.size
-    baker = Baker(mesh, replace(read_preset("bake"), size=size, rays=settings.rays, supersample=SUPERSAMPLE))
+    baker = scene_baker(mesh, settings)
     maps, camera = baker.maps(recipe.view), baker.camera(recipe.view)
     brightness = BRIGHTNESS * 2**recipe.stops
     light, *new = (panorama(source, recipe.view.pitch, brightness) for source in (recipe.light, *recipe.new))
@@ -121,6 +121,12 @@ def render_picture(recipe: PictureRecipe, mesh: Mesh, settings: Settings) -> Pic
     coefficients = project(light, order=2)
     truth = on_square(maps, shading[window], coefficients, shots[""].square)
     return Picture(shots, light, new, maps, np.stack([source[window] for source in relit]), truth)
+
+
+def scene_baker(mesh: Mesh, settings: Settings, order: int = 2) -> Baker:
+    """Returns the baker of the true maps of a figure."""
+    quality = {"size": settings.size, "rays": settings.rays, "supersample": SUPERSAMPLE}
+    return Baker(mesh, replace(read_preset("bake"), order=order, **quality))
 
 
 def crop_window(mask: np.ndarray, cut: float | None) -> tuple[slice, slice]:

@@ -52,22 +52,34 @@ def steady(shading: np.ndarray, light: np.ndarray, floor: float = 0.0) -> np.nda
 
 
 def gain(transport: np.ndarray, mask: np.ndarray, light: np.ndarray, new_light: np.ndarray) -> np.ndarray:
-    """Returns the gain of mode `ratio`: new / old shading, both `steady`; 1 where they are equal.
-
-    What a channel of the old shading lacks of the floor is added to both.
+    """Returns the gain (S,S,3) of mode `ratio`: `gain_between` the shadings of both lights.
 
     Args:
         transport: (S,S,K).
         mask: (S,S) bool.
         light: (K,3) of the photo.
         new_light: (K,3).
+    """
+    return gain_between(shading(transport, light), shading(transport, new_light), mask, light, new_light)
+
+
+def gain_between(
+    first: np.ndarray, second: np.ndarray, mask: np.ndarray, light: np.ndarray, new_light: np.ndarray
+) -> np.ndarray:
+    """Returns new / old shading, both `steady`; 1 where they are equal.
+
+    What a channel of the old shading lacks of the floor is added to both.
+
+    Args:
+        first, second: (S,S,3), the old and the new shading.
+        mask: (S,S) bool.
+        light, new_light: (K,3) that they are of.
 
     Returns:
         (S,S,3) float32.
     """
-    first = shading(transport, light)
     floor = shading_floor(first, mask)
-    old, new = steady(first, light, floor), steady(shading(transport, new_light), new_light, floor)
+    old, new = steady(first, light, floor), steady(second, new_light, floor)
     lacking = np.maximum(np.float32(floor) - old, 0)
     return (new + lacking) / (old + lacking)
 
