@@ -22,7 +22,7 @@ def page() -> str:
     """Returns the text of the page."""
     defaults = yaml.safe_load((CONF / "config.yaml").read_text(encoding="utf-8"))["defaults"]
     chosen = {group: name for item in defaults if isinstance(item, dict) for group, name in item.items()}
-    parts = [HEAD, *scales(chosen["scale"]), *protocols(chosen["protocol"]), *experiments(chosen["experiment"])]
+    parts = [HEAD, *scales(chosen["scale"]), *protocols(), *experiments(chosen["experiment"])]
     cfg = composed()
     parts += ["## name", f"`name`: {setting_of(FIELDS['name']).about}; it comes with the scale (`{cfg.name}`)."]
     for group in fields(Config):
@@ -50,9 +50,9 @@ def scales(default: str) -> list[str]:
     return ["## scale", listed_presets("scale", [default], overrides=False), markdown(["", *names], rows)]
 
 
-def protocols(default: str) -> list[str]:
-    """Returns the section of the presets of `protocol`."""
-    return ["## protocol", listed_presets("protocol", [default], overrides=False)]
+def protocols() -> list[str]:
+    """Returns the section of the presets of `protocol`, of which there is none by default."""
+    return ["## protocol", listed_presets("protocol", [], overrides=False)]
 
 
 def experiments(default: list[str]) -> list[str]:

@@ -24,7 +24,7 @@ from relight.panoramas import Panorama, project
 from relight.photos.api import load
 from relight.photos.look import Look
 from relight.photos.mask.find import NobodyFound, masked
-from relight.photos.shading import shading
+from relight.photos.shading import shade
 from relight.photos.write import placed_maps
 from relight.pictures.picture import Picture
 from relight.sh import mean_direction
@@ -227,7 +227,7 @@ def maps_of(self, image, mask=None, encoding="sRGB", lit_by=None):
         for person in scene.people:
             fits = person.fitted_albedo, person.fitted_transport
             for window, own, albedo, transport in placed_maps(person, scene.picture.pixels, fits):
-                lit = DISPLAY_STRENGTH * shading(transport, person.light)
+                lit = DISPLAY_STRENGTH * shade(transport, person.light)
                 shown = encoded(albedo**2, encoding), encoded(lit, encoding), (mean_direction(transport) + 1) / 2
                 for out, values in zip(maps, shown):
                     out[i].numpy()[window][own] = values

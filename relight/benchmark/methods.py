@@ -26,7 +26,7 @@ from relight.photos.color import apply_gain
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.person import Person, infer_person
 from relight.photos.render import render
-from relight.photos.shading import gain, gain_between, shading
+from relight.photos.shading import gain, gain_between, shade
 from relight.pictures.codes import to_srgb8
 from relight.transport.camera import Camera
 from relight.transport.tracer import PathTracer
@@ -128,7 +128,7 @@ def mean_light(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
     ratio = np.stack([to_srgb8(apply_gain(linear, factor)) for factor in gains])
     truth, _ = benchmark.truth(entry)
     assert truth.transport is not None  # a set with true maps has it
-    return {"light": light, "shading": shading(truth.transport, light), "ratio": ratio}
+    return {"light": light, "shading": shade(truth.transport, light), "ratio": ratio}
 
 
 @cache
@@ -147,7 +147,7 @@ def true_maps(benchmark: BenchmarkSet, entry: Entry, order: int = 2) -> dict[str
     maps = read_maps(benchmark.maps(entry)) if order == 2 else _scene(benchmark, entry, order).maps
     old, *new = (project(read_panorama(path), order) for path in (benchmark.light(entry), *entry.panoramas()))
     gains = [gain(maps.transport, maps.mask, old, light) for light in new]
-    return _true(benchmark, entry, [maps.albedo * shading(maps.transport, light) for light in new], gains)
+    return _true(benchmark, entry, [maps.albedo * shade(maps.transport, light) for light in new], gains)
 
 
 def exact(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
@@ -177,7 +177,7 @@ def _true(
         "albedo": truth.albedo,
         "transport": truth.transport,
         "light": truth.light,
-        "shading": shading(truth.transport, truth.light),
+        "shading": shade(truth.transport, truth.light),
         "full": np.stack([to_srgb8(picture) for picture in pictures]),
         "ratio": np.stack([to_srgb8(apply_gain(linear, factor)) for factor in gains]),
     }

@@ -2,7 +2,7 @@
 
 It is the mean light of places, tinted by half of the picture's color (in logarithms), and changed linearly with a few
 features of the picture, mostly toward its brighter side. If it is known where the light comes from, it is a soft lamp
-there and even light instead. `tools/places.py` fits both.
+there and even light instead. `tools/places.py` of commit bd623a7f fitted both.
 
 place:street.jpg            the light of the place in the photograph
 place:street.jpg@-60,40     most of it comes from 60 degrees to the left of the camera, 40 up; without the 40, 45 up

@@ -12,7 +12,7 @@ from relight.panoramas import luminance
 from relight.photos.color import chroma
 from relight.photos.guide import FittedMap, Guide, fit_map, luma, square_root
 from relight.photos.network import PhotoNetwork
-from relight.photos.shading import exposure_factor, gain, shading, steady
+from relight.photos.shading import exposure_factor, gain, shade, steady
 
 OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the person
 BRIGHTEST = 0.99  # quantile of a person's values that the network sees as white, if it exceeds that
@@ -59,7 +59,7 @@ class Person:
     @cached_property
     def shading(self) -> np.ndarray:
         """(S,S,3) under the inferred light."""
-        return shading(self.transport, self.light)
+        return shade(self.transport, self.light)
 
     @property
     def error(self) -> float:
@@ -74,7 +74,7 @@ class Person:
 
     def fit_shading(self, light: np.ndarray) -> FittedMap:
         """Fits the shading of mode `full`, as a factor on linear values, under a new light (K,3)."""
-        lit = steady(shading(self.transport, light), light)
+        lit = steady(shade(self.transport, light), light)
         return fit_map(lit**self.gamma, self._grey_guide)
 
     @cached_property

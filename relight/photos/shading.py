@@ -11,18 +11,18 @@ CHANNEL = 0.6  # of the largest channel of a light's mean color: that of a warm 
 DARK = 0.15  # of the mean irradiance: the hue of darker shading is the light's, and that of twice as much its own
 
 
-def shading(transport: np.ndarray, light: np.ndarray) -> np.ndarray:
+def shade(transport: np.ndarray, light: np.ndarray) -> np.ndarray:
     """Returns the irradiance max(0, T . L) (the paper, equation 7).
 
     Args:
-        transport: (...,K).
-        light: (K,3) radiance coefficients; if the orders differ, the lower bands of both count.
+        transport: (...,P,K).
+        light: (...,K,3) radiance coefficients; if the orders differ, the lower bands of both count.
 
     Returns:
-        (...,3) float32. A truncated series can be negative; it is clipped at 0.
+        (...,P,3), of the type of the transport. A truncated series can be negative; it is clipped at 0.
     """
-    count = min(transport.shape[-1], len(light))
-    return np.maximum(transport[..., :count] @ light[:count].astype(np.float32), 0)
+    count = min(transport.shape[-1], light.shape[-2])
+    return np.maximum(transport[..., :count] @ light[..., :count, :].astype(transport.dtype, copy=False), 0)
 
 
 def shading_floor(old: np.ndarray, mask: np.ndarray) -> float:
@@ -60,7 +60,7 @@ def gain(transport: np.ndarray, mask: np.ndarray, light: np.ndarray, new_light: 
         light: (K,3) of the photo.
         new_light: (K,3).
     """
-    return gain_between(shading(transport, light), shading(transport, new_light), mask, light, new_light)
+    return gain_between(shade(transport, light), shade(transport, new_light), mask, light, new_light)
 
 
 def gain_between(
@@ -122,6 +122,6 @@ def exposure_factor(
         mean = transport[mask].mean(0).astype(np.float64)
         before, after = max_luminance(mean, old), max_luminance(mean, new)
     else:
-        before, after = (float(luminance(shading(transport[mask], light)).mean()) for light in (old, new))
+        before, after = (float(luminance(shade(transport[mask], light)).mean()) for light in (old, new))
     before, after = before * saturation(old), after * saturation(new)
     return before / after if after > 1e-6 and before > 1e-6 else 1.0

@@ -17,7 +17,7 @@ from relight.photos.guide import FittedMap, luma
 from relight.photos.person import Person
 from relight.photos.render import total_coverage
 from relight.photos.scene import Scene
-from relight.photos.shading import shading
+from relight.photos.shading import shade
 from relight.pictures.codes import on_white, to_srgb8
 from relight.pictures.deep import write_deep
 from relight.sh import mean_direction
@@ -94,7 +94,7 @@ def layers(scene: Scene) -> tuple[dict[str, np.ndarray], int, int]:
         fits = person.fitted_albedo, person.fitted_transport
         for (rows, columns), own, albedo, transport in placed_maps(person, scene.picture.pixels, fits):
             window = slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left)
-            lit, normal = shading(transport, person.light), mean_direction(transport)
+            lit, normal = shade(transport, person.light), mean_direction(transport)
             values = np.concatenate([albedo**2, lit, normal, transport], -1)
             for name, channel in zip(names, values.T):
                 channels[name][window][own] = channel

@@ -29,8 +29,6 @@ NAME_PATTERN, MAX_NAME_LENGTH = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*"), 100
 def check(cfg: DictConfig, given: Iterable[str] = ()) -> None:
     """Checks a tree for unknown settings, values out of range, inconsistent values, and given ones without effect.
 
-    Settings without a value are allowed, since a stage gets only those that it reads.
-
     Args:
         cfg: the tree.
         given: keys of the settings that the user gave.

@@ -44,7 +44,7 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
     from relight.settings.errors import explain
 
     if not CONF.is_dir():
-        raise UserError(f"there is no folder {CONF}: the workflow and its stages run from a clone of the repository")
+        raise UserError(f"there is no folder {CONF}: the workflow runs from a clone of the repository")
     for path in CONF.rglob("*.yaml"):
         _require_plain_text(path)
     overrides = [quoted(override) for override in overrides]

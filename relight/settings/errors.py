@@ -31,7 +31,7 @@ def explain(error: Exception, groups: Mapping[str, Iterable[str]]) -> str:
                     """signs such as = # ( or ' in two pairs of quotes, 'key="value"'"""
                 )
             case ConfigKeyError() | ConfigAttributeError() if cause.full_key and cause.parent_node is not None:
-                known = [key for key in map(str, cause.parent_node) if key not in ("hydra", "code")]
+                known = [str(key) for key in cause.parent_node]
                 if "." not in cause.full_key:
                     known = list(dict.fromkeys([*groups, *known]))
                 return no_such(cause.full_key, known)

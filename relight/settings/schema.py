@@ -61,8 +61,8 @@ class Figures:
 class Align:
     """Alignment of meshes: upright, facing the camera, filling the image."""
 
-    up: str = setting("axis of the file that points up", choices=AXES)
-    front: str = setting("axis of the file that the figure faces", choices=AXES)
+    up: str = setting("axis of the file that points up", "auto", choices=AXES)
+    front: str = setting("axis of the file that the figure faces", "auto", choices=AXES)
     table: str | None = setting("CSV table of single figures: name, up, front, turn (degrees)", None)
 
 
@@ -240,9 +240,9 @@ class Experiment:
 class Sweep:
     """The rows to train, to which presets of `experiment` add."""
 
-    rows: dict[str, list[str]] = setting("overrides of each row, by name")
+    rows: dict[str, list[str]] = setting("overrides of each row, by name", {})
     only: list[str] | None = setting("names of the rows to train; null for all", None)
-    seeds: list[int] = setting("seeds, with each of which every row is trained", least=0)
+    seeds: list[int] = setting("seeds, with each of which every row is trained", [0], least=0)
 
 
 @dataclass

@@ -14,7 +14,7 @@ from relight.maps.octahedral import octahedral
 from relight.maps.square import extent, fill_outside
 from relight.photos.color import CLIPPING, chroma, clipping_excess
 from relight.photos.render import estimate_foreground
-from relight.photos.shading import shading, shading_floor
+from relight.photos.shading import shade, shading_floor
 from relight.sh import UNOCCLUDED_T00, coefficient_count
 from relight.viewer.codec import deflate, encode
 
@@ -106,7 +106,7 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
     if figure.photo is not None and figure.photo_light is not None:
         light = np.asarray(figure.photo_light, np.float64)
         header["light"] = light.round(6).tolist()
-        header["floor"] = shading_floor(shading(maps.transport, light), maps.mask)
+        header["floor"] = shading_floor(shade(maps.transport, light), maps.mask)
 
     def add(name: str, integers: np.ndarray, steps: int, where: np.ndarray) -> None:
         """Appends the planes (h,w,C) of a map of the box at the pixels `where` (h,w): integers of `steps` per unit."""

@@ -10,10 +10,10 @@ from relight.evaluation.pictures.charts import plot_errors
 from relight.evaluation.pictures.contact import clearest_light, contact_sheet, light_sheet
 from relight.evaluation.pictures.panels import COLUMNS, Shown, plates, relit, shadings
 from relight.evaluation.scoring.evaluate import infer, load
-from relight.evaluation.scoring.metrics import shade
 from relight.evaluation.scoring.scores import Scores
 from relight.evaluation.scoring.tables import TABLE2_COLUMNS, experiment_table
 from relight.maps import read_maps, write_left_out
+from relight.photos.shading import shade
 from relight.sh import unoccluded
 
 

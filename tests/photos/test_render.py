@@ -22,7 +22,7 @@ from relight.photos.shading import (
     exposure_factor,
     gain,
     max_luminance,
-    shading,
+    shade,
     shading_floor,
     steady,
 )
@@ -47,7 +47,7 @@ def ball(size=128, side=160):
     coverage = np.zeros((side, side), np.uint8)
     coverage[10 : 10 + size, 20 : 20 + size] = mask * np.uint8(255)
     place = replace(crop_around(coverage, size), top=10.0, left=20.0, side=float(size))
-    image = albedo * shading(transport, LIGHT)
+    image = albedo * shade(transport, LIGHT)
     figure = Person(place, coverage, mask, image, albedo, transport, LIGHT)
     pixels = np.full((side, side, 3), 90, np.uint8)
     pixels[10 : 10 + size, 20 : 20 + size][mask] = to_srgb8(image)[mask]
@@ -83,7 +83,7 @@ def test_several_people_each_by_their_own_light(relighter, draw):
 def test_known_ball_is_relit_right():
     """The photo of a known ball under a new light equals the picture rendered under it, in both modes."""
     pixels, figure, mask = ball()
-    expected = figure.albedo * shading(figure.transport, OTHER)
+    expected = figure.albedo * shade(figure.transport, OTHER)
     floor = shading_floor(figure.shading, mask)
     sure = mask & (figure.shading.min(-1) > 2 * floor) & (expected.max(-1) < 0.75) & (figure.image.min(-1) > 0.05)
     assert sure.sum() > 0.5 * mask.sum()
@@ -140,16 +140,16 @@ def test_exposure_matches_itself_and_does_not_turn():
         factor = exposure_factor(LIGHT.mean(1, keepdims=True) * np.ones(3, np.float32), lamp, figure.transport, mask)
         assert factor * (luminance(np.array(color)) if level == 1 else 0.6) == pytest.approx(1, rel=1e-4)
     turned = [rotate_y(OTHER, angle).astype(np.float32) for angle in (0, 1, 2.51)]
-    had = luminance(shading(figure.transport, LIGHT))[mask].mean()
+    had = luminance(shade(figure.transport, LIGHT))[mask].mean()
     for light in turned:  # as bright as before at the heading that is shown
         factor = exposure_factor(LIGHT, light, figure.transport, mask)
-        assert luminance(shading(figure.transport, factor * light))[mask].mean() == pytest.approx(had, rel=1e-5)
+        assert luminance(shade(figure.transport, factor * light))[mask].mean() == pytest.approx(had, rel=1e-5)
     factors = [exposure_factor(LIGHT, light, figure.transport, mask, turning=True) for light in turned]
     assert np.ptp(factors) < 3e-3 * factors[0]
     # over a whole turn no figure gets brighter than it could be under the photo's own light
     turns = np.arange(90) * np.pi / 45
     under = [
-        max(shading(figure.transport, rotate_y(k * light, a))[mask].mean() for a in turns)
+        max(shade(figure.transport, rotate_y(k * light, a))[mask].mean() for a in turns)
         for light, k in ((LIGHT, 1.0), (OTHER, factors[0]))
     ]
     assert under[1] == pytest.approx(under[0], rel=0.1)  # channels differ, luminance is equal
@@ -179,7 +179,7 @@ def test_gain_of_dark_shading_does_not_blow_up():
     np.testing.assert_allclose(gain_of(old, new)[:, 0], [1 / FLOOR, 1 / 0.8], rtol=1e-3)
     assert (gain_of(old, old) == 1).all()
     assert shading_floor(old[None], np.ones((1, 2), bool)) == pytest.approx(FLOOR * 0.4005)
-    assert (shading(np.array([[1.0, 0, 0, 0]]), np.full((4, 3), -1.0)) == 0).all()
+    assert (shade(np.array([[1.0, 0, 0, 0]]), np.full((4, 3), -1.0)) == 0).all()
 
 
 def test_gain_of_a_dark_grey_fold_under_a_strong_lamp_is_grey():

@@ -33,14 +33,16 @@ def test_every_preset_composes(words):
 
 def test_every_setting_is_described_and_conf_has_its_default():
     """Defaults of the schema are for files that leave a setting out. They are those of conf/, but for MLflow's, for the
-    number of figures, which is the scale's and which no stage reads, and for the weights of losses, which are 0."""
+    number of figures, which is the scale's, for the rows, which are the experiment's, and for the weights of losses."""
     cfg = composed()
     for key, item in FIELDS.items():
         assert setting_of(item).about, key
         value = OmegaConf.select(cfg, key)
         assert value is not None or type_in_words(item.type).endswith(", or null"), key
         default = item.default_factory() if item.default is NO_DEFAULT else item.default
-        assert default == MISSING or default == value or key.startswith(("track.", "figures.count", "loss.")), key
+        assert (
+            default == MISSING or default == value or key.startswith(("track.", "figures.count", "sweep.rows", "loss."))
+        ), key
     groups = [group for group in fields(Config) if is_dataclass(group.type)]
     settings = [key for group in groups for key in OmegaConf.select(cfg, group.name)]
     alone = [key for key in FIELDS if "." not in key]

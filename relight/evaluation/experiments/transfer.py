@@ -19,11 +19,11 @@ from relight.core.progress import progress
 from relight.evaluation.pictures.panels import PLATE_FIGURES, Cell, Line, Subject, draw, evenly_spaced
 from relight.evaluation.scoring.evaluate import Predictor, infer, load, select_pairs, truth
 from relight.evaluation.scoring.labels import label
-from relight.evaluation.scoring.metrics import shade
 from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.evaluation.scoring.truth import Inferred, Truth, light_errors
 from relight.learning.data import RelitSet
 from relight.learning.training_name import TrainingName
+from relight.photos.shading import shade
 
 # The maps and the light of a relit picture. Inferred maps are from the figure's own picture, lights from its partner's.
 VARIANTS = {

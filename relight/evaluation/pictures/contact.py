@@ -11,11 +11,11 @@ from relight.core.errors import UserError
 from relight.core.progress import progress
 from relight.core.srgb import encode
 from relight.evaluation.pictures.canvas import CELL, FAINT, WHITE_PERCENTILE, Canvas, ball, bounding_box, composite
-from relight.evaluation.scoring.metrics import shade
 from relight.lights import LightSet, measure
 from relight.lights.table import SPLITS
 from relight.maps import LeftOut, Maps, read_maps
 from relight.maps.square import fill_outside
+from relight.photos.shading import shade
 
 VIEWS = ("lit", "albedo", "normal", "AO", "shading")
 CELL_HEIGHT = 240  # pixels

@@ -21,9 +21,9 @@ from relight.evaluation.pictures.canvas import (
 )
 from relight.evaluation.scoring.evaluate import dense, infer, load, pixels, select_pairs, truth
 from relight.evaluation.scoring.labels import label
-from relight.evaluation.scoring.metrics import shade
 from relight.evaluation.scoring.truth import Inferred, Truth
 from relight.learning.data import RelitSet
+from relight.photos.shading import shade
 
 COLUMNS = (
     "picture", "albedo", "normal", "AO", "shading", "shading error", "light",

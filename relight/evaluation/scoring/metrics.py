@@ -108,15 +108,6 @@ def irradiance(light: np.ndarray) -> np.ndarray:
     return light * per_coefficient(cosine_factors(order_of(len(light))))[:, None]
 
 
-def shade(transport: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Returns the shading (N,P,3), clipped at 0, of transport (N or 1,P,K) under light (N or 1,K,3).
-
-    If their numbers of coefficients K differ, only the first common ones count.
-    """
-    common = min(transport.shape[-1], light.shape[-2])
-    return np.maximum(np.matmul(transport[..., :common], light[..., :common, :]), 0)
-
-
 def contrast(shading: np.ndarray) -> np.ndarray:
     """Returns the coefficient of variation (N,) over pixels of the grey shading (N,P,3)."""
     grey = shading.mean(-1, dtype=np.float64)

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from relight.core.errors import UserError
-from relight.evaluation.scoring.metrics import WINDOW, MaskBox, contrast, explained_variance, rmse, shade, ssim
+from relight.evaluation.scoring.metrics import WINDOW, MaskBox, contrast, explained_variance, rmse, ssim
 from relight.lights.show import unoccluded_ball
+from relight.photos.shading import shade
 from relight.settings.schema import READINGS
 from relight.sh import order_of
 
