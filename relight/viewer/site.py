@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from relight.core.errors import UserError
-from relight.core.files import atomic_folder
+from relight.core.files import atomic_folder, file_hash
 from relight.photos.mask import selfie
 from relight.viewer import runtime
 from relight.viewer.build import Additions, build_viewer
@@ -63,7 +63,7 @@ def build_site(
             shutil.copyfile(selfie.network_file(), folder / "mask.onnx")
             shutil.copyfile(selfie.license_file(), folder / "mask.LICENSE.txt")
             files.append(folder / "mask.onnx")
-        sizes = [{"name": path.name, "bytes": path.stat().st_size} for path in files]
+        known = [{"name": path.name, "bytes": path.stat().st_size, "sha256": file_hash(path)} for path in files]
         additions = Additions(
             script=STUDIO / "studio.js",
             policy=POLICY,
@@ -71,7 +71,7 @@ def build_site(
             stage=(STUDIO / "stage.html").read_text(encoding="utf-8"),
             panel=(STUDIO / "panel.html").read_text(encoding="utf-8"),
             worker=bundle(STUDIO / "worker.js"),
-            settings={"web": {"size": size, "files": sizes}},
+            settings={"web": {"size": size, "files": known}},
         )
         build_viewer(folder / "index.html", figures, lights, title=title, additions=additions)
         shutil.copyfile(STUDIO / "licenses.txt", folder / "LICENSES.txt")

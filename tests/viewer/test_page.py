@@ -354,6 +354,21 @@ def test_a_movie_is_one_turn_at_the_size_of_the_image(balls, tmp_path, maps, lig
     assert balls.run("relight.state.yaw") == pytest.approx(15)
 
 
+def test_a_browser_without_webgl_is_told_what_helps_for_good(page, html):
+    source = "HTMLCanvasElement.prototype.getContext = () => null;"
+    script = page.send("Page.addScriptToEvaluateOnNewDocument", source=source)["identifier"]
+    try:
+        with pytest.raises(RuntimeError, match="WebGL2"):
+            page.open(html, 360, 700)
+        page.run("window.dispatchEvent(new Event('resize'))")
+        assert page.run("document.getElementById('panel').inert && document.getElementById('hint').hidden")
+        assert "allow hardware acceleration" in page.run("document.getElementById('loading').innerText")
+        left, right = page.run("(({ left, right }) => [left, right])(document.getElementById('loading').getBoundingClientRect())")
+        assert 0 <= left and right <= 360
+    finally:
+        page.send("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
+
+
 def test_a_wrong_file_is_told_and_changes_nothing(balls):
     balls.run("relight.openPanorama(new File(['no'], 'no.hdr'))")
     assert "not a Radiance" in balls.run("document.getElementById('toast').innerText")

@@ -2,7 +2,9 @@
 
 import base64
 import io
+import shutil
 import time
+from contextlib import contextmanager
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -29,10 +31,14 @@ pytestmark = pytest.mark.slow
 
 
 class Static(SimpleHTTPRequestHandler):
-    """Any static server, which keeps account of what it was asked for."""
+    """Any static server, which keeps account of what it was asked for, and lets browsers keep it for ten minutes."""
 
     def log_message(self, *_):
         self.server.asked.append(self.requestline)
+
+    def end_headers(self):
+        self.send_header("Cache-Control", "max-age=600")
+        super().end_headers()
 
 
 @pytest.fixture(scope="module")
@@ -51,14 +57,23 @@ def site(tmp_path_factory, exported, maps, lights):
     return folder
 
 
-@pytest.fixture
-def server(site):
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Static, directory=site))
+@contextmanager
+def serving(folder):
+    """A server of a folder."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Static, directory=folder))
     server.asked = []
     Thread(target=server.serve_forever, daemon=True).start()
-    yield server
-    server.shutdown()
-    server.server_close()
+    try:
+        yield server
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+@pytest.fixture
+def server(site):
+    with serving(site) as server:
+        yield server
 
 
 def address(server):
@@ -185,6 +200,37 @@ def test_the_site_works_without_its_server(page, server):
     until(page, "relight.figure().title === 'offline'")
 
 
+def released(site, folder, mark):
+    """Another release of a site: its page and its worker differ by a mark."""
+    shutil.copytree(site, folder, dirs_exist_ok=True)
+    for name, words in (("index.html", "<title>"), ("sw.js", "${KIND}")):
+        text = (folder / name).read_text()
+        assert words in text
+        (folder / name).write_text(text.replace(words, words + mark))
+
+
+def test_a_returning_visitor_gets_the_new_release_whatever_the_browser_kept(page, site, tmp_path):
+    """Not the page of the browser's own cache; and no page runs with the network of another release."""
+    released(site, tmp_path / "live", "one ")
+    with serving(tmp_path / "live") as server:
+        page.open(address(server))
+        page.run("relight.engine()")
+        until(page, "caches.keys().then((names) => names.some((name) => name.includes('one ')))")
+        released(site, tmp_path / "live", "two ")
+        page.open(address(server))
+        page.run("relight.engine()")
+        until(page, "caches.keys().then((names) => names.some((name) => name.includes('two ')))")
+        until(page, "caches.keys().then((names) => !names.some((name) => name.includes('one ')))")
+        page.open(address(server))
+        assert page.run("document.title").startswith("two ")
+        network = (tmp_path / "live" / "network.onnx").read_bytes()
+        (tmp_path / "live" / "network.onnx").write_bytes(network[:-1] + bytes([network[-1] ^ 1]))
+        page.run("caches.keys().then((names) => Promise.all(names.map((name) => caches.delete(name))))")
+        page.open(address(server))
+        with pytest.raises(RuntimeError, match="network.onnx is of another version than this page: reload the page"):
+            page.run("relight.engine()")
+
+
 def test_a_mask_is_painted_where_there_is_none(page, server):
     pixels, _ = photograph()
     page.open(address(server), 900, 700)
@@ -217,6 +263,66 @@ def test_a_mask_is_painted_where_there_is_none(page, server):
     gap = painted[rows[0] : rows[-1]].max(1)
     assert (gap == 0).any()  # where the background was painted across
     assert page.run("document.getElementById('brush').hidden && !document.getElementById('edit-mask').hidden")
+
+
+def press(page, *keys):
+    """Presses keys; S- before a name holds Shift."""
+    for key in keys:
+        name = key.removeprefix("S-")
+        event = {"key": " " if name == "Space" else name, "modifiers": 8 if name != key else 0}
+        for kind in ("rawKeyDown", "keyUp"):
+            page.send("Input.dispatchKeyEvent", type=kind, **event)
+
+
+def test_a_mask_is_painted_by_keys_and_not_lost_by_escape(page, server):
+    pixels, alpha = photograph()
+    page.open(address(server), 900, 700)
+    opened(page, png(np.dstack([pixels, alpha])))
+    until(page, "relight.figure().title === 'me'")
+    figures = page.run("document.getElementById('figure').length")
+    errors = [event for event in page.events if event.get("method") == "Runtime.exceptionThrown"]
+    isOpen = "!document.getElementById('brush').hidden"
+    asks = "document.getElementById('brush-discard').open"
+
+    def pixels_inside():
+        return int((page.pixels(view="albedo", background="clear")[..., 3] > 0).sum())
+
+    before = pixels_inside()
+    page.run("document.getElementById('edit-mask').click()")
+    until(page, isOpen)
+    press(page, "Escape")
+    assert not page.run(isOpen), "nothing was painted"
+    page.run("document.getElementById('edit-mask').click()")
+    until(page, isOpen)
+    press(page, "x", "Space", *["S-ArrowUp"] * 3, "ArrowLeft")
+    press(page, "Escape")
+    assert page.run(isOpen) and page.run(asks)
+    page.run("document.querySelector('#brush-discard [value=keep]').click()")
+    assert page.run(isOpen) and not page.run(asks)
+    press(page, "z", "z", "y", "y", "Enter")
+    until(page, f"!({isOpen}) && document.getElementById('photo-status').hidden")
+    assert 0 < before - pixels_inside() < before
+    assert page.run("document.getElementById('figure').length") == figures, "a correction takes the figure's place"
+    page.run("document.getElementById('edit-mask').click()")
+    until(page, isOpen)
+    press(page, "Space", "Escape")
+    page.run("document.querySelector('#brush-discard [value=discard]').click()")
+    until(page, f"!({isOpen})")
+    assert [event for event in page.events if event.get("method") == "Runtime.exceptionThrown"] == errors == []
+
+
+def test_that_nobody_was_found_is_told_before_the_brush(page, server):
+    page.open(address(server))
+    page.run("relight.engine()")
+    page.call(
+        """async () => { const send = Worker.prototype.postMessage; Worker.prototype.postMessage = function (task, ...rest) {
+        if (task.task !== "mask") return send.call(this, task, ...rest);
+        const { width, height } = task.values.photo; Worker.prototype.postMessage = send;
+        this.onmessage({ data: { id: task.id, result: new Uint8Array(width * height) } }); }; }"""
+    )
+    opened(page, png(photograph()[0]))
+    until(page, "document.getElementById('brush-why').checkVisibility()")
+    assert page.run("document.getElementById('brush-why').innerText") == "Nobody was found in this photo."
 
 
 def test_what_is_no_picture_is_told(page, server):

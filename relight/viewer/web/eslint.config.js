@@ -7,7 +7,7 @@ const rules = {
   "no-unreachable": "error", "no-unused-vars": "error", "no-use-before-define": ["error", { functions: false, variables: false }],
   "no-var": "error", "prefer-const": "error", "max-len": ["error", { code: 140, ignoreStrings: true, ignoreTemplateLiterals: true }],
 };
-const everywhere = "Blob DecompressionStream Response TextDecoder URL URLSearchParams atob clearTimeout console performance setTimeout";
+const everywhere = "Blob DecompressionStream Response TextDecoder URL URLSearchParams atob clearTimeout console crypto performance setTimeout";
 const page = "CanvasRenderingContext2D Event File ImageData MediaRecorder Option ResizeObserver Worker createImageBitmap document fetch history " +
   "location matchMedia navigator requestAnimationFrame window";
 const worker = "caches clients fetch ort registration self";

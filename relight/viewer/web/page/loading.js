@@ -92,12 +92,12 @@ const openPlace = reading(async (file, isBehind = false) => {
 
 const figures = embedded.map((script) => async () => loadFigure(JSON.parse(script.textContent)));
 
-// Adds a figure to those that the page offers, and shows it.
-function addFigure(title, figure) {
-  element("figure").append(new Option(title, figures.length));
+// Adds a figure to those that the page offers, or puts it in the place of figure `index`, and shows it.
+function putFigure(title, figure, index = figures.length) {
+  if (index === figures.length) element("figure").append(new Option(title, index));
   element("figures").hidden = false;
-  figures.push(async () => figure);
-  return choose(figures.length - 1);
+  figures[index] = async () => figure;
+  return choose(index);
 }
 
 // The indices of the figures that show the same as figure `index`: its maps from each of their sources.
@@ -143,4 +143,4 @@ async function choose(index) {
   refresh();
 }
 
-export { addFigure, addLight, choose, openLight, openPanorama, openPlace, sourcesOf };
+export { addLight, choose, openLight, openPanorama, openPlace, putFigure, sourcesOf };

@@ -115,14 +115,14 @@ split.addEventListener("keydown", (event) => {
 for (const name of ["dragenter", "dragover"]) {
   document.addEventListener(name, (event) => {
     event.preventDefault();
-    element("drop").hidden = false;
+    element("drop").hidden = !app.figure;
   });
 }
 document.addEventListener("dragleave", (event) => (element("drop").hidden = event.relatedTarget === null));
 document.addEventListener("drop", (event) => {
   event.preventDefault();
   element("drop").hidden = true;
-  if (event.dataTransfer.files.length) (app.openFile ?? openLight)(event.dataTransfer.files[0]);
+  if (app.figure && event.dataTransfer.files.length) (app.openFile ?? openLight)(event.dataTransfer.files[0]);
 });
 
 async function start() {
@@ -157,8 +157,9 @@ async function start() {
 }
 
 const ready = start().catch((error) => {
-  element("loading").hidden = true;
-  notify(error.message);
+  element("loading").textContent = error.message; // for good: nothing of the page works
+  element("loading").setAttribute("role", "alert");
+  element("hint").hidden = element("panel").inert = true;
   throw error;
 });
 

@@ -22,7 +22,7 @@ async function readPhoto(file, longest = LONGEST) {
 // Through WebGL, for a 2D canvas multiplies colors by alpha and rounds.
 function straightPixels(bitmap) {
   const { width, height } = bitmap, gl = document.createElement("canvas").getContext("webgl2");
-  if (!gl) throw new Error("This browser has no WebGL2, which the viewer draws with.");
+  if (!gl) throw new Error("The browser gives no further WebGL2 context: reload the page.");
   const pixels = new Uint8Array(4 * width * height);
   gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
   gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, bitmap);

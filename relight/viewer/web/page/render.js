@@ -54,7 +54,7 @@ export class Renderer {
     this.canvas = canvas;
     this.fragment = fragment;
     this.gl = canvas.getContext("webgl2", { antialias: false, alpha: true, powerPreference: "high-performance" });
-    if (!this.gl) throw new Error("This browser has no WebGL2, which the viewer draws with.");
+    if (!this.gl) throw new Error("This browser draws without WebGL2, which the page needs: allow hardware acceleration in its settings, or open the page in another browser.");
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => {
       this.build();
@@ -175,8 +175,8 @@ export class Renderer {
   }
 
   // scene: light, photoLight (that the photo was taken in), view, before, split (stage pixels), background, backdrop,
-  // exposure, ratio, panorama (of the light, with gain and rotation), picture (with its tint). placement: [x, y, image pixels per stage pixel] of the stage's top-left
-  // corner in the image.
+  // exposure, ratio, panorama (of the light, with gain and rotation), picture (with its tint). placement: [x, y, image
+  // pixels per stage pixel] of the stage's top-left corner in the image.
   draw(scene, placement, width, height, grain = 1) {
     const { gl, figure, tiles: { edge, inside } } = this, { light, panorama } = scene;
     const has = { photo: figure.photo, picture: scene.picture }, { picture } = scene;

@@ -7,7 +7,7 @@ const LOCKED = "default-src 'none'; script-src blob: 'wasm-unsafe-eval'; worker-
 const WAIT = 4000; // milliseconds for the service worker, which not every server and browser allows
 
 // The bytes of a file of the site; onProgress gets how many have come.
-async function load(name, onProgress) {
+async function load({ name, sha256 }, onProgress) {
   const answer = await fetch(name);
   if (!answer.ok) throw new Error(`${name} did not come (${answer.status}).`);
   const parts = [], reader = answer.body.getReader();
@@ -15,10 +15,16 @@ async function load(name, onProgress) {
     parts.push(value);
     onProgress(value.length);
   }
-  return new Blob(parts);
+  const bytes = await new Blob(parts).arrayBuffer();
+  if (crypto.subtle) { // which browsers have over https and on localhost
+    const found = Array.from(new Uint8Array(await crypto.subtle.digest("SHA-256", bytes)), (b) => b.toString(16).padStart(2, "0")).join("");
+    if (found !== sha256) throw new Error(`${name} is of another version than this page: reload the page.`);
+  }
+  return bytes;
 }
 
-// From now on the browser refuses all requests of this page and of what it starts: policies only add up.
+// From now on the browser refuses all that this page and what it starts would load or send: policies only add up. They
+// do not cover WebRTC (no browser knows `webrtc 'block'`), nor that a page is left for another; nothing here does either.
 function lock() {
   const policy = document.createElement("meta");
   Object.assign(policy, { httpEquiv: "Content-Security-Policy", content: LOCKED });
@@ -59,8 +65,8 @@ async function startEngine(onProgress) {
   const { files } = page.web;
   const total = files.reduce((sum, { bytes }) => sum + bytes, 0);
   let come = 0;
-  const [script, ...loaded] = await Promise.all(files.map(({ name }) => load(name, (count) => onProgress((come += count) / total, total))));
-  const binaries = await Promise.all(loaded.map((file) => file.arrayBuffer())), [runtime, network, mask] = binaries;
+  const loaded = await Promise.all(files.map((file) => load(file, (count) => onProgress((come += count) / total, total))));
+  const [script, ...binaries] = loaded, [runtime, network, mask] = binaries;
   lock();
   const ask = startWorker(script);
   await ask("start", { runtime, network, mask }, binaries);

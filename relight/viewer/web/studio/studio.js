@@ -1,7 +1,7 @@
 // The viewer with photos of the user's own: opened, masked and inferred in the browser.
 
 import { ready } from "../page/main.js";
-import { addFigure, openLight } from "../page/loading.js";
+import { openLight, putFigure } from "../page/loading.js";
 import { notify, onFile } from "../page/panel.js";
 import { isPicture, readPhoto } from "../page/photo.js";
 import { bilinear, resample } from "../page/resample.js";
@@ -41,8 +41,8 @@ function startOnce() {
   return engine;
 }
 
-// Infers the figure and shows it. Returns the milliseconds that it took.
-async function develop(photo, coverage, source) {
+// Infers the figure and shows it, in the place of figure `index` if that is given. Returns the milliseconds that it took.
+async function develop(photo, coverage, source, index) {
   const ask = await startOnce(), began = performance.now();
   tell("Inferring albedo, light and transport …");
   const figure = await ask("infer", { photo, coverage, isExact: source.isExact, size: page.web.size });
@@ -50,16 +50,16 @@ async function develop(photo, coverage, source) {
   if (!figure) throw new Error("The mask holds nobody: paint the person, at least 8 pixels tall.");
   figure.title = source.title;
   own.set(figure, { ...source, photo, coverage });
-  await addFigure(source.title, figure);
+  await putFigure(source.title, figure, index);
   openingTurn();
   return performance.now() - began;
 }
 
-async function paintAndDevelop(photo, coverage, source) {
-  const painted = await paintMask(photo, coverage, source.title);
+async function paintAndDevelop(photo, coverage, source, { index, why } = {}) {
+  const painted = await paintMask(photo, coverage, source.title, why);
   if (!painted) return;
   const coverageOf = (large) => resample(painted, photo.width, [large.photo.width, large.photo.height], bilinear);
-  await develop(photo, painted, { ...source, isExact: false, coverageOf });
+  await develop(photo, painted, { ...source, isExact: false, coverageOf }, index);
 }
 
 // The shown figure at the photo's own size, or null where that is no larger, or is not known.
@@ -86,7 +86,8 @@ async function openPhoto(file) {
   tell("");
   const coverageOf = alpha ? (large) => large.alpha : (large) => ask("mask", { photo: large.photo });
   if (coverage?.some((v) => v >= 128)) return develop(photo, coverage, { ...source, isExact: Boolean(alpha), coverageOf });
-  return paintAndDevelop(photo, new Uint8Array(photo.width * photo.height), source);
+  const why = coverage ? "Nobody was found in this photo." : "";
+  return paintAndDevelop(photo, new Uint8Array(photo.width * photo.height), source, { why });
 }
 
 const guarded = (act) => (...values) => act(...values).catch((error) => {
@@ -107,7 +108,7 @@ async function start() {
   const edit = element("edit-mask");
   edit.addEventListener("click", guarded(() => {
     const { photo, coverage, ...source } = own.get(app.figure);
-    return paintAndDevelop(photo, coverage, source);
+    return paintAndDevelop(photo, coverage, source, { index: app.index });
   }));
   await ready;
   app.onFigure = () => (edit.hidden = !own.has(app.figure));

@@ -2,8 +2,14 @@
 
 const KIND = `relight ${registration.scope} `, CACHE = `${KIND}%version%`;
 
+// Past the browser's own cache, which may hold files of an older version for as long as the server allowed.
+const load = (request) => fetch(request, { cache: "reload" });
+
 self.addEventListener("install", (event) => {
-  event.waitUntil(caches.open(CACHE).then((cache) => cache.add("./")).then(() => self.skipWaiting()));
+  event.waitUntil(Promise.all([caches.open(CACHE), load("./")]).then(([cache, answer]) => {
+    if (!answer.ok) throw new Error(`The page did not come (${answer.status}).`);
+    return cache.put("./", answer);
+  }).then(() => self.skipWaiting()));
 });
 
 self.addEventListener("activate", (event) => {
@@ -16,7 +22,7 @@ self.addEventListener("fetch", (event) => {
   event.respondWith(caches.open(CACHE).then(async (cache) => {
     const kept = await cache.match(event.request, { ignoreSearch: true });
     if (kept) return kept;
-    const answer = await fetch(event.request);
+    const answer = await load(event.request);
     if (answer.ok && event.request.method === "GET") cache.put(event.request, answer.clone());
     return answer;
   }));
