@@ -73,12 +73,12 @@ dist: $(STAMP)  ## the wheel and the source of a release, in dist/
 	@$(BIN)/python -m hatchling build
 
 lint: $(STAMP)  ## style of Python, Snakemake and JavaScript files, and types
-	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check Snakefile workflow
+	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check workflow
 	@$(BIN)/mypy
 	@if command -v eslint > /dev/null; then cd relight/viewer/web && eslint .; fi
 
 format: $(STAMP)  ## put Python and Snakemake files into style
-	@$(BIN)/ruff check --fix . ; $(BIN)/ruff format . && $(BIN)/snakefmt Snakefile workflow
+	@$(BIN)/ruff check --fix . ; $(BIN)/ruff format . && $(BIN)/snakefmt workflow
 
 lock: $(STAMP)  ## write uv.lock anew from pyproject.toml
 	@$(BIN)/uv lock --upgrade

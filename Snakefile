@@ -1,2 +1,0 @@
-# `snakemake all`. The workflow is in workflow/, where the Snakemake Workflow Catalog looks for it.
-include: "workflow/Snakefile"
