@@ -120,3 +120,29 @@ def test_every_script_imports_what_it_runs():
         done = subprocess.run([sys.executable, "-c", words], cwd=ROOT, capture_output=True, text=True, check=True)
         loaded = {path for path in map(code.path_of, done.stdout.split()) if path and path.name != "__init__.py"}
         assert loaded <= code.closure([code.SCRIPTS / f"{rule}.py"])
+
+
+PACKAGES = {
+    "scan": "core meshes pictures",
+    "figure": "core extensions figures meshes",
+    "clean": "core meshes",
+    "align": "core maps meshes sh",
+    "bake": "core maps meshes sh transport",
+    "pack": "core maps sh",
+    "split": "core learning maps sh",
+    "lights": "core extensions lights panoramas sh",
+    "train": "core evaluation extensions lab learning lights maps panoramas photos sh",
+    "evaluate": "core evaluation extensions lab learning lights maps panoramas photos sh",
+    "baselines": "core evaluation extensions learning lights maps panoramas photos sh",
+}
+
+
+@pytest.mark.parametrize("rule", PACKAGES)
+def test_a_rule_depends_on_its_packages_alone(rule):
+    """For generated figures and lights. What a rule begins to import belongs here, or to UNUSED."""
+    files = {str(path.relative_to(ROOT)) for path in code.files_of(rule, ["generated"])} - {
+        f"workflow/scripts/{rule}.py"
+    }
+    assert {path.split("/")[1] for path in files} == {*PACKAGES[rule].split()}
+    readers = files & {f"relight/{name}.py" for name in ("meshes/gltf", "meshes/obj", "panoramas/hdr")}
+    assert not readers or rule == "scan"

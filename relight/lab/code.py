@@ -3,7 +3,7 @@
 import ast
 import hashlib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,11 +12,14 @@ from typing import NamedTuple
 from relight import extensions
 from relight.settings import ROOT
 
-# Modules on which no result depends: settings, whose values are recorded, messages, records and the start of processes.
+# Modules on which no result depends: settings, whose values are recorded, messages, records, checked downloads and the
+# start of processes.
 WITHOUT_RESULTS = (
-    "cli", "core.errors", "core.files", "core.lazy", "core.libraries", "core.processes", "core.progress",
-    "core.version", "lab.job", "lab.tracking", "settings",
+    "cli", "core.download", "core.errors", "core.files", "core.lazy", "core.libraries", "core.processes",
+    "core.progress", "core.version", "lab.job", "lab.tracking", "settings",
 )  # fmt: skip
+# A rule, or a source of figures or lights -> modules that are imported for it, and used for others only.
+UNUSED = {"align": ("meshes.read",), "generated": ("lights.place", "panoramas.polyhaven", "panoramas.read")}
 SCRIPTS = ROOT / "workflow" / "scripts"
 
 
@@ -34,23 +37,32 @@ def code_hash(rule: str, names: Iterable[str] = ()) -> str:
 
     Args:
         rule: name of a script in workflow/scripts.
-        names: of its network, losses and figures. Those of extensions add the code of these.
+        names: of its network, losses and source. Those of extensions add the code of these.
 
     Returns:
         16 hexadecimal digits.
     """
-    extended = filter(None, map(extension_file, sorted({*names} & {*extensions.names()})))
-    hashes = sorted((file.name, source(file).hash) for file in closure([SCRIPTS / f"{rule}.py", *extended]))
+    hashes = sorted((file.name, source(file).hash) for file in files_of(rule, names))
     return hashlib.sha256(repr(hashes).encode()).hexdigest()[:16]  # without folders: the same in every clone
 
 
-def closure(files: Iterable[Path]) -> set[Path]:
-    """Returns files with all files of relight that they use, also inside functions or through other modules."""
+def files_of(rule: str, names: Iterable[str]) -> set[Path]:
+    """Returns the files that `code_hash` covers."""
+    extended = filter(None, map(extension_file, sorted({*names} & {*extensions.names()})))
+    unused = {path_of(f"relight.{module}") for key in (rule, *names) for module in UNUSED.get(key, ())}
+    return closure([SCRIPTS / f"{rule}.py", *extended], unused)
+
+
+def closure(files: Iterable[Path], unused: Container[Path | None] = ()) -> set[Path]:
+    """Returns files with all files of relight that they use, also inside functions or through other modules.
+
+    `unused` ones are left out, with what is used through them alone.
+    """
     found: set[Path] = set()
     pending = [*files]
     while pending:
         file = pending.pop()
-        if file not in found:
+        if file not in found and file not in unused:
             found.add(file)
             pending += source(file).uses
     return found

@@ -119,14 +119,15 @@ class Plan:
 
     @cached_property
     def batches(self) -> dict[str, list[str]]:
-        """The figures by batch: each scan is one, and each ten of the generated figures, such as g0010-g0019."""
+        """The figures by batch: each scan is one, and the generated figures of each ten, such as g0010-g0019."""
         if self.scans:
             return {name: [name] for name in self.scans}
         first, count = self.shared["figures"]["first"], self.shared["figures"]["count"]
-        batches: dict[int, list[str]] = {}
+        batches: dict[str, list[str]] = {}
         for seed in range(first, first + count):
-            batches.setdefault(seed // BATCH, []).append(f"g{seed:04d}")
-        return {"-".join(dict.fromkeys((names[0], names[-1]))): names for names in batches.values()}
+            ten = seed - seed % BATCH
+            batches.setdefault(f"g{ten:04d}-g{ten + BATCH - 1:04d}", []).append(f"g{seed:04d}")
+        return batches
 
     @cached_property
     def figures(self) -> list[str]:
@@ -168,7 +169,7 @@ class Plan:
     # Trainings
 
     def settings(self, training: str) -> dict[str, Any]:
-        """Returns the settings of a training: those of its row, with its seed.
+        """Returns the settings of a training: those of its row, with its seed, without the device.
 
         If `train.start` names a row, the network of that row with the same seed takes its place.
 
@@ -183,7 +184,13 @@ class Plan:
         start = groups["train"]["start"]
         if start in self.rows:
             start = self.network(f"{start}.s{name.seed}")
-        return {**groups, "train": {**groups["train"], "seed": name.seed, "start": start}}
+        train = {**groups["train"], "seed": name.seed, "start": start}
+        del train["device"]
+        return {**groups, "train": train}
+
+    def device(self, training: str) -> str:
+        """Returns the setting `train.device` of a training, which does not decide its result."""
+        return str(self.record["rows"][self.trainings[training].row]["train"]["device"])
 
     def start_stamps(self, training: str) -> dict[str, list[Stamp]]:
         """Returns {"start": `stamps`} of the file that a training starts from, if the user gave one, and else {}."""

@@ -59,7 +59,7 @@ def from_config(config: dict[str, Any]) -> Record:
         UserError: if a setting is invalid, or given beside a record.
     """
     if "settings" in config:
-        for key in config.keys() - {*PARTS, "process", "tracking"}:  # which the Snakefile adds for jobs
+        for key in config.keys() - {*PARTS, "process", "tracking", "least"}:  # which the Snakefile adds for jobs
             raise UserError(f"{key} is given beside the record of a run, which has all settings: give one of the two")
         return {key: config[key] for key in PARTS if key in config}
     if sum(word.startswith("hydra=") for word in sys.argv) > 1:

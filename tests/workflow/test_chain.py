@@ -48,6 +48,8 @@ AFTER_BAKING = {"pack": 1, "split": 1, "train": 2, "baselines": 1, "sheets": 1, 
 AFTER_LIGHTS = {"train": 2, "baselines": 1, "sheets": 1, **AFTER_TRAINING}
 CHANGES = {
     "track.experiment=other": {},
+    "train.device=cpu": {},
+    "split.least=0.4": {},
     "train.lr=0.5": {"train": 2, **AFTER_TRAINING},
     "augment.camera=0": {},
     "split.seed=1": {"split": 1, "train": 2, "baselines": 1, **AFTER_TRAINING},
@@ -80,6 +82,9 @@ def test_a_change_runs_what_it_touches(plans, change):
 EDITS = {
     ("relight/learning/losses.py", "X = 1\n"): {"train": 2, **AFTER_TRAINING},
     ("relight/transport/integrate.py", "# A comment.\n"): {},
+    ("relight/meshes/gltf.py", "X = 1\n"): {},
+    ("relight/core/download.py", "X = 1\n"): {},
+    ("relight/settings/schema.py", "READINGS['ssim'] = ('SSIM', 1, None)\n"): {"tables": 1, "report": 1},
     ("workflow/scripts/bake.py", "# A comment.\n"): {},
     ("workflow/scripts/lights.py", "X = 1\n"): {"lights": 1, **AFTER_LIGHTS},
     ("workflow/rules/lights.smk", "        more=1,\n"): {"lights": 1, **AFTER_LIGHTS},

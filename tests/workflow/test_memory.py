@@ -34,7 +34,7 @@ def small_memory():
 def test_a_job_is_killed_for_memory(small_memory, tmp_path):
     repo = copy(tmp_path)
     inside = ["sh", "-c", f'echo $$ > {small_memory} && exec "$@"', "sh"]
-    target = f"{OUT}/figures/g0000-g0002"
+    target = f"{OUT}/figures/g0000-g0009"
     run = output(repo, [*inside, sys.executable, "-m", "relight.cli", "run", *WORDS, "--target", target])
     assert run.returncode == 1
     assert "figure.py' died with <Signals.SIGKILL" in run.stdout, run.stdout

@@ -19,6 +19,7 @@ from relight.lab.code import code_hash
 from relight.lab.plan import Plan, safe, stamps
 from relight.lab.run import hold
 from relight.lab.record import from_config
+from relight.settings.schema import QUANTITIES, READINGS
 
 try:
     PLAN = Plan(from_config(config))
@@ -30,6 +31,7 @@ LIGHTS, PACKED = f"{DATA}/lights/lights.npz", f"{DATA}/packed.safetensors"
 SPLIT = f"{OUT}/split.json"
 # What jobs need to know, and what is no reason to run them again.
 config["process"], config["tracking"] = os.getpid(), PLAN.tracking()
+config["least"] = SETTINGS["split"]["least"]
 sys.executable = shlex.quote(
     sys.executable
 )  # Snakemake pastes it into the command of a script

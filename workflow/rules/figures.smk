@@ -118,7 +118,6 @@ rule pack:
         f"{DATA}/benchmark/pack/all.tsv"
     params:
         maps=PLAN.map_files,
-        least=SETTINGS["split"]["least"],
         code=code_hash("pack"),
     script:
         "../scripts/pack.py"

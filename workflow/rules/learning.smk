@@ -11,7 +11,7 @@ rule split:
         f"{OUT}/benchmark/split/all.tsv"
     localrule: True
     params:
-        split=SETTINGS["split"],
+        split={key: value for key, value in SETTINGS["split"].items() if key != "least"},
         code=code_hash("split"),
     script:
         "../scripts/split.py"
@@ -36,6 +36,7 @@ rule train:
         mem_mb=8000,
         runtime=1440,
         gpu=PLAN.gpus,
+        device=lambda wildcards: PLAN.device(wildcards.training),
     params:
         settings=lambda wildcards: PLAN.settings(wildcards.training)
         | PLAN.start_stamps(wildcards.training),

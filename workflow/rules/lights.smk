@@ -15,6 +15,6 @@ rule lights:
         panoramas=SETTINGS["panoramas"],
         lights=SETTINGS["lights"],
         order=SETTINGS["bake"]["order"],
-        code=code_hash("lights"),
+        code=code_hash("lights", [SETTINGS["panoramas"]["source"]]),
     script:
         "../scripts/lights.py"

@@ -22,6 +22,7 @@ rule tables:
         f"{OUT}/benchmark/tables/all.tsv"
     params:
         experiments=PLAN.described(),
+        scored=[list(QUANTITIES), READINGS],
         code=code_hash("tables"),
     script:
         "../scripts/tables.py"
@@ -95,6 +96,7 @@ rule report:
         f"{OUT}/benchmark/report/all.tsv"
     params:
         experiments=PLAN.described(),
+        scored=[list(QUANTITIES), READINGS],
         code=code_hash("report"),
     script:
         "../scripts/report.py"

@@ -5,4 +5,4 @@ from relight.maps import pack_figures
 
 with job(snakemake):
     maps = [Path(path) for path in snakemake.params.maps]
-    pack_figures(maps, snakemake.params.least, Path(snakemake.output.packed), Path(snakemake.output.record))
+    pack_figures(maps, snakemake.config["least"], Path(snakemake.output.packed), Path(snakemake.output.record))

@@ -5,7 +5,8 @@ from relight.lab.training import train
 from relight.learning.train import Inputs
 
 with job(snakemake):
-    given = snakemake.input
+    given, settings = snakemake.input, snakemake.params.settings
+    settings["train"]["device"] = snakemake.resources.device
     inputs = Inputs(Path(given.packed), Path(given.lights), Path(given.split), snakemake.params.code)
     out, curve = Path(snakemake.output.network), Path(snakemake.output.curve)
-    train(snakemake.params.settings, inputs, out, curve, snakemake.config["tracking"])
+    train(settings, inputs, out, curve, snakemake.config["tracking"])
