@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 ROOT = Path(__file__).parents[1]
 CODE = re.compile(r"`((?:relight|tests|conf|benchmarks|workflow)/[\w/.-]+\.(?:py|yaml|smk|js))(?::(\w+))?`")
@@ -66,6 +67,41 @@ def test_numbers_that_stand_on_two_pages_agree():
     assert len(card) == 4
     for name, value in card.items():
         assert re.search(rf"{name} (has an error of )?{value}\b", words("docs/lab/weights.md")), name
+
+
+CLAIMS = yaml.safe_load((ROOT / "docs" / "claims.yaml").read_text())
+CLAIM_TOOL = runpy.run_path(str(ROOT / "tools" / "claims.py"))
+
+
+def prose(page: str) -> str:
+    """A page without code, addresses of links, and numbers of lists."""
+    text = re.sub(r"^```.*?^```|`[^`]*`|(?<=\])\([^)]*\)|^\d+\. ", "", (ROOT / page).read_text(), flags=re.M | re.S)
+    return " ".join(text.split())
+
+
+@pytest.mark.parametrize("page", sorted({claim["page"] for claim in CLAIMS}))
+def test_each_number_of_a_page_has_its_command_or_a_reason(page):
+    """In docs/claims.yaml; a number that is changed by hand is in no claim."""
+    text, own = prose(page), [claim for claim in CLAIMS if claim["page"] == page]
+    assert [claim["says"] for claim in own if claim["says"] not in text or ("show" in claim) == ("why" in claim)] == []
+    for claim in own:
+        text = text.replace(claim["says"], "")
+    assert [text[max(0, m.start() - 40) : m.end() + 20] for m in CLAIM_TOOL["NUMBER"].finditer(text)] == []
+
+
+@pytest.mark.parametrize(
+    ("says", "printed", "within", "agrees"),
+    [
+        ("had 29 % (19 to 39 %) less", "+29.4 %,+18.9 to +39 %", 0, True),
+        ("had 29 % (19 to 39 %) less", "+29.4 %,+18.9 to +40 %", 0, False),
+        ("had 29 % (19 to 39 %) less", "+29.4 %", 0, False),
+        ("an error of .173", "0.1734", 0, True),
+        ("an error of .173", "0.18", 0.05, True),
+        ("4,000 steps on AVX2", "steps: 4000", 0, True),
+    ],
+)
+def test_a_claim_agrees_up_to_its_last_digit_or_its_tolerance(says, printed, within, agrees):
+    assert CLAIM_TOOL["agree"](says, CLAIM_TOOL["numbers"](printed), within) == agrees
 
 
 @pytest.mark.slow

@@ -23,6 +23,7 @@ from relight.settings import CONF, Experiment
 
 pytestmark = pytest.mark.usefixtures("few_resamples")
 FIGURES = [f"f{i}" for i in range(10)]
+ROWS = ("sfsnet_ao", "ours_min", "ours_plus", "mean_figure")  # of the preset claim, and a constant
 BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is")
 LEVEL = {"shading": 0.3, "transport": 0.4, "light": 0.2, "albedo": 0.1}
 
@@ -275,7 +276,7 @@ def check(html: str) -> Outline:
 def test_head_draws_no_conclusion_from_a_few_subjects(tmp_path):
     for figures, subjects, concludes in ((5, 5, False), (6, 6, True), (10, 5, False)):
         folder = tmp_path / str(figures)
-        made = results(folder, "claim", {"sfsnet": {"shading_true_light_rmse": 0.6}})
+        made = results(folder, "claim", {"no_occlusion": {"shading_true_light_rmse": 0.6}})
         for file in (folder / "evaluate" / "test-test").glob("*.csv"):
             table = pd.read_csv(file)
             table[table["figure"].isin(FIGURES[:figures])].to_csv(file, index=False)
@@ -283,10 +284,21 @@ def test_head_draws_no_conclusion_from_a_few_subjects(tmp_path):
         made.record = {"figures": people, "left_out": {}}
         made.lights = {"lights": {"train": 3, "test": 1}}
         head = build.head("run", made, outcome=None)
-        assert ("Knowing occlusion makes shading better" in head) == concludes
+        assert ("Yes, knowing occlusion pays." in head) == concludes
         assert ("concluded from this run: its networks are tested on 5 subjects." in head) != concludes
         body = build.page.section("sections/experiment.md", **sections.experiment(made, "claim"))
         assert ("these results hold for these networks" in body) == concludes
+
+
+def test_networks_that_are_no_better_than_a_constant_are_named(tmp_path):
+    """In the columns that are compared: one is as bad as the mean figure, another is worse."""
+    errors = {"sfsnet_ao": 0.6, "ours_min": 0.8, "mean_figure": 0.6}
+    columns = ("shading_true_light_rmse", "relit_rmse")
+    levels = {row: dict(zip(columns, (errors.get(row, 0.1), 0.7 if row == "mean_figure" else 0.1))) for row in ROWS}
+    made = numbers(tmp_path, "claim", levels)
+    assert made["unlearned"] == {"shading, true light RMSE": ["SfSNet-AO", "Ours (min)"]}
+    body = build.page.section("sections/experiment.md", **made)
+    assert "RMSE, SfSNet-AO and Ours (min) are no better than the mean training figure" in body
 
 
 def test_command_repeats_a_run():

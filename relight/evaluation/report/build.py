@@ -15,6 +15,7 @@ from relight.evaluation.scoring.paper import CITATION
 from relight.evaluation.scoring.statistics import MIN_SUBJECTS
 from relight.evaluation.scoring.tables import PRINTED, Table
 
+TRUE_LIGHT = "shading_true_light_rmse"
 FILE_ENDS = (".csv", ".md", "_errors.png", "_plates.png", "_relit.png", "_overview.png")  # of an experiment
 
 
@@ -116,12 +117,16 @@ def head(name: str, results: Results, outcome: dict[str, Any] | None) -> Markup:
 
 
 def _answer(results: Results) -> dict[str, Any] | None:
-    """Returns the context of templates/answer.md: transport against normals by column, and in `over_ao` with AO.
+    """Returns the context of templates/answer.md: comparisons of the shading under the true light.
 
-    None if the experiment `claim` is not in the run, or lacks a row or test figures.
+    `bar`: Ours plus with true normals without occlusion; `constant`: with the mean training figure; `over_ao`: Ours
+    (min) with SfSNet-AO, None without both. None if the experiment `claim` is not in the run, or lacks a row or test
+    figures.
     """
     table = results.table("claim") if "claim" in results.tables else Table(())
-    claims = compare_rows(table, "ours_min", "sfsnet", ("shading_true_light_rmse", "relit_rmse"))
-    over_ao = compare_rows(table, "ours_min", "sfsnet_ao", ("shading_true_light_rmse",))
-    context = {"name": "claim", "claims": claims, "over_ao": next(iter(over_ao.values()), None), "scored": table}
-    return context if len(claims) == 2 and table.subjects >= MIN_SUBJECTS else None
+    pairs = {"bar": ("ours_plus", "no_occlusion"), "constant": ("ours_plus", "mean_figure")}
+    pairs["over_ao"] = ("ours_min", "sfsnet_ao")
+    columns = (TRUE_LIGHT, "relit_rmse")  # over which the table of comparisons corrects, too
+    compared = {name: compare_rows(table, *pair, columns).get(TRUE_LIGHT) for name, pair in pairs.items()}
+    context = {"name": "claim", "scored": table, **compared}
+    return context if compared["bar"] and table.subjects >= MIN_SUBJECTS else None

@@ -76,6 +76,8 @@ class TextTable:
                 statistics[column] = values
 
         def rounded(value: object) -> object:
+            if isinstance(value, Verdict):
+                return value.value
             return float(f"{value:.6g}") if isinstance(value, float) else value
 
         return pd.DataFrame(statistics, self.frame.index).map(rounded)

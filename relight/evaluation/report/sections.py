@@ -51,15 +51,31 @@ def experiment(results: Results, name: str) -> Numbers:
     compared = _compare_pairs(table, settings, usual)
     files = {kind: results.report / f"{name}_{kind}.png" for kind in ("errors", *PLATES)}
     charts.plot_errors(table, list(results.run["rows"]), files["errors"])
+    comparisons = comparison_grid(compared)
+    if compared:
+        title = f"{results.title(name)}: comparisons"
+        write_tables(results.report / f"{name}_compared", title, text("note.md", scored=table), comparisons)
     return numbers | {
         "scored": table,
         "usual": usual,
-        "comparisons": comparison_grid(compared),
+        "comparisons": comparisons,
+        "unlearned": _unlearned(table, tuple(settings["compare_in"])),
         "chart": files["errors"],
         "tables": {name: score_grid(table, table.columns)},
         "others": score_grid(table, other_columns(table)),
         "plates": [(files[kind], words) for kind, words in PLATES.items() if settings["plates"]],
     }
+
+
+def _unlearned(table: Table, columns: tuple[str, ...]) -> dict[str, list[str]]:
+    """Returns the networks that are no better than the mean training figure, a constant, by column."""
+    verdicts = {row: compare_rows(table, row, "mean_figure", columns) for row in table.networks}
+    unlearned: dict[str, list[str]] = {}
+    for row, by_column in verdicts.items():
+        for column, comparison in by_column.items():
+            if comparison.verdict is not Verdict.BETTER:
+                unlearned.setdefault(column_label(column), []).append(label(row))
+    return unlearned
 
 
 def write_score_table(table: Table, title: str, stem: Path) -> None:
