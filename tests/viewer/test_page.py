@@ -23,7 +23,7 @@ from relight.photos.color import display_shading, roll_off
 from relight.photos.person import Person as Inferred
 from relight.photos.person import balanced, with_light
 from relight.photos.render import render
-from relight.photos.shading import exposure_factor, shade, steady
+from relight.photos.shading import exposure_factor, shading, steady
 from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
 from relight.viewer.build import build_viewer
 from relight.viewer.figure import Figure
@@ -64,7 +64,7 @@ def photograph(maps, lights):
     generator = np.random.default_rng(1)
     noise = 0.8 + 0.4 * generator.random(maps.mask.shape)[..., None]
     behind = decode(gaussian_filter(generator.random((*maps.mask.shape, 3)), (4, 4, 0)))
-    scene = np.where(maps.mask[..., None], maps.albedo * noise * shade(maps.transport, light), behind)
+    scene = np.where(maps.mask[..., None], maps.albedo * noise * shading(maps.transport, light), behind)
     return np.rint(codes(scene)).astype(np.uint8), light
 
 
@@ -83,7 +83,7 @@ def balls(page, html):
 
 def relit_shading(maps, light):
     """The shading that the page shows under a light that it was given."""
-    return steady(shade(maps.transport, light), light)
+    return steady(shading(maps.transport, light), light)
 
 
 @pytest.mark.parametrize("name", ["Window", "Lamp", "Behind"])
@@ -363,7 +363,9 @@ def test_a_browser_without_webgl_is_told_what_helps_for_good(page, html):
         page.run("window.dispatchEvent(new Event('resize'))")
         assert page.run("document.getElementById('panel').inert && document.getElementById('hint').hidden")
         assert "allow hardware acceleration" in page.run("document.getElementById('loading').innerText")
-        left, right = page.run("(({ left, right }) => [left, right])(document.getElementById('loading').getBoundingClientRect())")
+        left, right = page.run(
+            "(({ left, right }) => [left, right])(document.getElementById('loading').getBoundingClientRect())"
+        )
         assert 0 <= left and right <= 360
     finally:
         page.send("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
