@@ -23,7 +23,7 @@ from relight.photos.color import display_shading, roll_off
 from relight.photos.person import Person as Inferred
 from relight.photos.person import balanced, with_light
 from relight.photos.render import render
-from relight.photos.shading import exposure_factor, shading, steady
+from relight.photos.shading import exposure_factor, shade, steady
 from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
 from relight.viewer.build import build_viewer
 from relight.viewer.figure import Figure
@@ -64,7 +64,7 @@ def photograph(maps, lights):
     generator = np.random.default_rng(1)
     noise = 0.8 + 0.4 * generator.random(maps.mask.shape)[..., None]
     behind = decode(gaussian_filter(generator.random((*maps.mask.shape, 3)), (4, 4, 0)))
-    scene = np.where(maps.mask[..., None], maps.albedo * noise * shading(maps.transport, light), behind)
+    scene = np.where(maps.mask[..., None], maps.albedo * noise * shade(maps.transport, light), behind)
     return np.rint(codes(scene)).astype(np.uint8), light
 
 
@@ -83,7 +83,7 @@ def balls(page, html):
 
 def relit_shading(maps, light):
     """The shading that the page shows under a light that it was given."""
-    return steady(shading(maps.transport, light), light)
+    return steady(shade(maps.transport, light), light)
 
 
 @pytest.mark.parametrize("name", ["Window", "Lamp", "Behind"])
@@ -232,6 +232,37 @@ def test_a_dropped_panorama_lights_the_figure(balls, maps, lights):
     assert "kitchen" in balls.run("document.getElementById('light-list').innerText")
 
 
+def test_several_files_are_dropped_or_pasted_at_once(balls):
+    balls.call(
+        """(bytes) => { const data = new DataTransfer();
+        for (const name of ["a.hdr", "b.hdr"]) data.items.add(new File([new Uint8Array(bytes)], name));
+        document.dispatchEvent(new DragEvent("drop", { dataTransfer: data, bubbles: true, cancelable: true }));
+        document.dispatchEvent(new ClipboardEvent("paste", { clipboardData: data, bubbles: true })); }""",
+        list(hdr(np.random.default_rng(2).random((4, 8, 3)))),
+    )
+    balls.run(
+        "(async () => { while (relight.lights().length < 7) await new Promise((done) => setTimeout(done, 20)); })()"
+    )
+    assert sorted(balls.run("relight.lights().slice(3).map(({ name }) => name)")) == ["a", "a", "b", "b"]
+
+
+def test_saving_is_within_reach_on_a_small_phone(page, photo_html):
+    page.open(photo_html, 360, 640, mobile=True)
+    for button in ("save", "jpeg", "movie", "help"):
+        box = page.run(f"document.getElementById('{button}').getBoundingClientRect().toJSON()")
+        assert 0 <= box["left"] and box["right"] <= 360 and 0 <= box["top"] and box["bottom"] <= 640, button
+
+
+def test_a_view_is_not_compared_with_itself(page, photo_html):
+    page.open(photo_html)
+    page.run(f"relight.set({json.dumps(START | {'view': 'photo'})})")
+    page.run("document.dispatchEvent(new KeyboardEvent('keydown', { key: 'c' }))")
+    assert page.run("[relight.state.view, relight.state.before]") == ["photo", "open"]
+    assert page.run("[...document.getElementById('before').options].find(({ value }) => value === 'photo').disabled")
+    page.run("relight.set({ view: 'albedo', before: 'albedo' })")
+    assert page.run("relight.state.before") == "none"
+
+
 def test_a_panorama_is_seen_behind_the_figure(balls, maps, lights):
     """Sharp, turned with the light and at its brightness; compared where the blocks of the panorama are flat."""
     generator = np.random.default_rng(4)
@@ -374,6 +405,8 @@ def test_a_browser_without_webgl_is_told_what_helps_for_good(page, html):
 def test_a_wrong_file_is_told_and_changes_nothing(balls):
     balls.run("relight.openPanorama(new File(['no'], 'no.hdr'))")
     assert "not a Radiance" in balls.run("document.getElementById('toast').innerText")
+    balls.run("relight.openPanorama(new File([new Uint8Array([0x76, 0x2f, 0x31, 1, 2])], 'no.exr'))")
+    assert "OpenEXR" in balls.run("document.getElementById('toast').innerText")
     assert balls.run("relight.lights().length") == 3
 
 
@@ -401,19 +434,26 @@ def test_keyboard_mouse_and_touch_turn_the_light(page, html):
     assert state("tilt") == pytest.approx(20) and state("yaw") == 0
 
 
-def test_saved_png_is_the_picture_at_its_own_size(balls):
+SAVED = """(button) => new Promise((done) => {
+URL.createObjectURL = (blob) => { blob.arrayBuffer().then((b) => done([...new Uint8Array(b)])); return "#"; };
+HTMLAnchorElement.prototype.click = function () { window.saved = this.download; };
+document.getElementById(button).click(); })"""
+
+
+def test_saved_pictures_are_the_picture_at_its_own_size(balls):
     state = START | {"background": "clear", "yaw": 33}
     expected = balls.pixels(**state)
-    saved = balls.run(
-        """new Promise((done) => {
-        URL.createObjectURL = (blob) => { blob.arrayBuffer().then((b) => done([...new Uint8Array(b)])); return "#"; };
-        HTMLAnchorElement.prototype.click = function () { window.saved = this.download; };
-        document.getElementById("save").click(); })"""
-    )
-    image = Image.open(io.BytesIO(bytes(saved)))
+    images = {}
+    for button in ("save", "jpeg"):
+        saved = balls.call(SAVED, button)
+        images[button] = Image.open(io.BytesIO(bytes(saved)))
+        name = balls.run("window.saved")
+        assert name == f"Six balls Window.{'png' if button == 'save' else 'jpg'}"
+    image, jpeg = images["save"], np.asarray(images["jpeg"]).astype(float)
     np.testing.assert_array_equal(np.asarray(image)[expected[..., 3] == 255], expected[expected[..., 3] == 255])
     assert image.mode == "RGBA" and (np.asarray(image)[..., 3] == expected[..., 3]).all()
-    assert balls.run("window.saved") == "Six balls Window.png"
+    alpha = expected[..., 3:] / 255
+    assert np.abs(jpeg - (expected[..., :3] * alpha + 255 * (1 - alpha))).mean() < 1, "on white"
 
 
 def test_every_control_has_a_name_and_nothing_was_fetched(page, photo_html):

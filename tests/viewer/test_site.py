@@ -326,6 +326,18 @@ def test_that_nobody_was_found_is_told_before_the_brush(page, server):
     assert page.run("document.getElementById('brush-why').innerText") == "Nobody was found in this photo."
 
 
+def test_a_browser_without_simd_is_told_before_anything_is_loaded(page, server):
+    source = "WebAssembly.validate = () => false;"
+    script = page.send("Page.addScriptToEvaluateOnNewDocument", source=source)["identifier"]
+    try:
+        page.open(address(server))
+        with pytest.raises(RuntimeError, match="no WebAssembly with SIMD"):
+            page.run("relight.engine()")
+    finally:
+        page.send("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
+    assert not any("network.onnx" in line for line in server.asked)
+
+
 def test_what_is_no_picture_is_told(page, server):
     page.open(address(server))
     opened(page, b"no picture")
