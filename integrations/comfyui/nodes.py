@@ -6,21 +6,26 @@ RELIGHT_LIGHT is a `relight.lights.Light`. torch is ComfyUI's own; relight compu
 
 import hashlib
 import logging
-from functools import cache, lru_cache, partial
-from pathlib import Path
+import os
+from dataclasses import replace
+from functools import cache, lru_cache, partial, wraps
+from weakref import WeakValueDictionary
 
 import comfy.model_management
 import comfy.utils
+import folder_paths
 import numpy as np
 import torch
+from server import PromptServer
 
 from relight.core import srgb
 from relight.core.errors import UserError
 from relight.lights import Light
-from relight.lights.light import parts_of
-from relight.lights.place import is_of_person, split_place
-from relight.maps.square import tiles
-from relight.panoramas import Panorama, project
+from relight.lights.light import parts_of, total
+from relight.lights.place import split_place
+from relight.lights.show import lit_ball
+from relight.maps.square import MASK_THRESHOLD, tiles
+from relight.panoramas import Panorama, orient, polyhaven, project
 from relight.photos.api import load
 from relight.photos.look import Look
 from relight.photos.mask.find import NobodyFound, masked
@@ -32,49 +37,62 @@ from relight.sh import mean_direction
 MEMORY = 32_000_000  # pixels whose scenes are kept, so that turning a light is quick: an inference takes CPU-seconds
 LIGHT = "RELIGHT_LIGHT"  # type of a `relight.lights.Light` in ComfyUI
 DISPLAY_STRENGTH = 0.5  # shading may exceed 1: half of it is shown
-SCENES = {}  # by `scene_of`, the oldest first
+SCENES = WeakValueDictionary()  # the `Scenes` of all nodes: gone with the last of them, when the user frees the cache
+BALL = 256  # pixels of a light's preview
 NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS = {}, {}
 IMAGE = ("IMAGE", {"tooltip": "Pictures, one or a batch."})
+SAID = {  # of results, by their names
+    "mask": "White on the people, black where a picture shows nobody.", "light": "For Relight people.",
+    "ball": "A matte white ball in the light.", "image": "The relit pictures.", "albedo": "Color without light.",
+    "shading": "Light without color, at half its strength.", "normal": "As in OpenGL.",
+}  # fmt: skip
 MASK = ("MASK", {"tooltip": "White on the people: one for all pictures, or one for each. Found if none is given."})
-NAMES = "A name as in the description, or the path of a file on ComfyUI's machine."
+NAMES = {"default": "room:7", "tooltip": "As described, a file in the input folder, or any file's path there."}
 ENCODING = (["sRGB", "linear"], {"tooltip": "Linear if it comes from a loader of EXR or HDR files."})
 KNOWN = (LIGHT, {"tooltip": "The picture's own light, if you know it; by default it is inferred."})
 BEHIND = ("IMAGE", {"tooltip": "Behind the people, in turn."})
+TURN = ("FLOAT", {"default": 0.0, "min": -180.0, "max": 180.0, "step": 1.0, "tooltip": "Of the light, degrees."})
+TURNED = (LIGHT, {"tooltip": "Turned, and made brighter by the stops."})
+STOPS = ("FLOAT", {"default": 0.0, "min": -8.0, "max": 8.0, "step": 0.1, "tooltip": "Exposure, powers of two."})
 relighter = cache(load)  # of the weights that come with relight
 
 
-def scene_of(pixels, coverage, lit_by=None):
+class Scenes(dict):
+    """Scenes by what `scene_of` takes, the oldest first."""
+
+
+def scene_of(scenes, pixels, coverage, lit_by=None):
     """Infers the people of a picture (H,W,3), uint16 sRGB or float32 linear, once; coverage is (H,W) uint8 or None."""
     parts = pixels, coverage, lit_by and lit_by.coefficients
     key = pixels.shape, *(part is not None and hashlib.blake2b(np.ascontiguousarray(part)).digest() for part in parts)
-    if key not in SCENES:
+    if key not in scenes:
         scene = relighter().scene(pixels, coverage, lit_by=lit_by)
-        while SCENES and sum(kept.picture.pixels.size for kept in [scene, *SCENES.values()]) > 3 * MEMORY:
-            del SCENES[next(iter(SCENES))]
-        SCENES[key] = scene
-        log(scene.notes)
-    return SCENES[key]
+        while scenes and sum(kept.picture.pixels.size for kept in [scene, *scenes.values()]) > 3 * MEMORY:
+            del scenes[next(iter(scenes))]
+        scenes[key] = scene
+    return scenes[key]
 
 
-def log(notes):
-    """Shows notes in ComfyUI's console."""
-    for note in notes:
-        logging.warning("relight: %s", note)
-
-
-def each(image, mask, encoding, find):
+def each(node, image, mask, encoding, find):
     """Yields the index of each picture of an IMAGE that shows people, and what `find` returns for it (as `scene_of`).
 
-    Between pictures the user may interrupt. What shows nobody is named in the console.
+    Between pictures the user may interrupt. What is to be told of the pictures goes to the node's notes, once.
     """
-    bar = comfy.utils.ProgressBar(len(image))
+    bar, told = comfy.utils.ProgressBar(len(image)), {}
     for i, (picture, coverage) in enumerate(zip(image, coverages(mask, image.shape[:3]))):
         comfy.model_management.throw_exception_if_processing_interrupted()
+        if coverage is not None and coverage.min() >= MASK_THRESHOLD:
+            raise ValueError(f"the mask of picture {i + 1} is white everywhere: make it white on the people alone")
         try:
-            yield i, find(pixels_of(picture, encoding), coverage)
+            found = find(pixels_of(picture, encoding), coverage)
+            yield i, found
+            notes = [note.partition("; `relight")[0] for note in found.notes]  # no commands here
         except NobodyFound as error:
-            log([f"picture {i + 1} of {len(image)} is passed on as it is: {error}"])
+            notes = [f"passed on as it is: {error}"]
+        for note in notes:
+            told.setdefault(note, []).append(str(i + 1))
         bar.update(1)
+    node.notes += [f"picture {', '.join(which)} of {len(image)}: {note}" for note, which in told.items()]
 
 
 def pixels_of(picture, encoding):
@@ -111,13 +129,22 @@ def coverages(mask, shape):
     return (255 * masks[:, 0].clamp(0, 1)).round().to(torch.uint8).expand(count, *size).numpy()
 
 
-def node(key, title, returns, optional=None, **required):
+def node(key, title, aliases, returns, optional=None, **required):
     """Makes a node of ComfyUI of a method and its docstring; `returns` has the types of its results by their names."""
 
     def register(run):
-        inputs = {"required": required, "optional": optional or {}}
-        parts = {"CATEGORY": "relight", "FUNCTION": "run", "DESCRIPTION": " ".join(run.__doc__.split()), "run": run}
-        parts |= {"RETURN_NAMES": tuple(returns), "RETURN_TYPES": tuple(returns.values())}
+        @wraps(run)
+        def run_and_tell(self, *values, unique_id=None, **given):
+            self.notes, self.scenes = [], SCENES.setdefault("all", getattr(self, "scenes", Scenes()))
+            try:
+                return run(self, *values, **given)
+            finally:
+                tell(dict.fromkeys(self.notes), unique_id)
+
+        inputs = {"required": required, "optional": optional or {}, "hidden": {"unique_id": "UNIQUE_ID"}}
+        parts = {"CATEGORY": "relight", "FUNCTION": "run", "DESCRIPTION": " ".join(run.__doc__.split())}
+        parts |= {"run": run_and_tell, "SEARCH_ALIASES": aliases.split(", "), "RETURN_NAMES": tuple(returns)}
+        parts |= {"RETURN_TYPES": tuple(returns.values()), "OUTPUT_TOOLTIPS": tuple(SAID[name] for name in returns)}
         parts["INPUT_TYPES"] = classmethod(lambda cls: inputs)
         NODE_DISPLAY_NAME_MAPPINGS[key], NODE_CLASS_MAPPINGS[key] = title, type(key, (), parts)
         return run
@@ -125,40 +152,54 @@ def node(key, title, returns, optional=None, **required):
     return register
 
 
-@node("RelightFindMask", "Mask of people", {"mask": "MASK"}, {"encoding": ENCODING}, image=IMAGE)
+def tell(notes, node_id):
+    """Shows notes in ComfyUI's console, and under the node in its window."""
+    for note in notes:
+        logging.warning("relight: %s", note)
+    if node_id is not None and hasattr(PromptServer.instance, "send_progress_text"):  # from 0.3.31
+        PromptServer.instance.send_progress_text("\n".join(notes), node_id)
+
+
+@node("RelightFindMask", "Mask of people", "segment, matte", {"mask": "MASK"}, {"encoding": ENCODING}, image=IMAGE)
 def find_mask(self, image, encoding="sRGB"):
     """White on the people of a picture. Needs `relight mask setup`, once, in ComfyUI's environment."""
     found = torch.zeros(image.shape[:3])
-    for i, coverage in each(image, None, encoding, lambda pixels, _: masked(Picture.of(pixels)).coverage):
-        found[i] = torch.from_numpy(coverage) / 255
+    for i, picture in each(self, image, None, encoding, lambda pixels, _: masked(Picture.of(pixels))):
+        found[i] = torch.from_numpy(picture.coverage) / 255
     return (found,)
 
 
-@node("RelightNamedLight", "Light by name", {"light": LIGHT}, light=("STRING", {"default": "room:7", "tooltip": NAMES}))
+@node("RelightNamedLight", "Light by name", "hdri, lamp", {"light": LIGHT}, light=("STRING", NAMES))
 def named_light(self, light):
     """room:7, sky:3, lamps:5, key:#ffe6c8@50,40,0.3 (color, degrees right and up, fill), or a file."""
-    return (light_of(changed(None, light)),)
+    light = light_of(changed(None, light))
+    self.notes += light.notes if light else ()
+    return (light,)
 
 
 def changed(cls, light):
-    """Returns a value that differs when the light does: its name, and when the files in it changed."""
+    """Returns a value that differs when the light does: its name, and when the files in it changed; None by a link."""
+    if light is None:
+        return None
+    own = os.path.join(folder_paths.get_input_directory(), light)
+    light = own if os.path.isfile(own) else light
     names = [name for part in parts_of(light) for name in (split_place(part)[0], part.rpartition(":")[0])]  # a.npz:12
-    return light, *(path.stat().st_mtime_ns for path in map(Path, names) if path.is_file())
+    return light, *(os.stat(name).st_mtime_ns for name in names if os.path.isfile(name))
 
 
 @lru_cache(64)
 def light_of(state):
-    """Reads the light of what `changed` returned, and logs the notes on it."""
-    light = relighter().read_light(state[0])
-    log(light.notes if light else ())
-    return light
+    """Reads the light of what `changed` returned."""
+    return relighter().read_light(state[0])
 
 
 def validated(cls, light):
-    """Returns True, or what is wrong with a light; one that comes by a link is None, and photos take too long."""
+    """Returns True, or what is wrong with a light's name. Files take long: they are read when the node runs."""
     try:
-        if light is not None and not is_of_person(light):
-            light_of(changed(cls, light))
+        for part in parts_of(light or ""):
+            name, files = part.partition(":")[0], changed(cls, part)[1:]
+            if part and not files and name not in polyhaven.NAMES:
+                light_of((part,))
     except UserError as error:
         return str(error)
     return True
@@ -168,7 +209,7 @@ NODE_CLASS_MAPPINGS["RelightNamedLight"].IS_CHANGED = classmethod(changed)
 NODE_CLASS_MAPPINGS["RelightNamedLight"].VALIDATE_INPUTS = classmethod(validated)
 
 
-@node("RelightPanoramaLight", "Light of a panorama", {"light": LIGHT}, panorama=IMAGE, encoding=ENCODING)
+@node("RelightPanoramaLight", "Light of a panorama", "hdri", {"light": LIGHT}, panorama=IMAGE, encoding=ENCODING)
 def panorama_light(self, panorama, encoding):
     """Light of a lat-long panorama, whose middle is in front of the camera; of the first, if there are several.
     Negative values count as 0."""
@@ -180,25 +221,39 @@ def panorama_light(self, panorama, encoding):
 
 
 @node(
+    "RelightCombineLights", "Turn and add lights", "rotate light, preview", {"light": LIGHT, "ball": "IMAGE"},
+    {"other": (LIGHT, {"tooltip": "Added as it is."})}, light=TURNED, turn=TURN, stops=STOPS,
+)  # fmt: skip
+def combine_lights(self, light, turn, stops, other=None):
+    """A light that is turned about the vertical and made brighter or darker, plus another; and a preview of it."""
+    gain, seen = 2.0**stops, light.panorama
+    seen = seen and replace(seen, yaw=seen.yaw + turn, pixels=seen.pixels * np.float32(gain))
+    light = replace(light, coefficients=orient(light.coefficients, turn) * gain, panorama=seen)
+    light = total([light, other], f"{light} + {other}") if other else light
+    return light, torch.from_numpy(np.float32(lit_ball(light.coefficients, BALL)))[None]
+
+
+@node(
     "RelightRelight",
     "Relight people",
+    "relighting, light, shadow, delight",
     {"image": "IMAGE", "mask": "MASK"},
     {"mask": MASK, "background": BEHIND, "encoding": ENCODING, "lit_by": KNOWN},
     image=IMAGE,
     light=(LIGHT, {"tooltip": "The new light."}),
     mode=(["ratio", "full"], {"tooltip": "Ratio keeps all detail of the picture; full is albedo times shading."}),
     strength=(["matched to the picture", "its own"], {"tooltip": "Whether the light takes the picture's exposure."}),
-    turn=("FLOAT", {"default": 0.0, "min": -180.0, "max": 180.0, "step": 1.0, "tooltip": "Of the light, degrees."}),
-    stops=("FLOAT", {"default": 0.0, "min": -8.0, "max": 8.0, "step": 0.1, "tooltip": "Exposure, powers of two."}),
+    turn=TURN,
+    stops=STOPS,
 )
 def relight(self, image, light, mode, strength, turn, stops, mask=None, background=None, encoding="sRGB", lit_by=None):
     """The people of a picture under another light. What is not of them stays as it is."""
     behind = ["keep"] if background is None else [pixels_of(picture, encoding) for picture in background]
     looks = [Look(light, mode, picture, turn, stops, strength != "its own") for picture in behind]
     out, alpha = torch.empty(*image.shape[:3], 3), torch.zeros(image.shape[:3])  # filled late: an 8k picture is 768 MB
-    for i, scene in each(image, mask, encoding, partial(scene_of, lit_by=lit_by)):
+    for i, scene in each(self, image, mask, encoding, partial(scene_of, self.scenes, lit_by=lit_by)):
         relit, coverage = scene.relit(looks[i % len(looks)]), scene.picture.coverage
-        log(scene.notes_on(looks[0]) if i == 0 else ())
+        self.notes += scene.notes_on(looks[0])
         out[i], alpha[i] = image[i, ..., :3], torch.from_numpy(coverage) / 255
         for window in tiles((0, len(relit)), (0, relit.shape[1])):
             part = relit[window]
@@ -213,6 +268,7 @@ def relight(self, image, light, mode, strength, turn, stops, mask=None, backgrou
 @node(
     "RelightInferMaps",
     "Maps of people",
+    "albedo, normal map, shading, intrinsic",
     {"albedo": "IMAGE", "shading": "IMAGE", "mask": "MASK", "normal": "IMAGE"},
     {"mask": MASK, "encoding": ENCODING, "lit_by": KNOWN},
     image=IMAGE,
@@ -222,7 +278,7 @@ def maps_of(self, image, mask=None, encoding="sRGB", lit_by=None):
     unoccluded directions as in OpenGL, (n + 1) / 2, toward the camera where nobody is."""
     maps = [torch.zeros(*image.shape[:3], 3) for _ in range(3)]
     alpha, maps[2][:] = torch.zeros(image.shape[:3]), torch.tensor([0.5, 0.5, 1])
-    for i, scene in each(image, mask, encoding, partial(scene_of, lit_by=lit_by)):
+    for i, scene in each(self, image, mask, encoding, partial(scene_of, self.scenes, lit_by=lit_by)):
         alpha[i] = torch.from_numpy(scene.picture.coverage) / 255
         for person in scene.people:
             fits = person.fitted_albedo, person.fitted_transport

@@ -9,6 +9,7 @@ place:street.jpg@-60,40     most of it comes from 60 degrees to the left of the 
 """
 
 import json
+import os
 import re
 from pathlib import Path
 
@@ -124,7 +125,7 @@ def split_place(text: str) -> tuple[str, tuple[str, str | None] | None]:
         The file, and the two numbers after the @ as text, the second None if left out; or None if there is no @.
     """
     text = text.removeprefix(PREFIX)
-    match = None if Path(text).is_file() else STATED.fullmatch(text)
+    match = None if os.path.isfile(text) else STATED.fullmatch(text)
     return (match[1], (match[2], match[3])) if match else (text, None)
 
 

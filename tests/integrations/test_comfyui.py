@@ -1,9 +1,12 @@
 """The nodes in ComfyUI's conventions, loaded as its `nodes.py` does, and the example workflow run through them."""
 
+import gc
 import importlib.util
+import inspect
 import json
 import os
 import sys
+import weakref
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -11,6 +14,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from samples import rgbe
 
 from relight.core import srgb
 from relight.core.errors import UserError
@@ -29,7 +33,7 @@ class Interrupted(Exception):
 
 
 @pytest.fixture(scope="module")
-def comfy():
+def comfy(tmp_path_factory):
     """What the nodes use of ComfyUI's own modules: `interrupt` at a check after so many, and `progress`, the calls."""
     state = SimpleNamespace(interrupt=-1, progress=[])
 
@@ -45,7 +49,13 @@ def comfy():
         def update(self, value):
             state.progress.append(value)
 
-    parts = {name: ModuleType(name) for name in ("comfy", "comfy.model_management", "comfy.utils")}
+    names = ("comfy", "comfy.model_management", "comfy.utils", "folder_paths", "server")
+    parts = {name: ModuleType(name) for name in names}
+    state.input = tmp_path_factory.mktemp("input")
+    parts["folder_paths"].get_input_directory = lambda: str(state.input)
+    state.texts = []
+    instance = SimpleNamespace(send_progress_text=lambda text, node_id: state.texts.append((node_id, text)))
+    parts["server"].PromptServer = SimpleNamespace(instance=instance)
     parts["comfy.model_management"].throw_exception_if_processing_interrupted = check
     parts["comfy.utils"].ProgressBar = ProgressBar
     with pytest.MonkeyPatch.context() as patch:
@@ -83,13 +93,25 @@ def test_every_node_declares_what_comfyui_reads(pack, nodes):
     assert nodes.keys() == pack.NODE_DISPLAY_NAME_MAPPINGS.keys()
     for node in nodes.values():
         inputs = node.INPUT_TYPES()
+        assert inputs.pop("hidden") == {"unique_id": "UNIQUE_ID"}
+        names = [*inputs["required"], *inputs["optional"]]
+        assert list(inspect.signature(getattr(node, node.FUNCTION)).parameters)[1:] == names
+        assert len(node.RETURN_TYPES) == len(node.RETURN_NAMES) == len(node.OUTPUT_TOOLTIPS)
+        assert node.CATEGORY and node.DESCRIPTION and all(node.SEARCH_ALIASES)
         assert all(options["tooltip"] for part in inputs.values() for _, options in part.values())
-        names = [*inputs["required"], *inputs.get("optional", {})]
-        run = getattr(node, node.FUNCTION)
-        assert list(run.__code__.co_varnames[1 : run.__code__.co_argcount]) == names
-        assert len(node.RETURN_TYPES) == len(node.RETURN_NAMES) and node.CATEGORY and node.DESCRIPTION
         for kind, *_ in [*inputs["required"].values(), *inputs.get("optional", {}).values()]:
             assert isinstance(kind, list) or kind in {"IMAGE", "MASK", "STRING", "FLOAT", "RELIGHT_LIGHT"}
+
+
+def module_of(nodes):
+    return sys.modules[nodes["RelightRelight"].__module__]
+
+
+def scene_of(nodes, image, mask, encoding="sRGB"):
+    """The scene that the nodes infer of an image."""
+    module, node = module_of(nodes), SimpleNamespace(notes=[])
+    ((_, scene),) = module.each(node, image, mask, encoding, lambda *words: module.scene_of(module.Scenes(), *words))
+    return scene
 
 
 def test_relight_changes_the_people_alone(nodes, portrait):
@@ -106,8 +128,7 @@ def test_relight_changes_the_people_alone(nodes, portrait):
 
 def test_relight_by_the_inferred_light_gives_back_the_image(pack, nodes, portrait):
     image, mask = portrait
-    module = sys.modules[nodes["RelightRelight"].__module__]
-    ((_, scene),) = module.each(image, mask, "sRGB", module.scene_of)
+    scene = scene_of(nodes, image, mask)
     relit, _ = nodes["RelightRelight"]().run(image, Light(scene.light, "astronaut.jpg"), *PLAIN, mask)
     torch.testing.assert_close(relit, image, atol=2e-5, rtol=0)
 
@@ -121,17 +142,23 @@ def test_a_light_that_the_user_knows_replaces_the_inferred_one(pack, nodes, port
     assert (known - image)[0][inside].abs().mean() < 0.02 < (inferred - image)[0][inside].abs().mean()
 
 
-def test_inference_is_done_once_for_a_picture_and_its_mask(nodes, portrait, monkeypatch):
+def test_inference_is_done_once_for_a_picture_and_its_mask_until_the_nodes_are_freed(nodes, portrait, monkeypatch):
     image, mask = portrait
-    module = sys.modules[nodes["RelightRelight"].__module__]
-    module.SCENES.clear()
+    module = module_of(nodes)
     calls, scene = [], module.relighter().scene
     monkeypatch.setattr(module.relighter(), "scene", lambda *words, **_: calls.append(1) or scene(*words))
+    node, other = nodes["RelightRelight"](), nodes["RelightInferMaps"]()
     for name in ("room:1", "room:2"):
-        nodes["RelightRelight"]().run(image, *nodes["RelightNamedLight"]().run(name), *PLAIN, mask)
+        node.run(image, *nodes["RelightNamedLight"]().run(name), *PLAIN, mask)
+    other.run(image, mask)
     assert len(calls) == 1
-    nodes["RelightRelight"]().run(image.flip(2), *nodes["RelightNamedLight"]().run("room:1"), *PLAIN, mask.flip(2))
+    node.run(image.flip(2), *nodes["RelightNamedLight"]().run("room:1"), *PLAIN, mask.flip(2))
     assert len(calls) == 2
+    kept = [*map(weakref.ref, node.scenes.values())]
+    assert len(kept) == 2 and all(one() for one in kept)
+    del node, other  # ComfyUI's PromptExecutor.reset, on "Free model and node cache"
+    gc.collect()
+    assert not any(one() for one in kept)
 
 
 def test_batches_take_one_mask_or_one_each(nodes, portrait):
@@ -146,9 +173,15 @@ def test_batches_take_one_mask_or_one_each(nodes, portrait):
         nodes["RelightRelight"]().run(image, light, *PLAIN, masks)
 
 
-def test_a_light_from_behind_is_told(nodes, portrait, caplog):
+def test_notes_are_told_once_a_batch_under_the_node_and_in_the_console(nodes, portrait, caplog, comfy):
     image, mask = portrait
-    nodes["RelightRelight"]().run(image, *nodes["RelightNamedLight"]().run("key:#fff@-150,10"), *PLAIN, mask)
+    (light,) = nodes["RelightNamedLight"]().run("key:#fff@-150,10")
+    comfy.texts.clear()
+    nodes["RelightRelight"]().run(image.repeat(3, 1, 1, 1), light, *PLAIN, mask.repeat(3, 1, 1), unique_id="7")
+    ((node_id, text),) = comfy.texts
+    cut = "picture 1, 2, 3 of 3: the figure is cut by the photo's lower edge"
+    assert node_id == "7" and text.count("the figure is cut") == 1 and cut in text
+    assert cut in caplog.text and "comes from behind" in text
     assert "comes from behind: faces suffer; a turn of 150 brings it to the front" in caplog.text
 
 
@@ -165,7 +198,7 @@ def test_a_frame_that_shows_nobody_passes_as_it_is(nodes, portrait, caplog, kind
     alone, own = nodes["RelightRelight"]().run(image, light, *PLAIN, mask)
     assert torch.equal(relit[0], pair[0]) and not alpha[0].any()
     torch.testing.assert_close((relit[1:], alpha[1:]), (alone, own))
-    assert "picture 1 of 2 is passed on as it is" in caplog.text and "picture 2" not in caplog.text
+    assert "picture 1 of 2: passed on as it is: the mask is empty" in caplog.text
     maps = nodes["RelightInferMaps"]().run(pair, masks)
     assert not any(values[0].any() for values in maps[:3]) and maps[0][1].any()
     assert (maps[3][0] == torch.tensor([0.5, 0.5, 1])).all()
@@ -176,7 +209,8 @@ def test_every_frame_is_a_step_that_can_be_interrupted(nodes, portrait, comfy, m
     image, mask = portrait
     batch = image.repeat(3, 1, 1, 1)
     module = sys.modules[nodes[name].__module__]
-    monkeypatch.setattr(module, "masked", lambda picture: SimpleNamespace(coverage=np.zeros(picture.shape, np.uint8)))
+    found = SimpleNamespace(coverage=np.zeros((256, 256), np.uint8), notes=[])
+    monkeypatch.setattr(module, "masked", lambda picture: found)
     (light,) = nodes["RelightNamedLight"]().run("room:3")
     given = {"RelightRelight": (light, *PLAIN, mask), "RelightInferMaps": (mask,), "RelightFindMask": ()}[name]
     comfy.progress.clear()
@@ -204,19 +238,40 @@ def test_half_floats_are_taken_as_they_are(nodes, portrait, kind):
 def test_values_above_one_stay(nodes, portrait, encoding):
     """Under its own light a picture that is four times as bright stays so; codes go on along sRGB's curve."""
     image, mask = portrait
-    module = sys.modules[nodes["RelightRelight"].__module__]
     linear = 4 * srgb.decode(image[0].numpy()).astype(np.float32)
     values = linear if encoding == "linear" else np.where(linear > 1, 1.055 * linear ** (1 / 2.4) - 0.055, 0)
     if encoding == "sRGB":
         values = np.where(linear > 1, values, srgb.encode(linear))
     bright = torch.from_numpy(values.astype(np.float32))[None]
-    ((_, scene),) = module.each(bright, mask, encoding, module.scene_of)
+    scene = scene_of(nodes, bright, mask, encoding)
     np.testing.assert_allclose(scene.picture.pixels, linear, rtol=1e-4, atol=1e-6)
     relit, _ = nodes["RelightRelight"]().run(bright, Light(scene.light, "astronaut.jpg"), *PLAIN, mask, None, encoding)
     assert relit.max() > 1.5 and relit.dtype == torch.float32
     torch.testing.assert_close(relit, bright, atol=1e-3, rtol=1e-3)
     other, _ = nodes["RelightRelight"]().run(bright, load_light("room:3"), *PLAIN, mask, None, encoding)
     assert other[mask > 0.5].max() > 1
+
+
+def test_a_mask_that_is_white_everywhere_is_refused(nodes, portrait):
+    image, mask = portrait
+    with pytest.raises(
+        ValueError, match="the mask of picture 2 is white everywhere: make it white on the people alone"
+    ):
+        nodes["RelightInferMaps"]().run(image.repeat(2, 1, 1, 1), torch.cat([mask, torch.ones_like(mask)]))
+
+
+def test_lights_are_turned_made_brighter_and_added(nodes):
+    lamp, other = (load_light(name) for name in ("key:#fff@30,20,0", "room:5"))
+    light, _ = nodes["RelightCombineLights"]().run(lamp, 60.0, 1.0, other)
+    expected = 2 * load_light("key:#fff@90,20,0").coefficients + other.coefficients
+    np.testing.assert_allclose(light.coefficients, expected, atol=1e-9)
+    assert light.panorama is other.panorama and str(light) == "key:#fff@30,20,0 + room:5"
+    _, shown = nodes["RelightCombineLights"]().run(lamp, 60.0, 0.0)
+    assert shown.shape[0] == 1 and shown.dtype == torch.float32 and shown[0, 128, 200].mean() > shown[0, 128, 56].mean()
+    turned, _ = nodes["RelightCombineLights"]().run(other, -40.0, 1.0)
+    again = load_light("room:5", yaw=-40, exposure=2)
+    np.testing.assert_allclose(turned.coefficients, again.coefficients, atol=1e-9)
+    assert turned.panorama.yaw == again.panorama.yaw and (turned.panorama.pixels == again.panorama.pixels).all()
 
 
 def test_a_mask_of_another_size_is_resized(nodes, portrait):
@@ -279,7 +334,23 @@ def test_a_light_that_is_none_is_refused_in_one_sentence(nodes):
         nodes["RelightNamedLight"]().run("room:x")
     check = nodes["RelightNamedLight"].VALIDATE_INPUTS
     assert "room:x" in check("room:x") and check("room:7") is True
-    assert check(None) is True, "it comes by a link"
+    assert check(None) is True and nodes["RelightNamedLight"].IS_CHANGED(None) is None, "it comes by a link"
+    assert "x" * 5000 in check("x" * 5000) and "room:x" in check("room:7 + room:x")
+
+
+def test_files_are_read_when_the_node_runs_and_not_while_the_server_answers(nodes, comfy, tmp_path):
+    pixels = rgbe(generate_room(5))
+    head = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {len(pixels)} +X {pixels.shape[1]}\n"
+    (comfy.input / "mine.hdr").write_bytes(head.encode() + pixels.tobytes())
+    (tmp_path / "bad.hdr").write_bytes(b"#?RADIANCE")
+    named = nodes["RelightNamedLight"]
+    assert [named.VALIDATE_INPUTS(name) for name in (str(tmp_path / "bad.hdr"), "mine.hdr")] == [True, True]
+    assert "mine.exr" in named.VALIDATE_INPUTS("mine.exr")
+    (light,) = named().run("mine.hdr")
+    expected = load_light("room:5").coefficients
+    np.testing.assert_allclose(light.coefficients, expected, atol=0.01 * expected.max())
+    with pytest.raises(UserError, match=r"bad\.hdr"):
+        named().run(str(tmp_path / "bad.hdr"))
 
 
 def test_a_changed_file_is_a_changed_light(nodes, tmp_path):

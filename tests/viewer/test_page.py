@@ -232,6 +232,37 @@ def test_a_dropped_panorama_lights_the_figure(balls, maps, lights):
     assert "kitchen" in balls.run("document.getElementById('light-list').innerText")
 
 
+def test_several_files_are_dropped_or_pasted_at_once(balls):
+    balls.call(
+        """(bytes) => { const data = new DataTransfer();
+        for (const name of ["a.hdr", "b.hdr"]) data.items.add(new File([new Uint8Array(bytes)], name));
+        document.dispatchEvent(new DragEvent("drop", { dataTransfer: data, bubbles: true, cancelable: true }));
+        document.dispatchEvent(new ClipboardEvent("paste", { clipboardData: data, bubbles: true })); }""",
+        list(hdr(np.random.default_rng(2).random((4, 8, 3)))),
+    )
+    balls.run(
+        "(async () => { while (relight.lights().length < 7) await new Promise((done) => setTimeout(done, 20)); })()"
+    )
+    assert sorted(balls.run("relight.lights().slice(3).map(({ name }) => name)")) == ["a", "a", "b", "b"]
+
+
+def test_saving_is_within_reach_on_a_small_phone(page, photo_html):
+    page.open(photo_html, 360, 640, mobile=True)
+    for button in ("save", "jpeg", "movie", "help"):
+        box = page.run(f"document.getElementById('{button}').getBoundingClientRect().toJSON()")
+        assert 0 <= box["left"] and box["right"] <= 360 and 0 <= box["top"] and box["bottom"] <= 640, button
+
+
+def test_a_view_is_not_compared_with_itself(page, photo_html):
+    page.open(photo_html)
+    page.run(f"relight.set({json.dumps(START | {'view': 'photo'})})")
+    page.run("document.dispatchEvent(new KeyboardEvent('keydown', { key: 'c' }))")
+    assert page.run("[relight.state.view, relight.state.before]") == ["photo", "open"]
+    assert page.run("[...document.getElementById('before').options].find(({ value }) => value === 'photo').disabled")
+    page.run("relight.set({ view: 'albedo', before: 'albedo' })")
+    assert page.run("relight.state.before") == "none"
+
+
 def test_a_panorama_is_seen_behind_the_figure(balls, maps, lights):
     """Sharp, turned with the light and at its brightness; compared where the blocks of the panorama are flat."""
     generator = np.random.default_rng(4)
@@ -363,7 +394,9 @@ def test_a_browser_without_webgl_is_told_what_helps_for_good(page, html):
         page.run("window.dispatchEvent(new Event('resize'))")
         assert page.run("document.getElementById('panel').inert && document.getElementById('hint').hidden")
         assert "allow hardware acceleration" in page.run("document.getElementById('loading').innerText")
-        left, right = page.run("(({ left, right }) => [left, right])(document.getElementById('loading').getBoundingClientRect())")
+        left, right = page.run(
+            "(({ left, right }) => [left, right])(document.getElementById('loading').getBoundingClientRect())"
+        )
         assert 0 <= left and right <= 360
     finally:
         page.send("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
@@ -372,6 +405,8 @@ def test_a_browser_without_webgl_is_told_what_helps_for_good(page, html):
 def test_a_wrong_file_is_told_and_changes_nothing(balls):
     balls.run("relight.openPanorama(new File(['no'], 'no.hdr'))")
     assert "not a Radiance" in balls.run("document.getElementById('toast').innerText")
+    balls.run("relight.openPanorama(new File([new Uint8Array([0x76, 0x2f, 0x31, 1, 2])], 'no.exr'))")
+    assert "OpenEXR" in balls.run("document.getElementById('toast').innerText")
     assert balls.run("relight.lights().length") == 3
 
 
@@ -399,19 +434,26 @@ def test_keyboard_mouse_and_touch_turn_the_light(page, html):
     assert state("tilt") == pytest.approx(20) and state("yaw") == 0
 
 
-def test_saved_png_is_the_picture_at_its_own_size(balls):
+SAVED = """(button) => new Promise((done) => {
+URL.createObjectURL = (blob) => { blob.arrayBuffer().then((b) => done([...new Uint8Array(b)])); return "#"; };
+HTMLAnchorElement.prototype.click = function () { window.saved = this.download; };
+document.getElementById(button).click(); })"""
+
+
+def test_saved_pictures_are_the_picture_at_its_own_size(balls):
     state = START | {"background": "clear", "yaw": 33}
     expected = balls.pixels(**state)
-    saved = balls.run(
-        """new Promise((done) => {
-        URL.createObjectURL = (blob) => { blob.arrayBuffer().then((b) => done([...new Uint8Array(b)])); return "#"; };
-        HTMLAnchorElement.prototype.click = function () { window.saved = this.download; };
-        document.getElementById("save").click(); })"""
-    )
-    image = Image.open(io.BytesIO(bytes(saved)))
+    images = {}
+    for button in ("save", "jpeg"):
+        saved = balls.call(SAVED, button)
+        images[button] = Image.open(io.BytesIO(bytes(saved)))
+        name = balls.run("window.saved")
+        assert name == f"Six balls Window.{'png' if button == 'save' else 'jpg'}"
+    image, jpeg = images["save"], np.asarray(images["jpeg"]).astype(float)
     np.testing.assert_array_equal(np.asarray(image)[expected[..., 3] == 255], expected[expected[..., 3] == 255])
     assert image.mode == "RGBA" and (np.asarray(image)[..., 3] == expected[..., 3]).all()
-    assert balls.run("window.saved") == "Six balls Window.png"
+    alpha = expected[..., 3:] / 255
+    assert np.abs(jpeg - (expected[..., :3] * alpha + 255 * (1 - alpha))).mean() < 1, "on white"
 
 
 def test_every_control_has_a_name_and_nothing_was_fetched(page, photo_html):

@@ -227,7 +227,7 @@ def test_a_returning_visitor_gets_the_new_release_whatever_the_browser_kept(page
         (tmp_path / "live" / "network.onnx").write_bytes(network[:-1] + bytes([network[-1] ^ 1]))
         page.run("caches.keys().then((names) => Promise.all(names.map((name) => caches.delete(name))))")
         page.open(address(server))
-        with pytest.raises(RuntimeError, match="network.onnx is of another version than this page: reload the page"):
+        with pytest.raises(RuntimeError, match=r"network\.onnx is of another version than this page: reload the page"):
             page.run("relight.engine()")
 
 
@@ -281,7 +281,7 @@ def test_a_mask_is_painted_by_keys_and_not_lost_by_escape(page, server):
     until(page, "relight.figure().title === 'me'")
     figures = page.run("document.getElementById('figure').length")
     errors = [event for event in page.events if event.get("method") == "Runtime.exceptionThrown"]
-    isOpen = "!document.getElementById('brush').hidden"
+    is_open = "!document.getElementById('brush').hidden"
     asks = "document.getElementById('brush-discard').open"
 
     def pixels_inside():
@@ -289,25 +289,25 @@ def test_a_mask_is_painted_by_keys_and_not_lost_by_escape(page, server):
 
     before = pixels_inside()
     page.run("document.getElementById('edit-mask').click()")
-    until(page, isOpen)
+    until(page, is_open)
     press(page, "Escape")
-    assert not page.run(isOpen), "nothing was painted"
+    assert not page.run(is_open), "nothing was painted"
     page.run("document.getElementById('edit-mask').click()")
-    until(page, isOpen)
+    until(page, is_open)
     press(page, "x", "Space", *["S-ArrowUp"] * 3, "ArrowLeft")
     press(page, "Escape")
-    assert page.run(isOpen) and page.run(asks)
+    assert page.run(is_open) and page.run(asks)
     page.run("document.querySelector('#brush-discard [value=keep]').click()")
-    assert page.run(isOpen) and not page.run(asks)
+    assert page.run(is_open) and not page.run(asks)
     press(page, "z", "z", "y", "y", "Enter")
-    until(page, f"!({isOpen}) && document.getElementById('photo-status').hidden")
+    until(page, f"!({is_open}) && document.getElementById('photo-status').hidden")
     assert 0 < before - pixels_inside() < before
     assert page.run("document.getElementById('figure').length") == figures, "a correction takes the figure's place"
     page.run("document.getElementById('edit-mask').click()")
-    until(page, isOpen)
+    until(page, is_open)
     press(page, "Space", "Escape")
     page.run("document.querySelector('#brush-discard [value=discard]').click()")
-    until(page, f"!({isOpen})")
+    until(page, f"!({is_open})")
     assert [event for event in page.events if event.get("method") == "Runtime.exceptionThrown"] == errors == []
 
 
@@ -315,7 +315,8 @@ def test_that_nobody_was_found_is_told_before_the_brush(page, server):
     page.open(address(server))
     page.run("relight.engine()")
     page.call(
-        """async () => { const send = Worker.prototype.postMessage; Worker.prototype.postMessage = function (task, ...rest) {
+        """async () => { const send = Worker.prototype.postMessage;
+        Worker.prototype.postMessage = function (task, ...rest) {
         if (task.task !== "mask") return send.call(this, task, ...rest);
         const { width, height } = task.values.photo; Worker.prototype.postMessage = send;
         this.onmessage({ data: { id: task.id, result: new Uint8Array(width * height) } }); }; }"""
@@ -323,6 +324,18 @@ def test_that_nobody_was_found_is_told_before_the_brush(page, server):
     opened(page, png(photograph()[0]))
     until(page, "document.getElementById('brush-why').checkVisibility()")
     assert page.run("document.getElementById('brush-why').innerText") == "Nobody was found in this photo."
+
+
+def test_a_browser_without_simd_is_told_before_anything_is_loaded(page, server):
+    source = "WebAssembly.validate = () => false;"
+    script = page.send("Page.addScriptToEvaluateOnNewDocument", source=source)["identifier"]
+    try:
+        page.open(address(server))
+        with pytest.raises(RuntimeError, match="no WebAssembly with SIMD"):
+            page.run("relight.engine()")
+    finally:
+        page.send("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
+    assert not any("network.onnx" in line for line in server.asked)
 
 
 def test_what_is_no_picture_is_told(page, server):

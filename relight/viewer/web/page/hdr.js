@@ -4,6 +4,7 @@
 import { Y0, Y1, Y2, Y20, Y22 } from "./sh.js";
 
 const MAX_PIXELS = 2 ** 25, MAX_HEADER = 65536;
+const EXR = [0x76, 0x2f, 0x31, 0x01]; // how an OpenEXR file begins
 const NUMBERS = { EXPOSURE: 1, COLORCORR: 3, PRIMARIES: 8 }; // of a line of the header
 const NEUTRAL = [[0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329], [0.64, 0.33, 0.29, 0.6, 0.15, 0.06, 1 / 3, 1 / 3], Array(8).fill(0)];
 
@@ -11,6 +12,9 @@ const NEUTRAL = [[0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329], [0.64, 0.33,
 export function readHDR(buffer) {
   let bytes = new Uint8Array(buffer), at = 0;
   if (bytes[0] === 0xef && bytes[1] === 0xbb && bytes[2] === 0xbf) bytes = bytes.subarray(3); // UTF-8's mark
+  if (EXR.every((byte, i) => byte === bytes[i])) {
+    throw new Error("OpenEXR panoramas are not read here: save it as Radiance .hdr.");
+  }
   if (bytes[0] !== 0x23 || bytes[1] !== 0x3f) {
     throw new Error("This is not a Radiance .hdr file (it does not begin with #?).");
   }

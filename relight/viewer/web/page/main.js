@@ -9,7 +9,7 @@ import { MODES, addLamp, listChoices, notify, onFile, refresh } from "./panel.js
 import { canvas, fit, pixels, placement, redraw, stage } from "./picture.js";
 import { listen } from "./placement.js";
 import { Renderer } from "./render.js";
-import { record, saveMovie, savePNG } from "./saving.js";
+import { record, saveMovie, savePicture } from "./saving.js";
 import { deringed, rotate, turn } from "./sh.js";
 import { app, element, embedded, set, state, subscribe } from "./state.js";
 import { autoRotate, openingTurn, stopOpening } from "./turning.js";
@@ -28,6 +28,12 @@ function next(list, current, by = 1) {
   return list[(list.indexOf(current) + by + list.length) % list.length];
 }
 
+// Opens files one after the other: a photo may first need its mask.
+async function openFiles(files) {
+  if (!app.figure) return;
+  for (const file of [...files]) await (app.openFile ?? openLight)(file);
+}
+
 function fullScreen() {
   if (document.fullscreenElement) document.exitFullscreen();
   else if (stage.requestFullscreen) stage.requestFullscreen();
@@ -39,7 +45,7 @@ async function movie() {
   button.disabled = true;
   const isSaved = await saveMovie((share) => (button.textContent = `${Math.round(100 * share)} %`));
   button.disabled = false;
-  button.textContent = "Save movie";
+  button.textContent = "Movie";
   if (!isSaved) notify("This browser cannot record a movie.");
 }
 
@@ -51,12 +57,12 @@ const KEYS = {
   "[": () => set({ light: (state.light + app.shown.length - 1) % app.shown.length }),
   "]": () => set({ light: (state.light + 1) % app.shown.length }),
   "+": () => set({ stops: state.stops + 0.25 }), "=": () => KEYS["+"](), "-": () => set({ stops: state.stops - 0.25 }),
-  c: () => set({ before: state.before === "none" ? element("before").options[1].value : "none" }),
+  c: () => set({ before: state.before === "none" ? element("before").querySelector("option:enabled:not(:first-child)").value : "none" }),
   b: () => set({ background: next(values("background"), state.background) }),
   l: addLamp,
   r: () => set({ yaw: 0, tilt: 0, stops: 0, room: 1, lamps: [] }),
   0: fit,
-  s: savePNG, m: movie, f: fullScreen, "?": () => element("keys").showModal(),
+  s: () => savePicture("png"), j: () => savePicture("jpeg"), m: movie, f: fullScreen, "?": () => element("keys").showModal(),
 };
 
 document.addEventListener("keydown", (event) => {
@@ -94,7 +100,8 @@ onFile(element("place-file"), (file) => openPlace(file, true));
 element("auto").addEventListener("click", () => autoRotate(!state.auto));
 element("add-lamp").addEventListener("click", addLamp);
 element("reset").addEventListener("click", KEYS.r);
-element("save").addEventListener("click", savePNG);
+element("save").addEventListener("click", KEYS.s);
+element("jpeg").addEventListener("click", KEYS.j);
 element("movie").addEventListener("click", movie);
 element("full").addEventListener("click", fullScreen);
 element("help").addEventListener("click", KEYS["?"]);
@@ -122,8 +129,9 @@ document.addEventListener("dragleave", (event) => (element("drop").hidden = even
 document.addEventListener("drop", (event) => {
   event.preventDefault();
   element("drop").hidden = true;
-  if (app.figure && event.dataTransfer.files.length) (app.openFile ?? openLight)(event.dataTransfer.files[0]);
+  openFiles(event.dataTransfer.files);
 });
+document.addEventListener("paste", (event) => openFiles(event.clipboardData.files));
 
 async function start() {
   if (!window.DecompressionStream) {

@@ -143,6 +143,7 @@ function refresh() {
   refreshLamps();
   element("auto").setAttribute("aria-pressed", state.auto);
   element("before").value = state.before;
+  for (const option of element("before").options) option.disabled = option.value === state.view;
   element("color-row").hidden = state.background !== "color";
   element("color").value = state.color;
   write("mode-note", NOTES[state.mode]);

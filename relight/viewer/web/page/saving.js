@@ -1,4 +1,4 @@
-// The picture as a PNG, and a turn of the light as a short movie.
+// The picture as a PNG or JPEG, and a turn of the light as a short movie.
 
 import { pixels } from "./picture.js";
 import { app, set, state } from "./state.js";
@@ -27,11 +27,13 @@ function paperOf(width, height) {
 }
 
 // At the size of the maps or, of a photo that was inferred in the browser, at its own.
-async function savePNG() {
-  const name = nameOf("png"), figure = (await app.atOwnSize?.()) ?? app.figure;
+// type: png or jpeg; where the latter would be transparent, it is white.
+async function savePicture(type) {
+  const name = nameOf(type.replace("jpeg", "jpg")), figure = (await app.atOwnSize?.()) ?? app.figure;
   const { width, height } = figure, [paper, context] = paperOf(width, height);
   context.putImageData(new ImageData(pixels(null, figure), width, height), 0, 0);
-  download(await new Promise((done) => paper.toBlob(done, "image/png")), name);
+  if (type === "jpeg") Object.assign(context, { globalCompositeOperation: "destination-over", fillStyle: "#fff" }).fillRect(0, 0, width, height);
+  download(await new Promise((done) => paper.toBlob(done, `image/${type}`, 0.95)), name);
 }
 
 // Records one turn of the light; `onProgress` gets the share that is done. Frames that the machine is too slow for are
@@ -68,4 +70,4 @@ async function saveMovie(onProgress) {
   return movie !== null;
 }
 
-export { download, record, saveMovie, savePNG };
+export { download, record, saveMovie, savePicture };

@@ -41,6 +41,7 @@ function set(changes) {
   state.stops = clamp(state.stops, -3, 3);
   state.split = clamp(state.split, 0, 1);
   state.room = clamp(state.room, 0, 1);
+  if (state.before === state.view) state.before = "none";
   for (const listener of listeners) listener();
 }
 

@@ -4,6 +4,8 @@
 import { element, page } from "../page/state.js";
 
 const LOCKED = "default-src 'none'; script-src blob: 'wasm-unsafe-eval'; worker-src blob:; style-src 'unsafe-inline'; img-src data: blob:";
+// A module of one function that uses SIMD, without which the networks do not run.
+const SIMD = [0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11];
 const WAIT = 4000; // milliseconds for the service worker, which not every server and browser allows
 
 // The bytes of a file of the site; onProgress gets how many have come.
@@ -61,6 +63,9 @@ function startWorker(runtime) {
 
 // Loads and starts all; onProgress gets the share that has come, and the bytes in all. Returns the worker's function.
 async function startEngine(onProgress) {
+  if (!window.WebAssembly?.validate(Uint8Array.from(SIMD))) {
+    throw new Error("This browser has no WebAssembly with SIMD, by which photos are inferred: open the page in another, or a newer one.");
+  }
   await keepSite();
   const { files } = page.web;
   const total = files.reduce((sum, { bytes }) => sum + bytes, 0);
