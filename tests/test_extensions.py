@@ -109,7 +109,8 @@ def test_an_installed_package_offers_an_extension(tmp_path, monkeypatch):
     [
         ("+loss.extra.mine=1", "loss.extra.mine: there is no file mine.py in relight/extensions"),
         ("loss.extra.mine=1", r"nothing has this name yet; to add it, write \+loss\.extra\.mine=<value>"),
-        ("+loss.extra.half=-1", "loss.extra.half is -1.0: it must be at least 0"),
+        ("+loss.extra.half=-1", r"loss\.extra must be in \[0, 1000000\], not \{.*-1\.0\}"),
+        ("+loss.extra.half=nan", r"loss\.extra must be in \[0, 1000000\], not \{.*nan\}"),
     ],
 )
 def test_wrong_weights(word, says, tmp_path, monkeypatch):

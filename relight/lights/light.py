@@ -11,11 +11,14 @@ import numpy as np
 
 from relight.core.errors import UserError
 from relight.core.files import atomic_write, write_json
+from relight.core.numbers import finite
 from relight.lights.statistics import moment_eigenvalue, reference_brightness
 from relight.panoramas import Panorama
 from relight.sh import CONVENTIONS, UNOCCLUDED_T00, coefficient_count, from_relight, order_of
+from relight.sh.conventions import require_bounded
 
 MIN_EIGENVALUE = -1e-3  # moment eigenvalue of a valid light; below 0, as coefficients in files are rounded
+FACTORS = 1e-12, 1e12  # on the radiance, whose products single precision holds
 MIN_FRONT = 0.25  # reference brightness over the mean irradiance, below which the front of a light is dark
 FRAME = "x right, y up, z toward the camera, unless the convention says otherwise"
 
@@ -55,19 +58,19 @@ class Light:
         that of the other sides.
 
         Raises:
-            UserError: if the target or the mean radiance is not positive.
+            UserError: if the target is out of range, or as `require_usable` does.
         """
-        if not (np.isfinite(target) and target > 0):
-            raise UserError(f"the brightness of a light is {target!r}: it must be a positive number")
+        target = finite("the brightness of a light", target, *FACTORS)
+        self.require_usable()
         brightness = float(reference_brightness(self.coefficients))
-        self.require_shining()
         mean = float(self.coefficients[0].max()) * UNOCCLUDED_T00  # irradiance, over all normals
         scale = target / max(brightness, MIN_FRONT * mean)
         seen = self.panorama and replace(self.panorama, pixels=self.panorama.pixels * np.float32(scale))
         return replace(self, coefficients=self.coefficients * scale, panorama=seen)
 
-    def require_shining(self) -> None:
-        """Raises UserError if the mean radiance is not positive."""
+    def require_usable(self) -> None:
+        """Raises UserError if the mean radiance is not positive, or a coefficient not finite or too large."""
+        require_bounded(self.coefficients, self.source)
         if not self.coefficients[0].max() > 0:
             raise UserError(f"{self.source} is black: the mean radiance of a light must be positive")
 
@@ -82,9 +85,9 @@ class Light:
         """Returns the light, with one note if no non-negative radiance has its coefficients (`moment_eigenvalue`).
 
         Raises:
-            UserError: if its mean radiance is not positive.
+            UserError: as `require_usable`.
         """
-        self.require_shining()
+        self.require_usable()
         if moment_eigenvalue(self.coefficients) >= MIN_EIGENVALUE:
             return self
         note = (
@@ -115,22 +118,19 @@ def total(lights: Sequence[Light], source: str) -> Light:
     return Light(coefficients, source, panoramas[0] if len(panoramas) == 1 else None, notes)
 
 
-def direction(azimuth: float, elevation: float, name: str) -> np.ndarray:
+def direction(azimuth: float | str, elevation: float | str, name: str) -> np.ndarray:
     """Returns the unit vector (3,) toward a lamp.
 
     Args:
-        azimuth: degrees from the camera toward +x.
-        elevation: degrees above the horizon.
+        azimuth: degrees from the camera toward +x, -360 to 360.
+        elevation: degrees above the horizon, -90 to 90.
         name: name of the light in errors.
 
     Raises:
         UserError: if an angle is out of range.
     """
-    if not -90 <= elevation <= 90:
-        raise UserError(f"{name}: elevation {elevation:g} must be in -90 (from below) to 90 (from above)")
-    if not -360 <= azimuth <= 360:
-        raise UserError(f"{name}: azimuth {azimuth:g} must be in -360 to 360 degrees")
-    a, e = np.radians(azimuth), np.radians(elevation)
+    a = np.radians(finite(f"{name}: azimuth", azimuth, -360, 360))
+    e = np.radians(finite(f"{name}: elevation", elevation, -90, 90))
     return np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
 
 
@@ -177,11 +177,3 @@ def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
         with atomic_write(path) as temporary, open(temporary, "wb") as file:
             np.save(file, coefficients)
     return path
-
-
-def parse_number(part: str, text: str) -> float:
-    """Parses the number `part` of `text`; raises UserError if it is not a number."""
-    try:
-        return float(part)
-    except ValueError:
-        raise UserError(f"{text}: {part!r} is not a number") from None

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from difflib import get_close_matches
-from numbers import Integral, Real
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +16,10 @@ from relight import extensions
 from relight.core.errors import UserError
 from relight.core.files import PHOTO_SUFFIXES, existing_file
 from relight.core.npz import read_npy
+from relight.core.numbers import finite
 from relight.core.srgb import decode
 from relight.core.text import read_text
-from relight.lights.light import Light, direction, parse_number, parts_of, total
+from relight.lights.light import FACTORS, Light, direction, parts_of, total
 from relight.lights.place import PREFIX, read_place
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import read_light_set
@@ -38,6 +39,7 @@ IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})", re.I)
 EVEN = "even"
 ELEVATION = 30  # default degrees of a key light above the horizon
 FILL = 0.2  # default irradiance of the fill, relative to the key light's
+MAX_FILL = 1e6
 MAX_BYTES = 1 << 20  # of a file of coefficients
 
 
@@ -89,8 +91,7 @@ def load_light(
     text = str(text)
     if not (isinstance(order, Integral) and order >= 0):
         raise UserError(f"order={order!r}: it must be a whole number, at least 0")
-    if not all(isinstance(number, Real) and np.isfinite(number) for number in (exposure, yaw)) or exposure <= 0:
-        raise UserError(f"exposure={exposure!r}, yaw={yaw!r}: exposure must be positive, yaw a number of degrees")
+    yaw, exposure = finite("yaw", yaw), finite("exposure", exposure, *FACTORS)
     if len(parts := parts_of(text)) > 1:
         options = (order, layout, yaw, flip, exposure, convention, repair)
         return total([load_light(part, *options) for part in parts], text)
@@ -98,7 +99,7 @@ def load_light(
     if match := GENERATED.fullmatch(text):
         panorama = Panorama(GENERATORS[match[1]](int(match[2])))
         light = Light(project(panorama, order), text, panorama)
-        yaw += parse_number(match[3] or "0", text)
+        yaw += finite(f"{text}: the turn", match[3] or 0)
     elif text.startswith("key:"):
         light = Light(key_light(*_parse_key(text), order), text)
     elif text == EVEN:
@@ -155,11 +156,11 @@ def _find_panorama(text: str) -> tuple[str | Path, float]:
         lamp = "a lamp, such as key:white@-60,30 (60 degrees to the left, 30 up)"
         near = get_close_matches(text, polyhaven.NAMES, 1) or ["hall"]
         raise UserError(f"{text} is neither a file nor a light: give {lamp}, room:7, sky:3, even, or {near[0]}")
-    return polyhaven.panorama_file(name), parse_number(degrees or "0", text)
+    return polyhaven.panorama_file(name), finite(f"{text}: the turn", degrees or 0)
 
 
-def _parse_key(text: str) -> tuple[str, float, float, float]:
-    """Parses the name of a key light: color (six digits), azimuth, elevation and fill, of which the last may lack."""
+def _parse_key(text: str) -> tuple[str, str, str, str]:
+    """Returns the parts of a key light's name: color (six digits), azimuth, elevation and fill; the last may lack."""
     color, _, numbers = text.removeprefix("key:").partition("@")
     try:
         red, green, blue = bytes(ImageColor.getrgb(f"#{color}" if HEXADECIMAL.fullmatch(color) else color))
@@ -169,29 +170,28 @@ def _parse_key(text: str) -> tuple[str, float, float, float]:
     if len(parts) > 3 or not numbers:
         raise UserError(f"{text}: after the @ come azimuth, elevation and fill, such as @45,30,{FILL}")
     usual = ("", str(ELEVATION), str(FILL))
-    azimuth, elevation, fill = (parse_number(part, text) for part in (*parts, *usual[len(parts) :]))
+    azimuth, elevation, fill = (*parts, *usual[len(parts) :])
     return bytes((red, green, blue)).hex(), azimuth, elevation, fill
 
 
-def key_light(color: str, azimuth: float, elevation: float, fill: float, order: int) -> np.ndarray:
+def key_light(color: str, azimuth: float | str, elevation: float | str, fill: float | str, order: int) -> np.ndarray:
     """Returns the light (K,3) of a distant lamp and a constant fill.
 
     Args:
         color: irradiance of the lamp on a surface that faces it, six hexadecimal digits of sRGB.
-        azimuth: degrees from the camera toward +x.
+        azimuth: degrees from the camera toward +x, -360 to 360.
         elevation: degrees above the horizon, -90 to 90.
-        fill: irradiance of the fill over that of the lamp.
+        fill: irradiance of the fill over that of the lamp, 0 to MAX_FILL.
         order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
 
     Raises:
         UserError: if a number is out of range.
     """
     toward = direction(azimuth, elevation, f"key:#{color}")
-    if not (np.isfinite(fill) and fill >= 0):
-        raise UserError(f"key:#{color}: fill {fill:g} must be at least 0")
     linear = decode(np.array([int(color[i : i + 2], 16) for i in (0, 2, 4)]) / 255)
     coefficients = basis(toward, order)[:, None] * linear
-    coefficients[0] += fill * linear * np.sqrt(4 * np.pi) / np.pi  # a constant light of irradiance fill * color
+    even = finite(f"key:#{color}: fill", fill, 0, MAX_FILL) * linear
+    coefficients[0] += even * np.sqrt(4 * np.pi) / np.pi  # a constant light of irradiance fill * color
     return coefficients
 
 

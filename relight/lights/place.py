@@ -18,7 +18,7 @@ from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.srgb import LINEAR
-from relight.lights.light import Light, direction, parse_number, parts_of
+from relight.lights.light import Light, direction, parts_of
 from relight.panoramas import luminance
 from relight.pictures.codes import on_white
 from relight.pictures.opening import is_picture
@@ -148,8 +148,8 @@ def read_place(text: str, order: int = 2) -> Light:
         raise UserError(f"{source}: {path} is no photograph of a place: give a JPEG, PNG, WebP or TIFF")
     if not stated:
         return estimated(on_white(Picture.of(path, "place").rgba), path).at_order(order)
-    azimuth, elevation = (parse_number(number or str(ELEVATION), source) for number in stated)
-    toward = direction(azimuth, elevation, source)
+    azimuth, elevation = stated
+    toward = direction(azimuth, elevation or ELEVATION, source)
     return Light(place_light(on_white(Picture.of(path, "place").rgba), toward), source).at_order(order)
 
 

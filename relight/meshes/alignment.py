@@ -1,6 +1,5 @@
 """Aligns figures to the camera frame: up, front, centre and size."""
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import numpy as np
 
 from relight.core.errors import UserError
 from relight.core.files import existing_file
+from relight.core.numbers import finite
 from relight.core.text import read_table
 from relight.maps.square import PADDING
 from relight.meshes.axes import AXES, find_axes, flat_side
@@ -16,6 +16,7 @@ from relight.meshes.scans import is_used, safe_name
 from relight.settings import Align
 from relight.sh import rotation_about_y
 
+MAX_PADDING = 0.49
 MIN_CERTAINTY = 0.5  # of the front, below which there is a warning
 
 
@@ -29,7 +30,7 @@ def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
     Args:
         mesh: in the file's frame.
         settings: up and front, axes of the file or `auto`; table.
-        padding: margin at each edge, as a share of the image, in [0,0.5).
+        padding: margin at each edge, as a share of the image, 0 to MAX_PADDING.
 
     Returns:
         The aligned mesh. Its info["align"] has rotation (3,3), centre and scale, with
@@ -62,7 +63,7 @@ def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
     extent = (high - low)[:2].max()
     if not extent > 0:
         raise UserError(f"{name or 'the mesh'} has no extent in the view from {front} with {up} up")
-    scale = float(2 * (1 - 2 * padding) / extent)
+    scale = float(2 * (1 - 2 * finite("padding", padding, 0, MAX_PADDING)) / extent)
     centre = (low + high) / 2
     record = {
         "up": up,
@@ -132,10 +133,6 @@ def read_align_table(path: Path | str) -> dict[str, dict[str, str]]:
             if row.get(key) and row[key] not in (*AXES, "auto"):
                 raise UserError(f"{path}: {key} {row[key]!r} of {name}; {', '.join(AXES)} and auto are known")
         row["turn"] = (row.get("turn") or "0").replace(",", ".")  # a decimal comma
-        try:
-            if not math.isfinite(float(row["turn"])):
-                raise ValueError
-        except ValueError:
-            raise UserError(f"{path}: turn {row['turn']!r} of {name} is not a number of degrees") from None
+        finite(f"{path}: turn of {name}", row["turn"])
         rows[name] = row
     return rows

@@ -262,7 +262,7 @@ def _surface(gltf: Gltf, number: int | None, notes: list[str]) -> Surface:
     entry = gltf.item("materials", number)
     base = entry.get("pbrMetallicRoughness", {})
     extensions = entry.get("extensions", {})
-    given = _legacy_base(extensions.get("KHR_materials_pbrSpecularGlossiness", {})) | base
+    given = _legacy_base(extensions.get("KHR_materials_pbrSpecularGlossiness", {})) or base  # in place of it
     factor, slot = given.get("baseColorFactor"), given.get("baseColorTexture")
     name = str(entry.get("name", ""))
     glow = entry.get("emissiveFactor"), entry.get("emissiveTexture")

@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image, ImageColor, ImageOps
 
 from relight.core.errors import UserError
+from relight.core.numbers import finite
 from relight.core.srgb import LINEAR
 from relight.panoramas import Panorama, luminance
 from relight.photos.camera import blurred, camera_view
@@ -16,6 +17,7 @@ from relight.pictures.codes import on_white
 from relight.pictures.opening import is_picture
 from relight.pictures.picture import Given, Picture
 
+MAX_BLUR = 60  # degrees
 KINDS = ("keep", "none", "color", "picture", "panorama")
 
 
@@ -51,6 +53,7 @@ class Background:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise UserError(f"a background of the kind {self.kind!r} is none of {', '.join(KINDS)}")
+        finite("blur", self.blur, 0, MAX_BLUR)
         if self.blur and self.kind not in ("picture", "panorama"):
             raise UserError(f"a panorama or a picture behind can be blurred, not the background {self.name}")
 

@@ -1,15 +1,14 @@
 """How a picture is to look: its light and what lies behind the people, checked once, when it is made."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from relight.core.errors import UserError
+from relight.core.numbers import finite
 from relight.lights import Light, load_light
 from relight.lights.light import total
 from relight.lights.place import estimated, is_of_person
@@ -58,11 +57,8 @@ class Look:
     ):
         if mode not in MODES:
             raise UserError(f"mode {mode!r} is neither ratio nor full")
-        if not (isinstance(turn, Real) and math.isfinite(turn)):
-            raise UserError(f"turn is {turn!r}: give degrees, a finite number")
-        if not (isinstance(stops, Real) and abs(stops) <= MAX_STOPS):
-            raise UserError(f"stops is {stops!r}: give a number from -{MAX_STOPS} to {MAX_STOPS}")
-        self.mode, self.turn, self.stops, self.match = mode, turn, stops, match
+        self.turn, self.stops = finite("turn", turn), finite("stops", stops, -MAX_STOPS, MAX_STOPS)
+        self.mode, self.match = mode, match
         self.background = read_background(background)
         self.light, self.windowed = _read_light(light)
         if self.light is None and self.background.picture is not None:

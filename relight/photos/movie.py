@@ -16,6 +16,7 @@ import numpy as np
 from PIL import Image
 
 from relight.core.errors import UserError
+from relight.core.numbers import finite
 from relight.core.progress import progress
 from relight.maps.square import MASK_THRESHOLD, Crop, crop_around
 from relight.photos.look import Look
@@ -35,6 +36,7 @@ CODER = 16  # codes from black, and from what is bright in a mask, within which 
 CHANGE = 0.06  # of linear values: pixels that differ by more from a neighbouring frame count as moved
 SECONDS = 6.0  # of the movie of a photo
 WHITE = "what is transparent is white, since a movie is opaque: --background gives something else"
+BOUNDS = {"seconds": (0.1, 600), "fps": (1, 120), "turns": (-1000, 1000)}
 UNKNOWN_LENGTH = 250  # frames of one turn of the light, for clips that do not state their length
 
 
@@ -71,6 +73,10 @@ def write_movie(
     Raises:
         UserError: if an input is wrong or the file cannot be written.
     """
+    given = {"seconds": seconds, "fps": fps, "turns": turns}
+    seconds, fps, turns = (
+        None if value is None else finite(name, value, *BOUNDS[name]) for name, value in given.items()
+    )
     if look.background.kind == "none":
         raise UserError("a movie cannot be transparent: give another --background")
     light_notes = look.light.notes if look.light else []

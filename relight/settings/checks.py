@@ -153,11 +153,9 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
             yield f"experiments.{name}.compare_in: {unknown[0]} must be a quantity and a reading, such as relit_rmse"
     if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):
         yield "figures.outfits must be 1 with bake.bounces, which depend on albedo, and unless figures are generated"
-    for name, weight in (get("loss.extra") or {}).items():
+    for name in get("loss.extra") or {}:
         if name not in extensions.names():
             yield f"loss.extra.{extensions.missing(name)}"
-        if weight < 0:
-            yield f"loss.extra.{name} is {weight}: it must be at least 0"
     for group, source in (("figures", "scans"), ("panoramas", "folder")):
         chosen, folder = get(f"{group}.source"), get(f"{group}.folder")
         if chosen == source and not folder:

@@ -25,6 +25,7 @@ READINGS: dict[str, tuple[str, int, str | None]] = {
     "share": ("share of the picture", 0, "albedo"),
 }
 BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is")
+MAX_SEED, MAX_WEIGHT = 2**32 - 1, 1_000_000
 AXES = ("auto", "+x", "-x", "+y", "-y", "+z", "-z")
 
 
@@ -36,7 +37,7 @@ def weight(about: str, teaches: str, supervised: bool = True) -> Any:
         teaches: the outputs that it constrains, as in "albedo light".
         supervised: whether it needs ground truth.
     """
-    return setting(about, 0.0, least=0, supervised=supervised, teaches=tuple(teaches.split()))
+    return setting(about, 0.0, least=0, most=MAX_WEIGHT, supervised=supervised, teaches=tuple(teaches.split()))
 
 
 @dataclass
@@ -70,9 +71,9 @@ class Align:
 class Bake:
     """Maps of figures, by ray casting."""
 
-    size: int = setting("side of the maps, pixels", least=64, multiple=64)
+    size: int = setting("side of the maps, pixels", least=64, most=8192, multiple=64)
     rays: int = setting("rays per pixel: transport has an RMS error of 5e-3 with 256; 64 are for drafts", least=1)
-    order: int = setting("order of the spherical harmonics; the paper has 2, nine coefficients", least=2)
+    order: int = setting("order of the spherical harmonics; the paper has 2, nine coefficients", least=2, most=30)
     bounces: int = setting("number of bounces of interreflection; the paper has none", least=0)
     supersample: int = setting("k: maps are means over k x k points of a pixel, which share its rays", least=1)
     views: int = setting("number of further views of each figure, rotated and in perspective, to train on", least=0)
@@ -86,7 +87,7 @@ class Split:
     test: float = setting("share of the figures that are test figures", above=0, below=1)
     sitting: str = setting("sitting figures: a part of their own, or dealt out", choices=("apart", "dealt"))
     least: float = setting("least share of usable figures, below which the run ends", least=0, most=1)
-    seed: int = setting("seed of the draw", least=0)
+    seed: int = setting("seed of the draw", least=0, most=MAX_SEED)
 
 
 @dataclass
@@ -116,7 +117,7 @@ class Lights:
     extra_test: int = setting("number of further test lights, from panoramas without training lights", least=0)
     split: str = setting("split of training and test lights: by panorama, or at random", choices=("room", "random"))
     rules: str = setting("limits of usual lights: of rooms, or wider, for skies too", choices=("rooms", "strong"))
-    seed: int = setting("seed of scales, clusters and split", least=0)
+    seed: int = setting("seed of scales, clusters and split", least=0, most=MAX_SEED)
 
 
 @dataclass
@@ -124,7 +125,7 @@ class Model:
     """The network."""
 
     name: str = setting("architecture", choices=("ours", "sfsnet", "sfsnet_ao", "unet", *extensions.names()))
-    width: float = setting("factor on the number of channels of every layer", least=0.01)
+    width: float = setting("factor on the number of channels of every layer", least=0.01, most=16)
     norm: str = setting("normalisation by the statistics of each image, or of the batch", choices=("instance", "batch"))
     dropout: float = setting("share of features that are zeroed in training", least=0, below=1)
     order: int = setting("order of the inferred transport and light", least=2)
@@ -157,7 +158,9 @@ class Loss:
         "energy of the errors' detail in albedo, transport, shading, over the true; weight of each", "albedo transport"
     )
     exclusion: float = weight("detail common to albedo and shading, beyond that of the true ones", "albedo transport")
-    extra: dict[str, float] = setting("weights of your own losses, by the names of the extensions", {})
+    extra: dict[str, float] = setting(
+        "weights of your own losses, by the names of the extensions", {}, least=0, most=MAX_WEIGHT
+    )
     tv_reference: int = setting("side, pixels, at which tv_transport has its weight; in proportion", 1024, least=1)
     reduction: str = setting("means over the whole image, or over its mask", "image", choices=("image", "mask"))
 
@@ -168,13 +171,13 @@ class Train:
 
     steps: int = setting("number of steps", least=1)
     batch: int = setting("pairs of figure and light per step", least=1)
-    lr: float = setting("learning rate of Adam; Muon takes five times as much", above=0)
+    lr: float = setting("learning rate of Adam; Muon takes five times as much", above=0, most=10)
     beta1: float = setting("decay of Adam's mean of gradients", least=0, below=1)
     schedule: str = setting("schedule of the learning rate after the warm-up", choices=("constant", "cosine"))
     span: list[float] = setting("part of the cosine that it covers", [0.0, 1.0], interval=True, least=0, most=1)
     warmup: int = setting("steps in which the learning rate rises to lr", least=0)
     color: str = setting("color model: codes as albedo, or linear ones as of a camera", choices=("paper", "photo"))
-    seed: int = setting("seed of weights, pairs and augmentation", least=0)
+    seed: int = setting("seed of weights, pairs and augmentation", least=0, most=MAX_SEED)
     device: str = setting("device of the training; auto prefers a GPU, as scores do", choices=DEVICES)
     precision: str = setting("precision of matrix products: 32 bits, or bfloat16", choices=("f32", "bf16"))
     epoch: int = setting("steps between metrics and checkpoints", least=1)
@@ -202,8 +205,8 @@ class Augment:
     """
 
     framing: float = setting("share of the pictures with a new framing, half of them cut", least=0, most=1)
-    tint: float = setting("standard deviation of ln(B/G) of the white balance", least=0)
-    exposure: list[float] = setting("range of the exposure, stops", interval=True)
+    tint: float = setting("standard deviation of ln(B/G) of the white balance", least=0, most=3)
+    exposure: list[float] = setting("range of the exposure, stops", interval=True, least=-8, most=8)
     recolor: float = setting("share of the pictures with other colors of garments", least=0, most=1)
     prints: float = setting("share of the pictures with stripes, checks, dots or blots on garments", least=0, most=1)
     gloss: float = setting("share of the pictures with glossy materials", least=0, most=1)
@@ -242,7 +245,7 @@ class Sweep:
 
     rows: dict[str, list[str]] = setting("overrides of each row, by name", {})
     only: list[str] | None = setting("names of the rows to train; null for all", None)
-    seeds: list[int] = setting("seeds, with each of which every row is trained", [0], least=0)
+    seeds: list[int] = setting("seeds, with each of which every row is trained", [0], least=0, most=MAX_SEED)
 
 
 @dataclass

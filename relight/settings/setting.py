@@ -1,5 +1,6 @@
 """A setting: its description, its domain, and its field in the schema."""
 
+from collections.abc import Mapping
 from dataclasses import Field, dataclass, field
 from types import UnionType
 from typing import Any, get_args, get_origin
@@ -57,6 +58,8 @@ class Setting:
             return True
         if isinstance(value, str | int | float):
             return self._allows_item(value)
+        if isinstance(value, Mapping):
+            return all(map(self._allows_item, value.values()))
         ordered = len(value) == 2 and value[0] <= value[1] if self.interval else len(value) > 0
         return ordered and all(map(self._allows_item, value))
 

@@ -55,12 +55,15 @@ def as_table(numbers: object, name: str = "light") -> np.ndarray:
         array = array.T
     if array.ndim != 2 or array.shape[1] != 3 or array.shape[0] not in sizes:
         raise UserError(f"{name} has the shape {array.shape}; a light has 9 x 3 coefficients, or 4, 16, 25 ... x 3")
-    if not np.isfinite(array).all():
-        raise UserError(f"{name} has coefficients that are not finite")
-    if np.abs(array).max() > MAX_COEFFICIENT:
-        largest = np.abs(array).max()
-        raise UserError(f"{name} has the coefficient {largest:.0e}; they must be at most {MAX_COEFFICIENT:.0e}")
+    require_bounded(array, name)
     return array
+
+
+def require_bounded(coefficients: np.ndarray, name: str) -> None:
+    """Raises UserError, with the light's `name`, unless its coefficients are finite, and at most MAX_COEFFICIENT."""
+    if not (largest := np.abs(coefficients).max()) <= MAX_COEFFICIENT:
+        known = f"finite numbers, at most {MAX_COEFFICIENT:.0e}"
+        raise UserError(f"{name} has the coefficient {largest:.0e}: coefficients must be {known}")
 
 
 def from_kanamori(light: np.ndarray) -> np.ndarray:

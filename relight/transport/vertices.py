@@ -75,7 +75,9 @@ class VertexTransport:
         columns = {"_ALBEDO": self.albedo} | {f"_SH{k}": column for k, column in enumerate(self.transport.T)}
         if self.bounced is not None:
             columns |= {f"_BOUNCED{k}": self.bounced[:, k] for k in range(self.bounced.shape[1])}
-        mesh = trimesh.Trimesh(self.vertices, self.faces, vertex_normals=self.normals, process=False)
+        # By glTF 2.0, normals have unit length, and positions are numbers, also where no face uses the vertex.
+        normals = np.where(self.normals.any(1, keepdims=True), self.normals, (0, 0, 1))
+        mesh = trimesh.Trimesh(np.nan_to_num(self.vertices), self.faces, vertex_normals=normals, process=False)
         mesh.vertex_attributes.update({name: np.ascontiguousarray(column) for name, column in columns.items()})
         mesh.metadata["convention"] = CONVENTION
         return mesh.export(file_type="glb", include_normals=True)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from relight.core.errors import UserError
+from relight.core.numbers import finite
 from relight.sh import rotation_about_y
 
 HALF_FILM_HEIGHT = 18.0  # mm, for 36 x 24 mm film in portrait format
@@ -31,12 +32,10 @@ class View:
     focal: float | None = None
 
     def __post_init__(self) -> None:
-        if not -180 <= self.yaw <= 180:
-            raise UserError(f"yaw {self.yaw}: a figure can be turned by -180 to 180 degrees")
-        if not -90 <= self.pitch <= 90:
-            raise UserError(f"pitch {self.pitch}: must be from -90 degrees (straight below) to 90 (straight above)")
-        if self.focal is not None and not 10 <= self.focal <= 10000:
-            raise UserError(f"focal length {self.focal}: must be 10 to 10000 mm, or none for an orthographic camera")
+        finite("yaw", self.yaw, -180, 180)
+        finite("pitch", self.pitch, -90, 90)
+        if self.focal is not None:
+            finite("focal", self.focal, 10, 10000)
 
     @property
     def rotation(self) -> np.ndarray:

@@ -11,6 +11,7 @@ from relight.core.errors import UserError
 from relight.lights import Light, LightSet, load_light, reference_brightness, write_light, write_light_set
 from relight.lights.commands import app
 from relight.panoramas import generate_room, orient, project
+from relight.photos.look import Look
 from relight.sh import irradiance
 
 
@@ -101,17 +102,27 @@ def test_options_without_an_effect_or_of_the_wrong_kind_are_refused(tmp_path):
         (tmp_path / "a.txt", {"repair": True}, "repair has an effect on a file of a panorama only"),
         ("room:7", {"order": -1}, "order=.*must be"),
         ("room:7", {"order": 2.0}, "order=.*must be"),
-        ("room:7", {"yaw": "x"}, "yaw=.*must be"),
-        ("room:7", {"exposure": None}, "exposure=.*must be"),
+        ("room:7", {"yaw": "x"}, "yaw is 'x': it must be a finite number"),
+        ("room:7", {"exposure": None}, "exposure is None: it must be a finite number from"),
+        ("room:7", {"exposure": 1e300}, "exposure is 1e"),
+        ("room:7", {"yaw": np.inf}, "yaw is inf"),
     ):
         with pytest.raises(UserError, match=says):
             load_light(text, **options)
 
 
-@pytest.mark.parametrize("target", [-1, 0, float("nan")])
+@pytest.mark.parametrize("target", [-1, 0, float("nan"), float("inf"), 1e300])
 def test_a_brightness_that_no_light_has_is_refused(target):
-    with pytest.raises(UserError, match="must be a positive number"):
+    with pytest.raises(UserError, match="must be a finite number from 1e-12 to 1e"):
         load_light("room:7").normalised(target)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1e31])
+def test_lights_beyond_single_precision_are_refused(value):
+    light = Light(np.full((9, 3), value), "mine")
+    for use in (light.checked, light.normalised, lambda: Look(light)):
+        with pytest.raises(UserError, match=r"mine has the coefficient .*finite numbers, at most 1e"):
+            use()
 
 
 def test_another_convention_than_the_file_s_is_noted(tmp_path):
@@ -255,10 +266,13 @@ KEYS = {
     "key:": "'' is no color",
     "key:hsl(30,501%,40%)@1,2": "is no color",
     "key:#ffffff@45,30,1,2": "after the @ come azimuth",
-    "key:#ffffff@a,b": "'a' is not a number",
-    "key:#ffffff@400,30": "azimuth 400 must be in -360 to 360",
-    "key:#ffffff@0,95": "elevation 95 must be in -90",
-    "key:#ffffff@0,0,-1": "fill -1 must be at least 0",
+    "key:#ffffff@a,b": "azimuth is 'a': it must be a finite number from -360 to 360",
+    "key:#ffffff@400,30": "azimuth is '400'",
+    "key:#ffffff@0,95": "elevation is '95': it must be a finite number from -90 to 90",
+    "key:#ffffff@0,0,-1": "fill is '-1': it must be a finite number from 0 to 1e+06",
+    "key:#ffffff@0,0,1e308": "fill is '1e308'",
+    "key:#ffffff@0,0,inf": "fill is 'inf'",
+    "key:#ffffff@nan,0": "azimuth is 'nan'",
     "key:#000000@0,0": "key:#000000@0,0 is black",
 }
 

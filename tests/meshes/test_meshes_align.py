@@ -169,7 +169,8 @@ def test_a_table_overrides_single_figures(tmp_path, person):
         ("up,front\n+y,+z\n", "no column `name`"),
         ("name,up\na,+y\na,+z\n", "twice"),
         ("name,up\na,upward\n", "upward"),
-        ("name,turn\na,left\n", "left"),
+        ("name,turn\na,left\n", "turn of a is 'left': it must be a finite number"),
+        ("name,turn\na,-inf\n", "turn of a is '-inf'"),
     ],
 )
 def test_malformed_tables_are_refused(tmp_path, text, says):
@@ -183,6 +184,9 @@ def test_malformed_tables_are_refused(tmp_path, text, says):
 def test_axes_that_contradict_are_refused(person):
     with pytest.raises(UserError, match="same axis"):
         align(person(), Align(up="+y", front="-y"))
+    for padding in (np.nan, 0.5):
+        with pytest.raises(UserError, match=f"padding is {padding}: it must be a finite number from 0 to 0.49"):
+            align(person(), Align(up="+y", front="+z"), padding)
 
 
 @pytest.mark.parametrize("key", ["up", "front"])

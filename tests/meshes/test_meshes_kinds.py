@@ -458,6 +458,12 @@ def emitting(base, factor=None, textured=True, legacy=False):
     return change
 
 
+def both(extension, base):
+    """Both workflows in one material; readers that know the extension take it in place of the other."""
+    known = {"extensions": {"KHR_materials_pbrSpecularGlossiness": extension}}
+    return lambda scene: scene.update(materials=[{"pbrMetallicRoughness": base} | known])
+
+
 def bare(material):
     def change(scene):
         scene["materials"] = [] if material is None else [material]
@@ -476,6 +482,7 @@ def tinted(scene):
 COPIES = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}
 CODED_PICTURE = base64.b64encode(DARK_RED).decode()
 DARK = (0.578, 0, 0)
+SLOT, BASE = {"diffuseTexture": {"index": 0}}, {"baseColorTexture": {"index": 0}}
 # what a description says -> albedo of the first face, and what a warning says
 SCENES = {
     "factor 255 128 0": (factor(255, 128, 0, 255), (1, 1, 0), "outside 0 to 1: it is clipped"),
@@ -485,6 +492,11 @@ SCENES = {
     "black that emits a texture by 0": (emitting((0, 0, 0, 1), (0, 0, 0)), DARK, "black but for"),
     "black that emits a color": (emitting((0, 0, 0, 1), (0.5, 0.2, 0), False), (0.5, 0.2, 0), "black but for"),
     "legacy black that emits a texture": (emitting((0, 0, 0, 1), legacy=True), DARK, "is black but for"),
+    "a stand-in of red, legacy texture": (both(SLOT, {"baseColorFactor": [1, 0.5, 0, 1]}), DARK, ""),
+    "a stand-in texture, legacy factor .2": (both({"diffuseFactor": [0.2, 0.2, 0.2, 1]}, BASE), (0.2, 0.2, 0.2), ""),
+    "a stand-in of green, legacy texture and factor": (
+        both(SLOT | {"diffuseFactor": [0.5, 1, 1, 1]}, {"baseColorFactor": [0, 1, 0, 1]}), (0.289, 0, 0), ""),
+    "a color, legacy gloss alone": (both({"glossinessFactor": 0.1}, {"baseColorFactor": [0, 1, 0, 1]}), (0, 1, 0), ""),
     "a color that emits a texture": (emitting((0.5, 0.2, 0, 1)), (0.5, 0.2, 0), ""),
     "white that emits a little": (emitting((1, 1, 1, 1), (0.1, 0, 0), False), (1, 1, 1), "are all white"),
     "factor 0": (factor(0, 0, 0, 1), (0, 0, 0), "1 of 1 faces are black"),

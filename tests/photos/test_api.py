@@ -54,9 +54,9 @@ def test_what_is_wrong_is_said(relighter, photo_files):
 @pytest.mark.parametrize(
     "options, says",
     [
-        ({"turn": float("nan")}, "turn is nan: give degrees"),
+        ({"turn": float("nan")}, "turn is nan: it must be a finite number"),
         ({"turn": "x"}, "turn is 'x'"),
-        ({"stops": float("nan")}, "stops is nan: give a number from -8 to 8"),
+        ({"stops": float("nan")}, "stops is nan: it must be a finite number from -8 to 8"),
         ({"stops": 1e9}, "from -8 to 8"),
         ({"background": np.zeros((9, 9, 3), int)}, "the background is int64"),
         ({"background": "panorama", "light": "key:#ffeedd@45,30"}, "this light has no panorama"),
@@ -89,7 +89,7 @@ def test_a_light_may_be_an_object_and_must_shine(relighter, photo_files):
     expected = relighter.relight(me, mask, "room:7", background="panorama")
     np.testing.assert_array_equal(relighter.relight(me, mask, room, background="panorama"), expected)
     for wrong, says in (
-        (Light(np.full((9, 3), np.nan), "mine"), "mine has coefficients that are not finite"),
+        (Light(np.full((9, 3), np.nan), "mine"), "mine has the coefficient nan: coefficients must be finite"),
         (Light(np.zeros((9, 3)), "mine"), "mine is black"),
         ([[1, 2], [3]], "the light is not a table of real numbers"),
         (np.full((9, 3), np.nan), "the light .*finite"),
@@ -171,7 +171,7 @@ def test_a_known_light_takes_the_place_of_the_inferred_one(relighter, photo_file
         relighter.scene(me, lit_by="auto")
     impossible = Light(np.eye(9, 3) * [1, 5, 5], "impossible").checked()
     assert relighter.scene(me, lit_by=impossible).notes.count(impossible.notes[0]) == 1
-    for wrong, says in ((0, "x is black"), (np.nan, "not finite")):
+    for wrong, says in ((0, "x is black"), (np.nan, "coefficients must be finite")):
         with pytest.raises(UserError, match=says):
             relighter.scene(me, lit_by=Light(np.full((9, 3), wrong), "x"))
     again = scene.relit(Look(Light(person.light, "its own"), match=False))

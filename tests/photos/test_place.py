@@ -58,8 +58,8 @@ def test_load_light_reads_places_in_a_new_process(street):
     [
         ("place:none.png", r"^place: there is no file none\.png"),
         ("place:kitchen.hdr", r"^place:kitchen\.hdr: kitchen\.hdr is no photograph of a place: give a JPEG"),
-        ("place:street.png@0,91", r"^place:street\.png@0,91: elevation 91 must be in -90"),
-        ("place:street.png@1-2", r"'1-2' is not a number"),
+        ("place:street.png@0,91", r"^place:street\.png@0,91: elevation is '91': it must be"),
+        ("place:street.png@1-2", "azimuth is '1-2'"),
         ("place:", "no photograph"),
         ("street.png", "is a photo, .*: place:street.png estimates its light"),
     ],

@@ -74,7 +74,7 @@ def test_errors_name_their_cause(mesh, tmp_path):
         ((mesh, "--as-is", "--front", "+x"), "--front aligns the mesh, which --as-is leaves"),
         ((tmp_path / "far.ply", "--as-is"), "sees nothing.*align it first"),
         ((tmp_path / "thread.ply", "--size", "16", "--rays", "1"), "sees nothing.*thinner than the pixels.*16 x 16"),
-        ((mesh, "--focal", "5"), "focal length 5.0: must be 10 to 10000 mm"),
+        ((mesh, "--focal", "5"), "focal is 5.0: it must be a finite number from 10"),
     ):
         with pytest.raises(UserError, match=words):
             run(*arguments)

@@ -189,7 +189,12 @@ def test_random_views():
 
 
 def test_invalid_views_are_refused():
-    for view, words in (((181,), "yaw 181"), ((float("nan"),), "yaw nan"), ((0, 91), "pitch 91"), ((0, 0, 9), "10 to")):
+    for view, words in (
+        ((181,), "yaw is 181"),
+        ((float("nan"),), "yaw is nan"),
+        ((0, 91), "pitch is 91"),
+        ((0, 0, 9), "from 10 to 10000"),
+    ):
         with pytest.raises(UserError, match=words):
             View(*view)
     line = mesh_of([[0, 0, 0], [0, 0, 1], [0, 0, 2]], [[0, 1, 2]])

@@ -1,6 +1,7 @@
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from relight.core.errors import UserError
 from relight.lab import page
 from relight.lights import write_light_set
 from relight.maps import write_maps
+from relight.viewer import build
 from relight.viewer.build import build_viewer
 from relight.viewer.figure import Figure, pack
 
@@ -25,6 +27,14 @@ def test_page_is_one_file_that_asks_the_network_for_nothing(tmp_path, maps, ligh
     embedded = json.loads(re.search(r'class="figure"[^>]*>(.*?)</script>', text, re.S)[1])
     assert embedded["title"] == "A & B </script><b>"
     assert list(tmp_path.iterdir()) == [tmp_path / "a.html"]
+
+
+@pytest.mark.parametrize("part", ["page/template.html", "studio/panel.html", "studio/stage.html"])
+def test_a_label_has_one_control(part):
+    """HTML allows one; `output` is one, too. The page and what a site adds to it, as they are read by a browser."""
+    text = (Path(build.__file__).parent / "web" / part).read_text()
+    for label in re.findall(r"<label\b.*?</label>", text, re.S):
+        assert len(re.findall(r"<(?:input|output|select|meter|progress|textarea|button)\b", label)) == 1, label
 
 
 def test_refusals_name_what_is_wrong(tmp_path, maps, lights):

@@ -5,6 +5,7 @@ from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import asdict, fields, is_dataclass
 from itertools import zip_longest
 
+import numpy as np
 import pytest
 from omegaconf import MISSING, OmegaConf
 
@@ -78,6 +79,17 @@ def test_domains(rules, words, right, wrong):
     assert not any(map(tested.allows, wrong))
 
 
+def test_no_setting_takes_an_infinity_or_what_overflows():
+    kinds = {key: str(item.type) for key, item in FIELDS.items() if "float" in str(item.type)}
+    assert len(kinds) > 25
+    for key, kind in kinds.items():
+        for number in (np.nan, np.inf, -np.inf, 1e300):
+            value = {"a": number} if "dict" in kind else [number, number] if "list" in kind else number
+            assert not setting_of(FIELDS[key]).allows(value), (key, number)
+    for seed in ("split.seed", "lights.seed", "train.seed", "sweep.seeds"):  # k-means takes no larger ones
+        assert setting_of(FIELDS[seed]).allows(2**32 - 1) and not setting_of(FIELDS[seed]).allows(2**32), seed
+
+
 def test_a_preset_is_read_without_hydra():
     cfg = composed()
     assert asdict(read_preset("lights")) == OmegaConf.to_container(cfg.lights)
@@ -95,7 +107,7 @@ def test_a_preset_is_read_without_hydra():
         ("experiments.claim.compare_in=[relit]", ["experiments.claim.compare_in: relit must be", "such as relit_rmse"]),
         ("experiments.claim.shows=[hue]", ["experiments.claim.shows", "one of shading, transport", "hue"]),
         ("~train.lr", ["~train.lr: a setting cannot be removed"]),
-        ("sweep.seeds=[]", ["sweep.seeds must be a list of at least one, each at least 0, not []"]),
+        ("sweep.seeds=[]", ["sweep.seeds must be a list of at least one, each in [0, 4294967295], not []"]),
         ("bake.size=100", ["bake.size", "multiple of 64", "100"]),
         ("lights.test=60", ["lights.test", "60", "lights.clusters"]),
         ("train.part=test", ["without ground truth", "loss.albedo", "loss=self_supervised"]),
