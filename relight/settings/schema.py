@@ -226,7 +226,6 @@ class Experiment:
     about: str = setting("a paragraph for its section: what is compared, and why", "")
     figures: str = setting("part of the split on which its rows are scored", "test", choices=PARTS)
     lights: str = setting("split of the light set under which they are scored", "test", choices=SCORED_LIGHTS)
-    table: bool = setting("whether it is a table of trained and scored rows; else it has stages of its own", True)
     plates: bool = setting("whether its rows are drawn side by side on test figures", False)
     shows: list[str] = setting("quantities in its table", list(QUANTITIES[:6]), choices=QUANTITIES)
     compare: dict[str, str] = setting("pairs of rows, `this against that`, each with what the difference measures", {})
