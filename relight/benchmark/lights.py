@@ -6,7 +6,7 @@ import numpy as np
 
 from relight.learning.augment import RED_PER_BLUE
 from relight.lights.light import Light
-from relight.lights.load import GENERATORS
+from relight.lights.load import GENERATED
 from relight.panoramas import Panorama, project, read_panorama
 from relight.panoramas.lookup import lookup
 from relight.panoramas.polyhaven import NAMES, panorama_file
@@ -20,7 +20,7 @@ class Lamplight:
     """A light.
 
     Attributes:
-        kind: a key of `relight.lights.load.GENERATORS`, or `real`.
+        kind: a key of `relight.lights.load.GENERATED`, or `real`.
         seed: random seed of its generator; of a real light, its index in `relight.panoramas.polyhaven.NAMES`.
         tint: ln(B/G) of the white balance.
         yaw: rotation about the vertical, degrees.
@@ -57,8 +57,8 @@ def upright_pixels(light: Lamplight) -> np.ndarray:
 
     Pixels of a real panorama are averaged, so that a sun smaller than a pixel of the result keeps its power.
     """
-    if light.kind in GENERATORS:
-        return GENERATORS[light.kind](light.seed)
+    if light.kind in GENERATED:
+        return GENERATED[light.kind].picture(light.seed)
     pixels = read_panorama(panorama_file(NAMES[light.seed]), repair=True).pixels
     rows, columns = (side // count for side, count in zip(pixels.shape, (HEIGHT, WIDTH)))
     return pixels.reshape(HEIGHT, rows, WIDTH, columns, 3).mean((1, 3))

@@ -231,19 +231,14 @@ class Plan:
     # Experiments
 
     @property
-    def tables(self) -> list[str]:
-        """The experiments that are tables of trainings."""
-        return [name for name, experiment in self.experiments.items() if experiment.table]
-
-    @property
     def plates(self) -> list[str]:
         """The experiments whose networks are shown side by side."""
-        return [name for name, experiment in self.experiments.items() if experiment.table and experiment.plates]
+        return [name for name, experiment in self.experiments.items() if experiment.plates]
 
     @property
     def scored(self) -> list[str]:
         """The trainings that the tables compare."""
-        rows = {row for name in self.tables for row in self.experiments[name].rows}
+        rows = {row for experiment in self.experiments.values() for row in experiment.rows}
         return [training for training, name in self.trainings.items() if name.row in rows]
 
     def networks(self, experiment: str) -> dict[str, str]:
@@ -272,9 +267,7 @@ class Plan:
         return {**files, "": [f"{folder}baselines.csv"]}
 
     def results_of(self, experiment: str) -> list[str]:
-        """Returns the files of an experiment that the report needs: the scores of a table, or those of its own jobs."""
-        if not self.experiments[experiment].table:
-            return [f"{self.out}/{experiment}/scores.csv", f"{self.out}/{experiment}/plate.png"]
+        """Returns the files of an experiment that the report needs: its scores."""
         scores = [
             path for usual in (False, True) for paths in self.scores(experiment, usual).values() for path in paths
         ]
@@ -283,8 +276,8 @@ class Plan:
     def described(self) -> dict[str, dict[str, Any]]:
         """Returns the experiments for the report.
 
-        Each has its fields, and its `trainings` by row. Tables also have files in results/<name>: their `scores`, and
-        those on the `usual` figures and lights. An experiment that is left out has its missing files in `failed`.
+        Each has its fields, its `trainings` by row, and files in results/<name>: its `scores`, and those on the `usual`
+        figures and lights. An experiment that is left out has its missing files in `failed` instead.
         """
         described = {}
         for name, experiment in self.requested.items():
@@ -292,7 +285,7 @@ class Plan:
             described[name] = {**asdict(experiment), "trainings": trainings}
             if name in self.failed:
                 described[name]["failed"] = self.failed[name]
-            elif experiment.table:
+            else:
                 described[name] |= {"scores": self.scores(name), "usual": self.scores(name, usual=True)}
         return described
 

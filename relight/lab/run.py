@@ -72,15 +72,14 @@ def run(
         from relight.learning.data import choose_device
 
         if choose_device(device).type == "cuda":  # one job at a time on it
-            gpu = ["--resources", "gpu=1", "--set-resources", "train:gpu=1", "evaluate:gpu=1", "light_transfer:gpu=1"]
+            gpu = ["--resources", "gpu=1", "--set-resources", "train:gpu=1", "evaluate:gpu=1"]
     if any("slurm" in word for word in extra):
         import_module("snakemake_executor_plugin_slurm")  # without it Snakemake prints its whole usage
     for line in change_lines(plan):
         print(line)
     words = ["--quiet", "rules", "reason", "host", "--nolock", *gpu, "--cores", str(cores or "all"), *extra]
     rules = [target for target in targets if "/" not in target and target != "all"]
-    absent = {"figure" if plan.scans else "scan", *{"light_transfer"} - plan.experiments.keys()}
-    known = sorted({path.stem for path in SCRIPTS.glob("*.py")} - absent)
+    known = sorted({path.stem for path in SCRIPTS.glob("*.py")} - {"figure" if plan.scans else "scan"})
     if unknown := [rule for rule in rules if rule not in known]:
         raise UserError(f"--target {unknown[0]} is neither a file nor a rule of this run; those are {', '.join(known)}")
     files = [target for target in targets if target not in rules] or ["all"]

@@ -15,7 +15,7 @@ from relight.core.errors import UserError
 from relight.core.files import require_safe_name
 from relight.core.processes import count_cores, end_with_parent, has_semaphores
 from relight.core.progress import progress
-from relight.lights.load import GENERATORS
+from relight.lights.load import GENERATED
 from relight.lights.select import select_lights
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import LightSet
@@ -87,10 +87,11 @@ def project_panoramas(panoramas: Panoramas, order: int) -> tuple[list[str], np.n
         UserError: if the settings name no panorama or none can be read.
     """
     if panoramas.source == "generated":
-        counts = {"room": panoramas.count, "sky": panoramas.skies, "lamps": panoramas.lamps}
+        counts = {kind: getattr(panoramas, generated.setting) for kind, generated in GENERATED.items()}
         sources = [f"{kind}:{seed}" for kind, count in counts.items() for seed in range(count)]
         if not sources:
-            raise UserError("panoramas.count, skies and lamps are 0: at least one panorama is needed")
+            settings = ", ".join(generated.setting for generated in GENERATED.values())
+            raise UserError(f"panoramas.{{{settings}}} are 0: at least one panorama is needed")
         light_of: Callable[[str], Projected] = partial(generated_light, order=order, flip=panoramas.flip)
     else:
         folder = Path(panoramas.folder or "")
@@ -144,7 +145,7 @@ def generated_light(source: str, order: int, flip: bool = False) -> np.ndarray:
         The light (K,3).
     """
     kind, seed = source.split(":")
-    return orient(project(Panorama(GENERATORS[kind](int(seed))), order), 0.0, flip)
+    return orient(project(Panorama(GENERATED[kind].picture(int(seed))), order), 0.0, flip)
 
 
 def _file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarray, list[str]] | str:

@@ -4,7 +4,7 @@ import json
 import os
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from numbers import Integral
 from pathlib import Path
@@ -30,9 +30,26 @@ from relight.panoramas.skies import generate_sky
 from relight.sh import CONVENTIONS, basis, to_relight
 from relight.sh.conventions import as_table
 
-GENERATORS: dict[str, Callable[[int], np.ndarray]]
-GENERATORS = {"room": generate_room, "sky": generate_sky, "lamps": generate_lamps}
-GENERATED = re.compile(r"(room|sky|lamps):(\d{1,9})(?::([-+.0-9]+))?")
+
+@dataclass(frozen=True)
+class Generated:
+    """A kind of generated panoramas, whose lights are named after it, such as room:7.
+
+    Attributes:
+        picture: seed -> (H,W,3) radiance.
+        setting: of the group `panoramas`, how many of them the light set is drawn from.
+    """
+
+    picture: Callable[[int], np.ndarray]
+    setting: str
+
+
+GENERATED = {
+    "room": Generated(generate_room, "count"),
+    "sky": Generated(generate_sky, "skies"),
+    "lamps": Generated(generate_lamps, "lamps"),
+}
+SEED = re.compile(r"(\d{1,9})(?::([-+.0-9]+))?")
 KIND = re.compile(r"([a-z]{2,}):")  # Windows has drives of one letter
 HEXADECIMAL = re.compile(r"[0-9a-fA-F]{6}")  # the only color that needs no #
 IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})", re.I)
@@ -96,10 +113,13 @@ def load_light(
         options = (order, layout, yaw, flip, exposure, convention, repair)
         return total([load_light(part, *options) for part in parts], text)
     kind = None  # of the file, by which options have an effect
-    if match := GENERATED.fullmatch(text):
-        panorama = Panorama(GENERATORS[match[1]](int(match[2])))
+    name, colon, rest = text.partition(":")
+    if colon and name in GENERATED:
+        if not (match := SEED.fullmatch(rest)):
+            raise UserError(f"{text} is malformed: a generated light is {name}:7; a sum has blanks around its plus")
+        panorama = Panorama(GENERATED[name].picture(int(match[1])))
         light = Light(project(panorama, order), text, panorama)
-        yaw += finite(f"{text}: the turn", match[3] or 0)
+        yaw += finite(f"{text}: the turn", match[2] or 0)
     elif text.startswith("key:"):
         light = Light(key_light(*_parse_key(text), order), text)
     elif text == EVEN:
@@ -108,14 +128,12 @@ def load_light(
         light = _read_row(match[1], int(match[2]))
     elif text.startswith(PREFIX):
         light = read_place(text.removeprefix(PREFIX), order)
-    elif ":" in text and (name := text.partition(":")[0]) in extensions.names():
-        answer = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
+    elif colon and name in extensions.names():
+        answer = extensions.extension(name, "light")(rest, order)
         light = answer if isinstance(answer, Light) else Light(as_table(answer, text), text)
-    elif text.startswith(("room:", "sky:", "lamps:")):
-        raise UserError(f"{text} is malformed: a generated light is room:7, sky:3; a sum has blanks around its plus")
-    elif (match := KIND.match(text)) and match[1] not in polyhaven.NAMES and not os.path.exists(text):
-        kinds = ", ".join(["room", "sky", "lamps", "key", "place", *extensions.names()])
-        raise UserError(f"{text}: there is neither such a file nor a kind of light {match[1]!r}; kinds are {kinds}")
+    elif KIND.match(text) and name not in polyhaven.NAMES and not os.path.exists(text):
+        kinds = ", ".join([*GENERATED, "key", "place", *extensions.names()])
+        raise UserError(f"{text}: there is neither such a file nor a kind of light {name!r}; kinds are {kinds}")
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):
         kind = "coefficients"
         light = _read_coefficients(existing_file(text, "light"), convention)

@@ -13,16 +13,6 @@ from relight.core.errors import UserError
 from relight.settings.schema import BASELINES, EXPERIMENT, FIELDS, QUANTITIES, READINGS, STRENGTHS, field_of
 from relight.settings.setting import domain_in_words, setting_of
 
-# The settings, or groups, that a source does not read; scales and experiments may set them all the same. Extensions may
-# read all, and `figures.outfits`, with which a user undoes an experiment, is checked by value.
-UNREAD: dict[str, list[str]] = {
-    "figures.source=scans": [
-        f"figures.{name}"
-        for name in ("first", "count", "detail", "texture", "per_subject", "sitting", "poses", "garments", "hair")
-    ],
-    "panoramas.source=generated": ["panoramas.layout", "panoramas.repair"],
-    "panoramas.source=folder": ["panoramas.count", "panoramas.skies", "panoramas.lamps"],
-}
 NAME_PATTERN, MAX_NAME_LENGTH = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*"), 100
 
 
@@ -165,9 +155,12 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
 
 
 def _without_effect(cfg: DictConfig, given: Iterable[str]) -> Iterator[str]:
-    """Yields messages about given settings that the source of figures or panoramas does not read (UNREAD)."""
+    """Yields messages about given settings that the source of their group does not read.
+
+    Scales and experiments may set them all the same. Extensions may read all, and `figures.outfits`, with which a user
+    undoes an experiment, is checked by value.
+    """
     for key in given:
-        for choice, unread in UNREAD.items():
-            source, _, value = choice.partition("=")
-            if OmegaConf.select(cfg, source) == value and {key, key.partition(".")[0]} & {*unread}:
-                yield f"{key} is not read by {choice}: leave it out"
+        source = f"{key.partition('.')[0]}.source"
+        if (field := FIELDS.get(key)) and (unread := setting_of(field).unread) == OmegaConf.select(cfg, source):
+            yield f"{key} is not read by {source}={unread}: leave it out"

@@ -46,16 +46,18 @@ class Figures:
 
     source: str = setting("where they come from", choices=("generated", "scans", *extensions.names()))
     folder: str | None = setting("folder of the scans", None)
-    first: int = setting("first seed", 0, least=0)
-    count: int = setting("number of seeds", 1, least=1)
-    detail: str = setting("resolution of the drape", choices=("draft", "full"))
-    texture: int = setting("side of the largest texture, pixels", least=64)
-    per_subject: int = setting("number of consecutive seeds that show one person in one outfit, posed anew", least=1)
+    first: int = setting("first seed", 0, least=0, unread="scans")
+    count: int = setting("number of seeds", 1, least=1, unread="scans")
+    detail: str = setting("resolution of the drape", choices=("draft", "full"), unread="scans")
+    texture: int = setting("side of the largest texture, pixels", least=64, unread="scans")
+    per_subject: int = setting(
+        "number of consecutive seeds that show one person in one outfit, posed anew", least=1, unread="scans"
+    )
     outfits: int = setting("number of sets of fabrics of each figure, with the same shape and transport", least=1)
-    sitting: float = setting("share of the figures that sit", least=0, most=1)
-    poses: list[str] = setting("names of the poses to draw from; [] for all")
-    garments: list[str] = setting("names of garments that every figure wears; [] for any")
-    hair: list[str] = setting("names of the hair styles to draw from; [] for all")
+    sitting: float = setting("share of the figures that sit", least=0, most=1, unread="scans")
+    poses: list[str] = setting("names of the poses to draw from; [] for all", unread="scans")
+    garments: list[str] = setting("names of garments that every figure wears; [] for any", unread="scans")
+    hair: list[str] = setting("names of the hair styles to draw from; [] for all", unread="scans")
 
 
 @dataclass
@@ -96,15 +98,18 @@ class Panoramas:
 
     source: str = setting("generated panoramas, or the files of a folder", choices=("generated", "folder"))
     folder: str | None = setting("folder of panoramas, with subfolders", None)
-    count: int = setting("number of generated rooms", least=0)
-    skies: int = setting("number of generated skies", 0, least=0)
-    lamps: int = setting("number of generated studios with lamps", 0, least=0)
+    count: int = setting("number of generated rooms", least=0, unread="folder")
+    skies: int = setting("number of generated skies", 0, least=0, unread="folder")
+    lamps: int = setting("number of generated studios with lamps", 0, least=0, unread="folder")
     layout: str = setting(
         "layout of the files; auto detects it by metadata and aspect ratio",
         choices=("auto", "latlong", "angular", "ball", "cross", "strip", "strip-gl"),
+        unread="generated",
     )
     flip: bool = setting("whether panoramas are mirrored left to right")
-    repair: bool = setting("whether pixels that are not finite get the mean of their neighbours; else refused", False)
+    repair: bool = setting(
+        "whether pixels that are not finite get the mean of their neighbours; else refused", False, unread="generated"
+    )
 
 
 @dataclass
@@ -229,7 +234,6 @@ class Experiment:
     about: str = setting("a paragraph for its section: what is compared, and why", "")
     figures: str = setting("part of the split on which its rows are scored", "test", choices=PARTS)
     lights: str = setting("split of the light set under which they are scored", "test", choices=SCORED_LIGHTS)
-    table: bool = setting("whether it is a table of trained and scored rows; else it has stages of its own", True)
     plates: bool = setting("whether its rows are drawn side by side on test figures", False)
     shows: list[str] = setting("quantities in its table", list(QUANTITIES[:6]), choices=QUANTITIES)
     compare: dict[str, str] = setting("pairs of rows, `this against that`, each with what the difference measures", {})

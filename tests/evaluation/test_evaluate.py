@@ -5,7 +5,7 @@ import pytest
 
 from relight.core.errors import UserError
 from relight.core.srgb import decode, encode
-from relight.evaluation.pictures.panels import Shown, plates
+from relight.evaluation.pictures.panels import Shown, plates, swapped
 from relight.evaluation.scoring.baselines import evaluate_baselines, make_predictors
 from relight.evaluation.scoring.evaluate import evaluate, infer, inferred_maps, load, unlearned
 from relight.evaluation.scoring.scores import read_scores
@@ -74,7 +74,8 @@ def test_evaluate_and_plates_without_figures_or_lights(checkpoints, world, tmp_p
         evaluate(checkpoints["ours"], world.packed, world.lights, tmp_path / split, condition, out)
         evaluate_baselines(world.packed, world.lights, tmp_path / split, condition, tmp_path / "baselines.csv")
         given = world.packed, world.lights, tmp_path / split, condition
-        plates(Shown({"ours": checkpoints["ours"]}, *given), tmp_path / "p.png")
+        for draw in (plates, swapped):  # nobody, or one person alone: the sheet says so
+            draw(Shown({"ours": checkpoints["ours"]}, *given), tmp_path / "p.png")
         assert bool(read_scores(tmp_path / "baselines.csv")) == bool(read_scores(out)) and (tmp_path / "p.png").exists()
         return read_scores(out)
 

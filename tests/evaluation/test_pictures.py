@@ -8,7 +8,7 @@ from relight.core.srgb import encode
 from relight.evaluation.pictures.canvas import ball, heat, transport_bands
 from relight.evaluation.pictures.charts import plot_errors
 from relight.evaluation.pictures.contact import clearest_light, contact_sheet, light_sheet
-from relight.evaluation.pictures.panels import COLUMNS, Shown, plates, relit, shadings
+from relight.evaluation.pictures.panels import COLUMNS, Shown, evenly_spaced, plates, relit, shadings, swapped
 from relight.evaluation.scoring.evaluate import infer, load
 from relight.evaluation.scoring.scores import Scores
 from relight.evaluation.scoring.tables import TABLE2_COLUMNS, experiment_table
@@ -154,6 +154,32 @@ def test_relit_by_several_lights(world, small_network, tmp_path, monkeypatch, un
         column = sheet[:, 150 + place * wide : 150 + (place + 1) * wide]
         found = [share_shown(column[top : top + 300], encode(true.clip(0, 1))) for top in (84, 84 + 306)]
         assert found[0] > 0.9 and found[0] > found[1] + 0.3
+
+
+def test_people_who_swap_lights(world, small_network, tmp_path):
+    """Each is relit by the light that is inferred of the other, and compared with their own picture in that light."""
+    checkpoint = tmp_path / "ours.safetensors"
+    small_network(checkpoint, "ours", "photo")
+    shown = Shown({"ours": checkpoint}, world.packed, world.lights, world.split, world.condition)
+    swapped(shown, tmp_path / "swapped.png")
+    sheet = np.asarray(Image.open(tmp_path / "swapped.png")).astype(int)
+    assert sheet.shape[0] == 60 + 24 + 2 * 306 + 4 * 24, "the third test figure has no partner"
+    lights, split = (np.load(world.lights)[name] for name in ("coefficients", "split"))
+    first, second = np.flatnonzero(split == "test")
+    network, data = load(checkpoint, world.packed, world.lights)
+    wide = (sheet.shape[1] - 150 - 6) // 4
+    for row, (own, other, seen, new) in enumerate([(3, 4, first, second), (4, 3, second, first)]):
+        cells = [sheet[84 + 306 * row :][:300, 150 + place * wide : 144 + (place + 1) * wide] for place in range(4)]
+        maps = read_maps(world.maps[own])
+        before, true = (
+            maps.albedo[maps.mask] * np.maximum(maps.transport[maps.mask] @ lights[light], 0) for light in (seen, new)
+        )
+        mine, told = (infer(network, data, who, np.array([light])) for who, light in ((own, seen), (other, new)))
+        relit_by_other = mine.albedo[0] * np.maximum(mine.transport[0] @ told.light[0], 0)
+        for cell, colors in zip(cells, (before, relit_by_other, None, true)):
+            assert colors is None or share_shown(cell, encode(colors.clip(0, 1))) > 0.9
+        assert share_shown(cells[2], heat(np.linalg.norm(relit_by_other - true, axis=-1), 0.5)) > 0.9
+    assert evenly_spaced(7, 3) == [0, 3, 6] and evenly_spaced(1, 4) == [0] and evenly_spaced(0, 3) == []
 
 
 def test_plot_errors_is_reproducible(tmp_path):

@@ -232,13 +232,13 @@ def test_build_report_with_a_failed_experiment_on_data_of_another_run(tmp_path):
     (data := tmp_path / "data").mkdir()
     for name in ("figures.json", "lights"):
         (folder / name).rename(data / name)
-    asked["light_transfer"] = {"title": "", "question": "", "table": False, "plates": False}
-    asked["light_transfer"] |= {"rows": [], "trainings": {}, "failed": ["light_transfer/a.csv"]}
+    asked["sitting"] = {"title": "", "question": "", "plates": False}
+    asked["sitting"] |= {"rows": [], "trainings": {}, "failed": ["sitting/a.csv"]}
     out = folder / "report" / "report.html"
     build.build_report(Results(folder, asked, data), out)
     found = check(out.read_text())
-    assert found.classes.count("failed") == 1 and {"table1", "light_transfer"} <= set(found.names)
-    assert "1 experiment could not be finished" in out.read_text() and "light_transfer/a.csv" in out.read_text()
+    assert found.classes.count("failed") == 1 and {"table1", "sitting"} <= set(found.names)
+    assert "1 experiment could not be finished" in out.read_text() and "sitting/a.csv" in out.read_text()
 
 
 class Outline(HTMLParser):

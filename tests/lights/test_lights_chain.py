@@ -1,5 +1,6 @@
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from samples import write_pfm
 from relight.core.errors import UserError
 from relight.lights import (
     build_light_set,
+    chain,
     load_light,
     measure,
     read_light_set,
@@ -17,18 +19,18 @@ from relight.lights import (
 )
 from relight.lights.chain import generated_light, project_panoramas
 from relight.lights.cluster import choose_validation_lights, irradiance_features, medoids
+from relight.lights.load import GENERATED
 from relight.lights.select import RULES as ALL_RULES
 from relight.lights.select import broken_rules
 from relight.lights.table import SPLITS
 from relight.panoramas.color import blackbody, daylight
 from relight.settings import Panoramas, read_preset
+from relight.settings.setting import setting_of
 from relight.sh import basis, irradiance, rotate_y, sphere_quadrature
 
 SETTINGS = replace(read_preset("lights"), clusters=12, test=3)
 RULES = ALL_RULES["rooms"]
-GENERATED = Panoramas(
-    source="generated", count=40, skies=0, layout="auto", flip=False
-)  # fmt: skip
+ROOMS = Panoramas(source="generated", count=40, skies=0, layout="auto", flip=False)
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +124,7 @@ def test_a_single_lamp_from_behind_makes_a_light_set_with_a_warning(caplog):
 
 
 def test_strong_lights_are_those_of_all_kinds_exposed_as_a_camera_would():
-    sources, coefficients, *_ = project_panoramas(replace(GENERATED, count=1, skies=3, lamps=12), 2)
+    sources, coefficients, *_ = project_panoramas(replace(ROOMS, count=1, skies=3, lamps=12), 2)
     assert sources == ["room:0", "sky:0", "sky:1", "sky:2", *(f"lamps:{seed}" for seed in range(12))]
     lights, _ = select_lights(coefficients, sources, replace(SETTINGS, rules="strong"))
     normals, _ = sphere_quadrature(24)
@@ -247,7 +249,7 @@ def test_broken_files_of_a_folder_are_skipped_and_recorded(tmp_path):
     write_pfm(tmp_path / "nan.pfm", pixels)
     (tmp_path / "c.hdr").write_bytes(b"<html>")
     (tmp_path / "notes.txt").write_text("not a panorama")
-    folder = replace(GENERATED, source="folder", folder=str(tmp_path))
+    folder = replace(ROOMS, source="folder", folder=str(tmp_path))
     lights, record = build_light_set(folder, replace(SETTINGS, clusters=6, test=2), 2)
     assert set(lights.source) == {"a.pfm", "deep/b.pfm"}
     assert list(record["unreadable"]) == ["c.hdr", "nan.pfm"] and record["steps"][0]["why"] == {"unreadable": 2}
@@ -267,7 +269,7 @@ def test_of_copies_of_a_panorama_the_largest_is_used(tmp_path):
         write_pfm(tmp_path / name, 0.5 + rng.random((16, 32, 3)))
     (tmp_path / "park_2k.hdr").write_bytes((tmp_path / "park_2K.pfm").read_bytes())
     (tmp_path / "park_16k.hdr").write_bytes(b"<html>")
-    folder = replace(GENERATED, source="folder", folder=str(tmp_path))
+    folder = replace(ROOMS, source="folder", folder=str(tmp_path))
     lights, record = build_light_set(folder, replace(SETTINGS, clusters=50, test=10), 2)
     used = {"park_2K.pfm", "park2_1k.pfm", "b/park_4k.pfm", "lamp_3200k.pfm", "lamp_5600k.pfm", "hall.pfm"}
     assert set(lights.source.tolist()) == used
@@ -283,7 +285,7 @@ def test_what_a_folder_does_not_give_is_said(tmp_path):
     blue = sky * np.array([0.05, 0.2, 3])
     for name, pixels in {"a": sky, "b": sky[:, ::-1] ** 1.3, "blue": blue, "down": sky[::-1]}.items():
         write_pfm(tmp_path / f"{name}.pfm", pixels)
-    folder = replace(GENERATED, source="folder", folder=str(tmp_path))
+    folder = replace(ROOMS, source="folder", folder=str(tmp_path))
     lights, record = build_light_set(folder, replace(SETTINGS, clusters=8, test=3), 2)
     assert record["unlit"] == {"blue.pfm": "dim at 36 of 36 headings, color at 36 of 36 headings"}
     assert "blue.pfm" not in lights.of("train").source
@@ -291,3 +293,26 @@ def test_what_a_folder_does_not_give_is_said(tmp_path):
     assert "1 of 4 panoramas gave no light" in told and "blue.pfm: dim at 36 of 36 headings" in told
     assert "1 of 4 panoramas are brighter from below (are their rows upside down?): down.pfm" in told
     assert "the 3 test lights come from" in told
+
+
+@pytest.mark.parametrize("source", ["generated", "folder"])
+def test_every_setting_of_panoramas_is_read_or_says_that_it_is_not(tmp_path, monkeypatch, source):
+    """A setting that the source does not read is refused where a user gives it: none is forgotten."""
+    write_pfm(tmp_path / "a.pfm", np.ones((8, 16, 3)))
+    read = set()
+
+    class Spy(Panoramas):
+        def __getattribute__(self, name):
+            read.add(name)
+            return super().__getattribute__(name)
+
+    counts = {generated.setting: 1 for generated in GENERATED.values()}
+    monkeypatch.setattr(chain, "generated_light", lambda *_, **__: np.ones((9, 3)))
+    chain.project_panoramas(Spy(source=source, folder=str(tmp_path), layout="auto", flip=False, **counts), 2)
+    for item in fields(Panoramas):
+        assert (item.name in read) != (setting_of(item).unread == source) or item.name == "folder", item.name
+
+
+def test_the_page_of_lights_names_every_kind():
+    page = (Path(__file__).parents[2] / "docs" / "lights.md").read_text()
+    assert [kind for kind in [*GENERATED, "key", "place"] if f"`{kind}:" not in page] == []

@@ -120,7 +120,7 @@ def test_a_preset_is_read_without_hydra():
         ("+sweep.rows.no_occlusion=[]", ["sweep.rows.no_occlusion has the name of a baseline"]),
         ("++experiments={a b: {rows: []}}", ["experiments", "a b"]),
         ("+train._target_=os.system", ["train._target_", "no such setting"]),
-        ("++experiments.claim.tabel=false", ["experiments.claim.tabel", "did you mean table"]),
+        ("++experiments.claim.plats=true", ["experiments.claim.plats", "did you mean plates"]),
         ("scale=demo,smoke", ["scale=demo,smoke", "relight run -m", "[a,b]"]),
         ("track.uri=${oc.env:HOME}", ["track.uri", "${oc.env:HOME}", "write the value"]),
         ("augment=photo", ["need train.color=photo"]),

@@ -87,9 +87,8 @@ def test_every_preset_plans(preset):
     assert list(plan.experiments) == [preset]
     found = json.loads(json.dumps(plan.described()))[preset]
     assert list(found["trainings"]) == found["rows"]
-    if found["table"]:
-        assert set(found["scores"]) == set(found["usual"]) == {*found["rows"], ""}
-        assert f"{plan.out}/{found['scores'][''][0]}" in plan.results_of(preset)
+    assert set(found["scores"]) == set(found["usual"]) == {*found["rows"], ""}
+    assert f"{plan.out}/{found['scores'][''][0]}" in plan.results_of(preset)
 
 
 @pytest.mark.slow

@@ -102,7 +102,7 @@ def test_a_target_is_a_rule_or_a_file(calls):
     module.run(WORDS, False, None, False, ["bake", "results/smoke/lights/lights.npz"], [])
     assert " ".join(calls[0][0]).split("snakemake ")[1].startswith("results/smoke/lights/lights.npz --quiet")
     assert "--until bake --configfile" in " ".join(calls[0][0])
-    for rule in ("bakee", "light_transfer", "scan"):
+    for rule in ("bakee", "scan"):
         with pytest.raises(UserError, match=f"{rule} is neither a file nor a rule of this run; those are align"):
             module.run(WORDS, False, None, False, [rule], [])
 
@@ -229,7 +229,7 @@ def test_remove_outdated_of_experiments_that_are_not_in_the_run(tmp_path, change
     """As after a sweep under the name of earlier results: their tables stay unless the data set has changed since."""
     report, ends = tmp_path / "report", (".csv", ".md")
     report.mkdir()
-    planned = {f"{name}{end}" for name in ("table1", "light_transfer") for end in ends}
+    planned = {f"{name}{end}" for name in ("table1", "sitting") for end in ends}
     others = {"order_plates.png", *(f"order{end}" for end in ends)}
     kept = planned | {"scores.csv", "notes.md", "table1_plates.png"}
     for name in kept | others:
@@ -237,14 +237,14 @@ def test_remove_outdated_of_experiments_that_are_not_in_the_run(tmp_path, change
         os.utime(report / name, (1000, 1000))
     (tmp_path / "packed.safetensors").write_text("")
     os.utime(tmp_path / "packed.safetensors", (2000 if changed else 500,) * 2)
-    experiments = {"table1": {}, "light_transfer": {}}
+    experiments = {"table1": {}, "sitting": {}}
     remove_outdated(SimpleNamespace(data=tmp_path, report=report, experiments=experiments))
     assert {path.name for path in report.iterdir()} == kept | (set() if changed else others)
 
 
 def test_what_failed_leaves_the_report_of_the_others(calls, tmp_path, capsys):
-    """Only light_transfer has no results: Snakemake is called again without it."""
-    words = ["scale=smoke", "experiment=[table1,light_transfer]", "sweep.only=[sfsnet,ours_full]"]
+    """Only sitting has no results: Snakemake is called again without it."""
+    words = ["scale=smoke", "experiment=[table1,sitting]", "sweep.only=[sfsnet,ours_full]"]
     assert module.run(words, False, None, False, ["all"], []) == 1
     assert len(calls) == 1, "nothing is there: nothing to report"
     plan = Plan(compose_run(words))
@@ -254,14 +254,14 @@ def test_what_failed_leaves_the_report_of_the_others(calls, tmp_path, capsys):
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text("")
     assert module.run(words, False, None, False, ["all"], []) == 1
-    failed = {"light_transfer": [f"{plan.out}/light_transfer/{name}" for name in ("scores.csv", "plate.png")]}
+    failed = {"sitting": [f"{plan.out}/evaluate/sitting-test/{name}.csv" for name in ("ours_full.s0", "baselines")]}
     assert "failed" not in calls[1][1] and calls[2][1]["failed"] == failed and len(calls) == 3
-    assert "failed: light_transfer" in capsys.readouterr().err
+    assert "failed: sitting" in capsys.readouterr().err
     assert "failed" not in yaml.safe_load(calls[2][2].read_text()), "all is tried again"
     without = Plan(calls[2][1])
-    assert list(without.experiments) == ["table1"] and without.tables == ["table1"]
+    assert list(without.experiments) == ["table1"]
     found = without.described()
-    assert found["light_transfer"]["failed"] == failed["light_transfer"] and "scores" in found["table1"]
+    assert found["sitting"]["failed"] == failed["sitting"] and "scores" in found["table1"]
 
 
 def test_one_figure_is_refused_before_anything_runs(calls):

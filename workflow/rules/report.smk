@@ -1,10 +1,10 @@
-FIRST_TABLE = PLAN.first_trainings(PLAN.tables[0]) if PLAN.tables else {}
+FIRST_TABLE = next(map(PLAN.first_trainings, PLAN.experiments), {})
 
 
 rule tables:
     "Compares the rows of each table, with confidence intervals."
     input:
-        [path for name in PLAN.tables for path in PLAN.results_of(name)],
+        [path for name in PLAN.experiments for path in PLAN.results_of(name)],
         record=f"{DATA}/figures.json",
     output:
         [
@@ -13,7 +13,7 @@ rule tables:
                 category="Tables",
                 labels={"experiment": table, "format": kind},
             )
-            for table in PLAN.tables
+            for table in PLAN.experiments
             for kind in ("csv", "md")
         ],
     log:
@@ -41,6 +41,7 @@ rule plates:
     output:
         plates=f"{OUT}/report/{{experiment}}_plates.png",
         relit=f"{OUT}/report/{{experiment}}_relit.png",
+        swapped=f"{OUT}/report/{{experiment}}_swapped.png",
         overview=f"{OUT}/report/{{experiment}}_overview.png",
     log:
         f"{OUT}/log/plates/{{experiment}}.log",
@@ -78,12 +79,12 @@ rule report:
     "Writes the page that answers the questions of the experiments."
     input:
         networks=[PLAN.network(training) for training in PLAN.scored],
-        tables=expand(f"{OUT}/report/{{table}}.csv", table=PLAN.tables),
+        tables=expand(f"{OUT}/report/{{table}}.csv", table=PLAN.experiments),
         results=[path for name in PLAN.experiments for path in PLAN.results_of(name)],
         plates=expand(
             f"{OUT}/report/{{experiment}}_{{kind}}.png",
             experiment=PLAN.plates,
-            kind=["plates", "relit", "overview"],
+            kind=["plates", "relit", "swapped", "overview"],
         ),
         record=f"{DATA}/figures.json",
         chain=f"{DATA}/lights/chain.json",

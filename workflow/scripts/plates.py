@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from relight.evaluation.pictures.panels import Shown, plates, relit, shadings
+from relight.evaluation.pictures.panels import Shown, plates, relit, shadings, swapped
 from relight.lab.job import job
 
 with job(snakemake):
@@ -11,3 +11,4 @@ with job(snakemake):
     plates(shown, Path(out.plates))
     shadings(shown, Path(out.overview))
     relit(shown, Path(out.relit))
+    swapped(shown, Path(out.swapped))

@@ -34,7 +34,7 @@ LARGE_BALL, SMALL_BALL = 0.8, 0.26  # diameter over the width of a cell: alone i
 GAP, GUTTER, TOP, LINE = 6, 150, 60, 24  # pixels: between cells, left of them, above them, of a line of text
 MAX_ERROR = 0.5  # error (vector norm) at the dark end of the color scale
 LIGHTS = 8  # number of lights by which a figure is relit
-PLATE_FIGURES = 6  # test figures on a plate
+PLATE_FIGURES, SWAPS = 6, 3  # test figures on a plate, and pairs of them that swap lights
 NOTE = (
     "Picture: what the networks see (truth), and their albedo x shading. Normals (x, y, z as red, green, blue) and "
     "AO of the networks that infer them, empty where not. Relit: albedo and transport under the light "
@@ -43,6 +43,10 @@ NOTE = (
 )
 NOTE_RELIT = (
     "Relit by the lights of the small spheres: the truth, and what each network makes of the first picture alone."
+)
+NOTE_SWAPPED = (
+    "Two people in two lights, each relit by the light inferred from the other's picture. The spheres show the light "
+    "of each picture: the true one in picture and truth, the inferred one where it was relit."
 )
 NOTE_SHADINGS = (
     "Each network infers normals or light transport from the picture; its shading here is under the true light (small "
@@ -271,6 +275,31 @@ def plates(shown: Shown, out: Path) -> None:
     draw(list(COLUMNS), [line for block in blocks for line in block], NOTE).save(out)
 
 
+def swapped(shown: Shown, out: Path) -> None:
+    """Draws pairs of people who swap lights, each relit by the light inferred from the other (the paper's figure 9)."""
+
+    def in_pairs(figures: int, lights: np.ndarray) -> list[tuple[int, np.ndarray]]:
+        """Pairs figures of the first half with those of the second, who are other people; the second sees the swap."""
+        half, count = figures // 2, len(lights)
+        pairs = [(place, lights[[i % count, (i + 1) % count]]) for i, place in enumerate(evenly_spaced(half, SWAPS))]
+        return [one for place, swap in pairs for one in ((place, swap), (place + half, np.roll(swap, 1)))]
+
+    lines: list[Line] = []
+    for _, answers in shown.inferred(in_pairs):
+        if not lines:
+            lines = [Line(each.name, each, [each.picture(0)], first=i % 2 == 0) for i, (each, _) in enumerate(answers)]
+        lights = [subject.truth.complete(inferred)[2][0] for subject, inferred in answers]
+        for i, (subject, inferred) in enumerate(answers):
+            albedo, transport, _ = subject.truth.complete(inferred)
+            picture = albedo[0] * shade(transport[0], lights[i ^ 1])
+            error = np.linalg.norm(picture - subject.truth.maps["reconstruction"][1], axis=-1)
+            lines[i].views += [Cell(picture, light=lights[i ^ 1]), Cell(error=error)]
+    for line in lines:
+        line.views.append(line.subject.picture(1))
+    heads = ["picture", *(head for row in shown.networks for head in (f"relit by {label(row)}", "its error")), "truth"]
+    draw(heads, lines, NOTE_SWAPPED).save(out)
+
+
 def shadings(shown: Shown, out: Path) -> None:
     """Draws the shading of one figure under the true light: a column per network, and the errors below."""
     lines: list[Line] = []
@@ -288,7 +317,7 @@ def shadings(shown: Shown, out: Path) -> None:
 
 def evenly_spaced(items: int, count: int) -> list[int]:
     """Returns at most `count` evenly spaced indices of `items` items, including the first and the last."""
-    return np.unique(np.linspace(0, items - 1, count).round().astype(int)).tolist()
+    return np.unique(np.linspace(0, items - 1, min(items, count)).round().astype(int)).tolist()
 
 
 def _true_views(subject: Subject) -> list[Cell]:

@@ -7,7 +7,7 @@ from typing import Any
 from markupsafe import Markup
 
 from relight.core.files import write_text
-from relight.evaluation.report import data, own, page, sections
+from relight.evaluation.report import data, page, sections
 from relight.evaluation.report.provenance import provenance
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import compare_rows
@@ -16,7 +16,7 @@ from relight.evaluation.scoring.statistics import MIN_SUBJECTS
 from relight.evaluation.scoring.tables import PRINTED, Table
 
 TRUE_LIGHT = "shading_true_light_rmse"
-FILE_ENDS = (".csv", ".md", "_errors.png", "_plates.png", "_relit.png", "_overview.png")  # of an experiment
+FILE_ENDS = (".csv", ".md", *(f"_{kind}.png" for kind in ("errors", "overview", *sections.PLATES)))  # of an experiment
 
 
 @dataclass
@@ -29,7 +29,7 @@ class Section:
 
 
 def build_report(results: Results, out: Path) -> None:
-    """Writes the page of a run, its charts, and the tables of experiments with stages of their own.
+    """Writes the page of a run and its charts.
 
     Tables and pictures of earlier runs with other experiments stay if the data set is still the same, and else are
     removed. The section of an experiment that failed says which of its files were not made.
@@ -72,8 +72,7 @@ def experiment(results: Results, name: str) -> Section:
     if failed := told.get("failed"):
         reason = f"Its jobs failed: {', '.join(failed)} was not made. {results.folder}/log says why."
         return _section(name, title, "failed.md", {"reason": reason})
-    make = sections.experiment if told["table"] else own.light_transfer
-    return _section(name, title, "experiment.md", make(results, name))
+    return _section(name, title, "experiment.md", sections.experiment(results, name))
 
 
 def _section(name: str, heading: str, template: str, numbers: dict[str, Any]) -> Section:

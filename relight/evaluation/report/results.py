@@ -37,8 +37,8 @@ class Results:
 
     @property
     def tables(self) -> list[str]:
-        """The experiments that are tables of trainings."""
-        return [name for name, told in self.experiments.items() if told["table"] and not told.get("failed")]
+        """The experiments that did not fail."""
+        return [name for name, told in self.experiments.items() if not told.get("failed")]
 
     def title(self, name: str) -> str:
         """Returns the title of an experiment, which is its name if it has none."""

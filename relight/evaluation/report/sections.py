@@ -1,4 +1,4 @@
-"""Computes the numbers of the sections about tables of trainings; their text is in templates/sections."""
+"""Computes the numbers of the sections about experiments; their text is in templates/sections."""
 
 from collections import Counter
 from pathlib import Path
@@ -32,6 +32,7 @@ OUTCOMES = {  # of an ordering of the paper in this run
 }
 PLATES = {  # pictures of an experiment, by the ends of their files
     "plates": "Test figures: the truth, and the inference of each network.",
+    "swapped": "Two people in two lights, each relit by the light inferred from the other's picture.",
     "relit": "A test figure relit by test lights: the truth, and each network's result from the first picture alone.",
 }
 Numbers = dict[str, Any]
@@ -39,7 +40,7 @@ Comparisons = dict[str, dict[str, Comparison]]  # what is compared -> column -> 
 
 
 def experiment(results: Results, name: str) -> Numbers:
-    """Returns the context of templates/sections/experiment.md for a table of trainings, and draws its chart.
+    """Returns the context of templates/sections/experiment.md, and draws the chart.
 
     `usual` is the table on the usual figures and lights if the experiment has others.
     """

@@ -37,12 +37,10 @@ class Scores:
     def by_subject(self, subjects: dict[str, str]) -> "Scores":
         """Returns the means over the figures of each person, which are not independent of each other.
 
-        Pairs of figures, a+b, are averaged over those of the same two people.
-
         Args:
             subjects: figure -> person; a figure that it does not name is a person of its own.
         """
-        own = np.array(["+".join(subjects.get(one, one) for one in figure.split("+")) for figure in self.figures])
+        own = np.array([subjects.get(figure, figure) for figure in self.figures])
         people = list(dict.fromkeys(own.tolist()))
         means = {name: [values[own == person].mean(0) for person in people] for name, values in self.columns.items()}
         return Scores(people, self.lights, {name: np.stack(values) for name, values in means.items()})
