@@ -8,10 +8,11 @@ import trimesh
 from samples import mesh_of
 
 from relight.benchmark import make as making
+from relight.benchmark import methods
 from relight.benchmark import picture as module
 from relight.benchmark.files import BenchmarkSet
 from relight.benchmark.lights import Lamplight
-from relight.benchmark.methods import true_maps
+from relight.benchmark.methods import BASELINES, true_maps
 from relight.benchmark.picture import Settings, render_picture
 from relight.benchmark.recipes import draw_recipe
 from relight.core.srgb import decode
@@ -62,15 +63,20 @@ def traced(person):
         return recipe, render_picture(recipe, person, SETTINGS)
 
 
-def test_render_picture_true_maps_agree_with_the_tracer(traced, person, tmp_path, monkeypatch):
-    """Through the files and the row `true_maps`, as they are scored."""
-    recipe, drawn = traced
-    making.save_picture(tmp_path, recipe.name, person.info["name"], asdict(recipe), drawn)
-    making.write_index(tmp_path, "report", [recipe.name], asdict(SETTINGS))
-    benchmark = BenchmarkSet(tmp_path)
+@pytest.fixture(scope="module")
+def benchmark(traced, person, tmp_path_factory):
+    """The picture in the files of a set."""
+    folder, (recipe, drawn) = tmp_path_factory.mktemp("benchmark"), traced
+    making.save_picture(folder, recipe.name, person.info["name"], asdict(recipe), drawn)
+    making.write_index(folder, "report", [recipe.name], asdict(SETTINGS))
+    return BenchmarkSet(folder)
+
+
+def test_render_picture_true_maps_agree_with_the_tracer(benchmark):
+    """Through the row `true_maps`, as it is scored."""
     entry = benchmark.entries[0]
     says = true_maps(benchmark, entry)
-    pictures = np.load(tmp_path / "truth" / f"{recipe.name}.npz")["full"]
+    pictures = np.load(benchmark.folder / "truth" / f"{entry.name}.npz")["full"]
     inside = entry.shot().mask == 255
     ours, theirs = (decode(x[:, inside] / 255) for x in (says["full"], pictures))
     noise = (theirs[0] - theirs[1]).std() / np.sqrt(2)  # the same light, other samples
@@ -83,6 +89,25 @@ def test_render_picture_true_maps_agree_with_the_tracer(traced, person, tmp_path
     seen, _ = benchmark.truth(entry)
     assert np.abs((says["shading"] - seen.shading)[seen.mask].mean(0)).max() < 0.01
     assert np.allclose(seen.light, says["light"])
+
+
+def test_higher_orders_and_exact_irradiance_give_the_same_pictures_in_light_of_order_2(
+    benchmark, traced, person, monkeypatch
+):
+    monkeypatch.setattr(methods, "draw_recipes", lambda name: [traced[0]])
+    monkeypatch.setattr(methods, "make_mesh", lambda seed, settings: person)
+    entry = benchmark.entries[0]
+    inside = entry.shot().mask == 255
+    second, fourth, traced_again = (
+        method(benchmark, entry) for method in (true_maps, BASELINES["true_maps_4"], BASELINES["exact"])
+    )
+    assert np.abs(second["full"].astype(int) - fourth["full"])[:, inside].max() <= 1
+    assert np.abs(second["ratio"].astype(int) - fourth["ratio"])[:, inside].max() <= 1
+    for name in ("full", "ratio"):
+        ours, theirs = (decode(says[name][:, inside] / 255) for says in (second, traced_again))
+        assert np.abs(ours.mean(1) / theirs.mean(1) - 1).max() < 0.01
+        assert (ours - theirs).std() < 0.5 * (ours - ours.mean((0, 1))).std()  # noise is less than what is seen
+    assert all(np.array_equal(second[name], traced_again[name]) for name in ("albedo", "transport", "light", "shading"))
 
 
 def test_render_picture_photograph(traced):
