@@ -57,7 +57,7 @@ const KEYS = {
   "[": () => set({ light: (state.light + app.shown.length - 1) % app.shown.length }),
   "]": () => set({ light: (state.light + 1) % app.shown.length }),
   "+": () => set({ stops: state.stops + 0.25 }), "=": () => KEYS["+"](), "-": () => set({ stops: state.stops - 0.25 }),
-  c: () => set({ before: state.before === "none" ? element("before").querySelector("option:enabled:not(:first-child)").value : "none" }),
+  c: () => set({ before: state.before === "none" ? [...element("before").options].find(({ value }) => value !== "none" && value !== state.view).value : "none" }),
   b: () => set({ background: next(values("background"), state.background) }),
   l: addLamp,
   r: () => set({ yaw: 0, tilt: 0, stops: 0, room: 1, lamps: [] }),
