@@ -14,23 +14,35 @@ from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.files import atomic_write, writable_file
+from relight.core.srgb import decode
 from relight.pictures.opening import list_photos
 from relight.pictures.picture import Picture
 from relight.pictures.profile import HLG, PQ, PRIMARIES, TRANSFERS, by_codes
 
 if TYPE_CHECKING:
     from av import VideoFrame
+    from av.container import InputContainer
     from av.filter import Graph
     from av.video.stream import VideoStream
 
 CODECS = {".mp4": ("libx264", {"crf": "18", "preset": "medium"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
+CONTAINERS = {
+    ".mp4": {"movflags": "faststart"},
+    ".webm": {},
+}  # faststart: the index in front, so that pages show it at once
 FPS = 25.0  # of what does not state its rate
 READABLE = (".mp4", ".mov", ".webm", ".mkv", ".avi", ".m4v", ".gif")
 MAX_FPS = 60  # of a clip whose rate varies
+GIF_DELAY = 0.1  # seconds that browsers show what states a hundredth or less
 HDR = {PQ: "PQ", HLG: "HLG"}
-BT2020 = 9  # color primaries of ITU-T H.273
-WIDE = (BT2020, 11, 12)  # those, and P3's
-KNOWN_MATRICES = (0, 1, 4, 5, 6, 7, 8, 9, 10, 14)  # of H.273; 2 is not specified
+# Codes of ITU-T H.273.
+BT709, BT2020 = 1, 9
+UNSTATED = (2, 3)  # and what is reserved
+WIDE = (BT2020, 11, 12)  # primaries of BT.2020 and P3
+MATRICES = (0, 1, 4, 5, 6, 7, 9)  # that FFmpeg's scaler knows
+DOLBY = ("dvh1", "dvhe", "dav1", "dva1", "dvav")  # the codings of Dolby Vision that no other decoder shows right
+CONVERT = "convert it to BT.709"
+LOST = "a part that cannot be decoded shows its neighbouring frame"
 MIN_GIF_TICKS = 2  # hundredths of a second of a frame; many players slow shorter ones down
 
 
@@ -62,12 +74,12 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float = FPS, soun
         if path.suffix.lower() == ".gif":
             _write_gif(tmp, frames, fps)
         else:
-            _write_video(tmp, frames, fps, *CODECS[path.suffix.lower()])
+            _write_video(tmp, frames, fps)
             if sound:
                 _add_sound(tmp, sound)
 
 
-def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: str, options: dict[str, str]) -> None:
+def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
     """Writes a video with a codec of FFmpeg, in BT.709; odd sizes are padded by a border pixel.
 
     The path is .mp4 or .webm, and frames are (H,W,3) uint8 sRGB, all of one size. Raises UserError if there is none.
@@ -78,13 +90,15 @@ def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: st
     first = next(frames, None)
     if first is None:
         raise UserError("the movie has no frames")
-    with av.open(str(path), "w", options={"movflags": "faststart"} if path.suffix == ".mp4" else {}) as container:
+    codec, options = CODECS[path.suffix.lower()]
+    with av.open(str(path), "w", options=CONTAINERS[path.suffix.lower()]) as container:
         stream = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001), options=options)
         assert isinstance(stream, av.VideoStream)
         stream.height, stream.width = (side + side % 2 for side in first.shape[:2])
         stream.pix_fmt = "yuv420p"
-        stream.codec_context.colorspace = 1  # BT.709, which players assume at this size
-        stream.codec_context.color_range = 1  # values 16 to 235
+        coder = stream.codec_context
+        coder.colorspace = coder.color_primaries = coder.color_trc = BT709
+        coder.color_range = 1  # values 16 to 235
         for pixels in chain([first], frames):
             pixels = np.pad(pixels, ((0, pixels.shape[0] % 2), (0, pixels.shape[1] % 2), (0, 0)), mode="edge")
             image = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
@@ -95,32 +109,52 @@ def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: st
 
 
 def _add_sound(path: Path, source: Path) -> None:
-    """Adds the sound of a video to another one, whose container must take its codec (else it stays silent)."""
+    """Adds the sound of a video to another one, whose container must take its codec (else it stays silent).
+
+    The first of both begins at 0, and the other as long after it as in `source`.
+    """
     import av
 
     with_sound = path.with_name(f"{path.stem}-sound{path.suffix}")
+    options = CONTAINERS[path.suffix.lower()]
     try:
-        with av.open(str(source)) as spoken, av.open(str(path)) as shown, av.open(str(with_sound), "w") as out:
-            if not spoken.streams.audio:
+        with (
+            av.open(str(source)) as spoken,
+            av.open(str(path)) as shown,
+            av.open(str(with_sound), "w", options=options) as out,
+        ):
+            film, sound = _film(spoken, source), spoken.streams.best("audio")
+            if sound is None:
                 return
-            streams = {
-                id(one): out.add_stream_from_template(one) for one in (shown.streams.video[0], spoken.streams.audio[0])
-            }
-            first = spoken.streams.video[0]
-            late = (first.start_time or 0) * (first.time_base or 0)  # seconds: a film may begin after its sound
-            packets: list[Any] = [*shown.demux(video=0), *spoken.demux(audio=0)]
-            packets = [packet for packet in packets if packet.dts is not None]
-            for packet in packets:
-                if packet.stream in shown.streams:
-                    packet.pts, packet.dts = (t + round(late / packet.time_base) for t in (packet.pts, packet.dts))
+            film_at, sound_at = ((one.start_time or 0) * (one.time_base or Fraction()) for one in (film, sound))
+            begin = min(film_at, sound_at)  # seconds
+            packets: list[Any] = []
+            packet: Any
+            for container, stream, late in ((shown, shown.streams.video[0], film_at - begin), (spoken, sound, -begin)):
+                copy = out.add_stream_from_template(stream)
+                for packet in container.demux(stream):
+                    if packet.dts is not None:
+                        packet.pts, packet.dts = (t + round(late / packet.time_base) for t in (packet.pts, packet.dts))
+                        packet.stream = copy
+                        packets.append(packet)
             for packet in sorted(packets, key=lambda p: float(p.dts * p.time_base)):
-                packet.stream = streams[id(packet.stream)]
                 out.mux(packet)
         with_sound.replace(path)
     except (av.FFmpegError, ValueError) as error:
         print(f"{source}: its sound is left out: {path.suffix} does not take it ({error})", file=sys.stderr)
     finally:
         with_sound.unlink(missing_ok=True)
+
+
+def _film(container: "InputContainer", path: Path) -> "VideoStream":
+    """Returns the stream that players show: the default one, the largest of several, and no picture of a cover."""
+    from av.stream import Disposition
+
+    covers = Disposition.attached_pic | Disposition.timed_thumbnails
+    films = [stream for stream in container.streams.video if not stream.disposition & covers]
+    if not films:
+        raise UserError(f"{path} holds no film")
+    return max(films, key=lambda film: (bool(film.disposition & Disposition.default), film.width * film.height))
 
 
 def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
@@ -160,33 +194,52 @@ def read_frames(path: Path) -> tuple[Iterator[Picture], list[int], float]:
     """
     if path.is_dir():
         files = list_photos(path)
-        return (Picture.of(file) for file in files), [1] * len(files), FPS
+        return _of_one_size(map(Picture.of, files), path), [1] * len(files), FPS
     if not path.is_file():
         raise UserError(f"movie: there is no file or folder {path}")
     import av
 
+    stored, end, is_cut = [], 0.0, False
     try:
         with av.open(str(path)) as container:
-            stream = container.streams.video[0]
-            base = float(stream.time_base or 1)
-            packets = [packet for packet in container.demux(stream) if not packet.is_discard]
-            stored = [(p.pts * base, (p.duration or 0) * base) for p in packets if p.pts is not None]
-            rate = float(stream.average_rate or FPS)
-    except (av.FFmpegError, IndexError, TypeError) as error:
+            film, is_gif = _film(container, path), container.format.name == "gif"
+            rate, own = float(film.average_rate or FPS), film.duration is not None
+            promised = float((film.duration or 0) * (film.time_base or 0)) if own else (container.duration or 0) / 1e6
+            if container.format.name == "avi":  # whose duration is guessed by the bytes that are there
+                promised = film.frames / rate
+            for packet in container.demux(*[film] * own):  # the length of a Matroska is that of its longest stream
+                if packet.pts is None or packet.is_discard:
+                    continue
+                time, length = (t * float(packet.time_base or 0) for t in (packet.pts, packet.duration or 0))
+                end = max(end, time + length)
+                if packet.stream_index == film.index:
+                    stored.append((time, length))
+                    is_cut = packet.is_corrupt
+    except (av.FFmpegError, TypeError) as error:
         raise UserError(f"{path} cannot be read as a video ({error})") from None
     times = np.sort([time for time, _ in stored])
-    if len(times) < 2:
-        return _decoded(path), [1] * len(times), rate
+    decoded = _of_one_size(_decoded(path, times), path)
     steps = np.diff(times)
+    found = end - times[0] * own if len(times) else promised
+    longest = (np.median(steps) if own else steps.max()) if len(steps) else 1 / rate
+    if is_cut or promised - found > 1.5 * longest:
+        told = f"its file promises {promised:.1f} seconds and holds {found:.1f}"
+        raise UserError(f"{path} is cut short: {told}: give the whole clip, or save what is left as a new one")
+    if is_gif:
+        lengths = [length if length > MIN_GIF_TICKS / 200 else GIF_DELAY for _, length in stored]
+        times = np.cumsum([0, *lengths[:-1]])
+        steps, stored = np.diff(times), list(zip(times, lengths))
+    if len(times) < 2:
+        return decoded, [1] * len(times), rate
     usual = np.median(steps)
     time, last = stored[-1]  # in the order of decoding, to which durations belong
     last = last if time == times[-1] else 0
     if np.abs(steps - usual).max() < 0.5 * usual and last < 1.5 * usual:
-        return _decoded(path), [1] * len(times), float(1 / steps.mean())
+        return decoded, [1] * len(times), float(1 / steps.mean())
     rate = 1 / max(np.quantile(steps, 0.25, method="lower"), 1 / MAX_FPS)
     fps = float(round(rate) if rate > 10 else np.ceil(rate - 0.05))  # up, so that no frame of a slide show is left out
     shown = np.round((np.append(times, times[-1] + max(last, 1 / fps)) - times[0]) * fps).astype(int)
-    return _decoded(path), np.diff(shown).tolist(), fps
+    return decoded, np.diff(shown).tolist(), fps
 
 
 def at_constant_rate(frames: Iterable[Picture], shown: list[int]) -> Iterator[Picture]:
@@ -195,77 +248,118 @@ def at_constant_rate(frames: Iterable[Picture], shown: list[int]) -> Iterator[Pi
         yield from repeat(frame, count)
 
 
-def _decoded(path: Path) -> Iterator[Picture]:
-    """Yields the frames of a video, upright and in sRGB.
+def _of_one_size(frames: Iterable[Picture], path: Path) -> Iterator[Picture]:
+    """Yields the frames of a clip; raises UserError if they change their size."""
+    first = None
+    for number, frame in enumerate(frames, 1):
+        first = first or frame.shape
+        if first != frame.shape:
+            name = frame.file or f"{path}: frame {number}"
+            sizes = [f"{width} x {height} pixels" for height, width in (frame.shape, first)]
+            raise UserError(f"{name} is {sizes[0]}, and those before are {sizes[1]}: a clip has one size")
+        yield frame
+
+
+def _decoded(path: Path, stamps: np.ndarray) -> Iterator[Picture]:
+    """Yields the frames of a video, upright and in sRGB: one for each of `stamps`, seconds, where these are known.
 
     Raises:
-        UserError: if the file is damaged, or its frames change their size.
+        UserError: if the file is damaged, or its colors are of a kind that is not read.
     """
     import av
 
     try:
         with av.open(str(path)) as container:
-            stream = container.streams.video[0]
-            decoder = stream.codec_context
-            if stream.metadata.get("alpha_mode") == "1":  # which FFmpeg's own decoders of VP8 and VP9 leave out
+            film = _film(container, path)
+            decoder = film.codec_context
+            if film.metadata.get("alpha_mode") == "1":  # which FFmpeg's own decoders of VP8 and VP9 leave out
                 decoder = av.VideoCodecContext.create("libvpx-vp9" if decoder.name == "vp9" else "libvpx", "r")
-            frames = (frame for packet in container.demux(stream) for frame in decoder.decode(packet))
-            first, notes = next(frames, None), []
-            if first is None:
-                return
-            if kind := HDR.get(first.color_trc):
-                coded = f"it is coded for displays of high dynamic range ({kind})"
-                notes = [f"{path}: {coded}; what is brighter than white is cut"]
-            for frame in _filtered(_conversion(stream, first), chain([first], frames), path):
-                pixels = np.ascontiguousarray(_upright(_shown(frame.to_ndarray(), first), first))
-                given = pixels if pixels.shape[2] == 3 else Image.fromarray(pixels)
-                picture = Picture.of(given, f"a frame of {path}", path.stem)
-                yield replace(picture, notes=[*picture.notes, *notes])
+
+            def frames() -> Iterator[av.VideoFrame]:
+                for packet in container.demux(film):
+                    with suppress(av.InvalidDataError):  # it is lost
+                        yield from decoder.decode(packet)
+
+            done, last = 0, None
+            for frame in _filtered(film, frames(), path):
+                picture = _picture(frame, path)
+                place = int(np.searchsorted(stamps, (frame.time or 0) - 1e-4))
+                for _ in range(done, place):
+                    yield _lost(last or picture)
+                yield picture
+                done, last = max(done, place) + 1, picture
+            if last is None:
+                raise UserError(f"{path} is damaged: none of its frames can be decoded")
+            for _ in range(done, len(stamps)):
+                yield _lost(last)
     except av.FFmpegError as error:
         raise UserError(f"{path} is damaged or cut short ({error})") from None
 
 
-def _filtered(graph: "Graph", frames: Iterator["VideoFrame"], path: Path) -> Iterator["VideoFrame"]:
-    """Yields what filters make of the frames of a video; raises UserError if these change their size."""
-    first = None
-    for number, frame in enumerate(frames, 1):
-        first = first or (frame.width, frame.height)
-        if first != (frame.width, frame.height):
-            raise UserError(
-                f"{path}: frame {number} is {frame.width} x {frame.height} pixels, and those before are "
-                f"{first[0]} x {first[1]}: a clip has one size"
-            )
-        graph.vpush(frame)
-        yield from _ready(graph)
-    graph.vpush(None)
-    yield from _ready(graph)
+def _lost(neighbour: Picture) -> Picture:
+    return replace(neighbour, notes=[*neighbour.notes, LOST])
 
 
-def _ready(graph: "Graph") -> Iterator["VideoFrame"]:
+def _picture(frame: "VideoFrame", path: Path) -> Picture:
+    """Returns a frame of the filters as a picture."""
+    pixels = np.ascontiguousarray(_upright(_shown(frame.to_ndarray(), frame), frame))
+    given = pixels if pixels.shape[2] == 3 else Image.fromarray(pixels)
+    picture = Picture.of(given, f"a frame of {path}", path.stem)
+    if kind := HDR.get(frame.color_trc):
+        coded = f"it is coded for displays of high dynamic range ({kind})"
+        picture.notes.append(f"{path}: {coded}; what is brighter than white is cut")
+    return picture
+
+
+def _filtered(film: "VideoStream", frames: Iterator["VideoFrame"], path: Path) -> Iterator["VideoFrame"]:
+    """Yields what filters make of the frames of a video; they are made anew where these state other things."""
+    graph, stated, is_interlaced = None, None, False
+    for frame in frames:
+        is_interlaced |= frame.interlaced_frame
+        colors = frame.colorspace, frame.color_primaries, frame.color_trc, frame.color_range
+        if stated != (stated := (frame.width, frame.height, frame.format.name, *colors, is_interlaced)):
+            yield from _ready(graph, None)
+            graph = _conversion(film, frame, is_interlaced, path)
+        yield from _ready(graph, frame)
+    yield from _ready(graph, None)
+
+
+def _ready(graph: "Graph | None", frame: "VideoFrame | None") -> Iterator["VideoFrame"]:
     # What removes the lines of interlaced frames looks at the next one first.
-    with suppress(BlockingIOError, EOFError):
-        while True:
-            yield graph.vpull()
+    if graph:
+        graph.vpush(frame)
+        with suppress(BlockingIOError, EOFError):
+            while True:
+                yield graph.vpull()
 
 
-def _conversion(stream: "VideoStream", frame: "VideoFrame") -> "Graph":
+def _conversion(film: "VideoStream", frame: "VideoFrame", is_interlaced: bool, path: Path) -> "Graph":
     """Returns FFmpeg's filters that make frames RGB with square pixels: of 16 bits where `_shown` converts them.
 
-    The matrix is that of the file, or else BT.709 from 720 lines on and BT.601 below, as players take it.
+    The matrix is that of the file, or else BT.709 from 720 lines on and BT.601 below, as players take it. Raises
+    UserError if the frame states colors of a kind that is not read.
     """
     import av
 
+    is_stated = frame.colorspace not in UNSTATED
+    if not is_stated and (frame.color_trc in HDR or film.codec_context.codec_tag in DOLBY):
+        raise UserError(f"{path} has high dynamic range, but no matrix is stated, as in Dolby Vision 5: {CONVERT}")
+    kinds = {"matrix": (frame.colorspace, MATRICES), "primaries": (frame.color_primaries, PRIMARIES)}
+    kinds["transfer"] = (frame.color_trc, TRANSFERS)
+    unknown = [f"{kind} {code}" for kind, (code, known) in kinds.items() if code not in (*known, *UNSTATED, 0)]
+    if unknown:
+        raise UserError(f"{path} has colors of {' and '.join(unknown)} of ITU-T H.273: {CONVERT}")
     graph = av.filter.Graph()
-    aspect = stream.sample_aspect_ratio or 1
-    matrix = "auto" if frame.colorspace in KNOWN_MATRICES else "bt709" if frame.height >= 720 else "bt601"
+    aspect = film.sample_aspect_ratio or 1
+    matrix = "auto" if is_stated else "bt709" if frame.height >= 720 else "bt601"
     has_alpha = any(component.is_alpha for component in frame.format.components)
     wide = f"{max(1, round(frame.width * aspect))}:{frame.height}"
     scale = graph.add("scale", f"{wide}:in_color_matrix={matrix}:flags=bicubic+accurate_rnd+full_chroma_int")
     planar, packed = ("gbrap", "rgba") if has_alpha else ("gbrp", "rgb24")  # planar first is twice as fast
     if _needs_conversion(frame):
         planar, packed = f"{planar}16le", "rgba64le" if has_alpha else "rgb48le"
-    whole = [graph.add("bwdif", "deint=interlaced:mode=send_frame")] if frame.interlaced_frame else []
-    source = graph.add_buffer(template=stream)
+    whole = [graph.add("bwdif", "deint=interlaced:mode=send_frame")] if is_interlaced else []
+    source = graph.add_buffer(None, frame.width, frame.height, frame.format, time_base=film.time_base)
     nodes = [source, *whole, scale, graph.add("format", planar), graph.add("format", packed)]
     graph.link_nodes(*nodes, graph.add("buffersink")).configure()
     return graph
@@ -273,7 +367,7 @@ def _conversion(stream: "VideoStream", frame: "VideoFrame") -> "Graph":
 
 def _needs_conversion(frame: "VideoFrame") -> bool:
     """Returns whether codes are not to be displayed as sRGB, as those of the curves of standard television are."""
-    return frame.color_trc in HDR or frame.color_primaries in WIDE
+    return TRANSFERS.get(frame.color_trc, decode) is not decode or frame.color_primaries in WIDE
 
 
 def _shown(pixels: np.ndarray, frame: "VideoFrame") -> np.ndarray:
@@ -282,8 +376,9 @@ def _shown(pixels: np.ndarray, frame: "VideoFrame") -> np.ndarray:
         return pixels
     pixels = np.minimum(pixels, 255 << 8)  # FFmpeg's white in 16 bits
     pixels += pixels >> 8
-    primaries = frame.color_primaries if frame.color_primaries in PRIMARIES else BT2020
-    pixels[..., :3] = by_codes(pixels[..., :3], primaries, frame.color_trc if frame.color_trc in TRANSFERS else 1)
+    usual = BT2020 if frame.color_trc in HDR else BT709
+    primaries = frame.color_primaries if frame.color_primaries in PRIMARIES else usual
+    pixels[..., :3] = by_codes(pixels[..., :3], primaries, frame.color_trc if frame.color_trc in TRANSFERS else BT709)
     return np.round(pixels / 257).astype(np.uint8)
 
 

@@ -1,6 +1,9 @@
 """Clips as cameras and programs write them: colors, shape, times and sound are those that a player shows."""
 
+import json
+import shutil
 import struct
+import subprocess
 from fractions import Fraction
 
 import av
@@ -10,10 +13,12 @@ from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.srgb import decode, encode
-from relight.pictures.video import at_constant_rate, read_frames, write_video
+from relight.pictures.video import LOST, at_constant_rate, read_frames, write_video
 
 PATCHES = np.array([[200, 60, 40], [40, 160, 60], [50, 80, 200], [128, 128, 128]])
-LUMA = {"601": (0.299, 0.114), "709": (0.2126, 0.0722), "2020": (0.2627, 0.0593)}  # of red and blue
+LUMA = {  # of red and blue
+    "601": (0.299, 0.114), "709": (0.2126, 0.0722), "2020": (0.2627, 0.0593), "FCC": (0.3, 0.11), "240": (0.212, 0.087)
+}  # fmt: skip
 # Columns of linear sRGB to linear colors of BT.2020 and of P3, by their chromaticities.
 TO_2020 = np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]])
 TO_P3 = np.array([[0.8225, 0.1775, 0.0], [0.0332, 0.9668, 0.0], [0.0171, 0.0724, 0.9105]])
@@ -34,7 +39,17 @@ def pq(values: np.ndarray) -> np.ndarray:
 
 
 def write(
-    path, codes, matrix="709", bits=8, tags=None, codec="libx264", full=False, aspect=None, times=range(3), last=1
+    path,
+    codes,
+    matrix="709",
+    bits=8,
+    tags=None,
+    codec="libx264",
+    full=False,
+    aspect=None,
+    times=range(3),
+    last=1,
+    faststart=False,
 ):
     """Writes a picture (H,W,3) of codes in [0,1] as a clip, by the matrices of ITU-R BT.601, 709 and 2020.
 
@@ -48,8 +63,10 @@ def write(
     planes = [(low + high * luma) * scale, *((128 + wide * plane[::2, ::2]) * scale for plane in chroma)]
     rows = np.concatenate([plane.reshape(-1, codes.shape[1]) for plane in planes]).round().clip(0, 255 * scale)
     form = "yuv420p" if bits == 8 else f"yuv420p{bits}le"
-    with av.open(str(path), "w") as file:
-        options = {"crf": "1", "x265-params": "log-level=none"} if codec != "libvpx-vp9" else {"lossless": "1"}
+    with av.open(str(path), "w", options={"movflags": "faststart"} if faststart else {}) as file:
+        options = (
+            {"crf": "1", "g": "20", "x265-params": "log-level=none"} if codec != "libvpx-vp9" else {"lossless": "1"}
+        )
         options |= {"bf": "0"} if last > 1 else {}  # then the last one in the file is the last one shown
         stream = file.add_stream(codec, rate=30, options=options)
         stream.height, stream.width = codes.shape[:2]
@@ -60,15 +77,16 @@ def write(
         context.color_range = 2 if full else 1
         if aspect:
             context.sample_aspect_ratio = aspect
+        packets = []
         for time in times:
             frame = av.VideoFrame.from_ndarray(rows.astype(np.uint8 if bits == 8 else np.uint16), form)
             frame.pts, frame.time_base, frame.color_range = time, Fraction(1, 30), 2 if full else 1
             if tags:
                 frame.colorspace = tags[0]
-            file.mux(stream.encode(frame))
-        *packets, final = stream.encode()
-        final.duration = round(last / 30 / final.time_base)
-        file.mux([*packets, final])
+            packets += stream.encode(frame)
+        packets += stream.encode()
+        packets[-1].duration = round(last / 30 / packets[-1].time_base)
+        file.mux(packets)
 
 
 def picture(width: int, height: int) -> np.ndarray:
@@ -94,6 +112,23 @@ CODINGS = {
     "P3": (encode(decode(WIDE) @ TO_P3.T), {"tags": (1, 12, 13), "bits": 10}),
     "HLG": (hlg(decode(WIDE) @ TO_2020.T), {"matrix": "2020", "tags": (9, 9, 18), "bits": 10}),
     "PQ": (pq(decode(WIDE) @ TO_2020.T), {"matrix": "2020", "tags": (9, 9, 16), "bits": 10}),
+    "gamma 2.2": (decode(WIDE) ** (1 / 2.2), {"tags": (1, 1, 4), "bits": 10}),
+    "gamma 2.8": (decode(WIDE) ** (1 / 2.8), {"tags": (1, 1, 5), "bits": 10}),
+    "linear": (decode(WIDE), {"tags": (1, 1, 8), "bits": 10}),
+    "linear, primaries not stated": (decode(WIDE), {"tags": (1, 2, 8), "bits": 10}),
+    "FCC": (WIDE, {"matrix": "FCC", "tags": (4, 1, 1)}),
+    "SMPTE 240M": (WIDE, {"matrix": "240", "tags": (7, 1, 1)}),
+}
+# matrix, primaries and transfer of ITU-T H.273 that are refused, and what is said
+REFUSED = {
+    "YCgCo": ((8, 1, 1), "matrix 8 of ITU-T H.273: convert it to BT.709"),
+    "derived from primaries": ((12, 1, 1), "matrix 12 of"),
+    "ICtCp": ((14, 9, 16), "matrix 14 of"),
+    "film's primaries": ((1, 8, 1), "primaries 8 of"),
+    "logarithmic": ((1, 1, 9), "transfer 9 of"),
+    "cinema": ((1, 10, 17), "primaries 10 and transfer 17 of"),
+    "PQ without a matrix": ((2, 9, 16), "no matrix is stated"),
+    "Dolby Vision 5": (None, "as in Dolby Vision 5: convert it to BT.709"),
 }
 
 
@@ -106,6 +141,30 @@ def test_colors_are_those_of_the_picture(tmp_path, coding):
     photo = next(read_frames(path)[0])
     np.testing.assert_allclose(patches(photo.pixels), PATCHES, atol=2)
     assert any(f"({coding})" in note for note in photo.notes) == (coding in ("HLG", "PQ"))
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_colors_of_kinds_that_are_not_read_are_refused(tmp_path, name):
+    tags, says = REFUSED[name]
+    write(tmp_path / "a.mp4", WIDE, tags=tags, bits=10, codec="libx264" if tags else "libx265")
+    if tags is None:
+        (tmp_path / "a.mp4").write_bytes((tmp_path / "a.mp4").read_bytes().replace(b"hev1", b"dvh1"))
+    with pytest.raises(UserError, match=rf"a\.mp4 has .*{says}"):
+        next(read_frames(tmp_path / "a.mp4")[0])
+
+
+def test_what_a_clip_states_of_its_colors_may_change(tmp_path):
+    """As one that was joined of several: BT.601, full range, HLG, and back."""
+    parts = ["BT.601", "full range", "HLG", "BT.709, 10 bits"]
+    for number, coding in enumerate(parts):
+        codes, options = CODINGS[coding]
+        write(tmp_path / f"{number}.h264", codes, **options)
+    (tmp_path / "a.h264").write_bytes(b"".join((tmp_path / f"{i}.h264").read_bytes() for i in range(len(parts))))
+    frames = list(read_frames(tmp_path / "a.h264")[0])
+    assert len(frames) == 3 * len(parts)
+    for frame in frames:
+        np.testing.assert_allclose(patches(frame.pixels), PATCHES, atol=2)
+    assert [any("(HLG)" in note for note in frame.notes) for frame in frames] == [False] * 6 + [True] * 3 + [False] * 3
 
 
 @pytest.mark.parametrize(
@@ -151,25 +210,32 @@ def test_each_frame_is_seen_at_its_time(tmp_path, times, suffix, last):
     assert count / fps == pytest.approx(shown[-1] + max(last / 30, 1 / fps), abs=0.5 / fps)
 
 
-def test_interlaced_frames_are_made_whole(tmp_path):
-    """A bar moves by two pixels from field to field; only frames one after the other show it in both."""
+@pytest.mark.parametrize("start", [0, 1, 5])
+def test_interlaced_frames_are_made_whole(tmp_path, start):
+    """A bar moves by two pixels from field to field; only frames one after the other show it in both.
+
+    Before `start`, frames are progressive, as the joined header of the first ones says.
+    """
     fields = np.zeros((20, 96, 128, 3))
     for i, field in enumerate(fields):
         field[:, 2 * i + 40 : 2 * i + 72] = 0.8
-    with av.open(str(tmp_path / "a.mp4"), "w") as file:
-        stream = file.add_stream("libx264", rate=25, options={"crf": "1", "x264-params": "tff=1"})
-        stream.height, stream.width = 96, 128
-        for i, (even, odd) in enumerate(zip(fields[::2], fields[1::2])):
-            woven = np.where(np.arange(96)[:, None, None] % 2, odd, even)
-            frame = av.VideoFrame.from_ndarray(np.rint(255 * woven).astype(np.uint8), "rgb24")
-            frame = frame.reformat(format="yuv420p", interpolation="BICUBIC")
-            frame.pts = i
-            file.mux(stream.encode(frame))
-        file.mux(stream.encode())
-    frames, counts, _ = read_frames(tmp_path / "a.mp4")
-    read = [frame.codes[..., 1].astype(int) for frame in frames]
-    assert len(read) == sum(counts) == 10
-    for codes in read[1:-1]:
+    pairs, parts = list(zip(fields[::2], fields[1::2])), b""
+    for name, part in [("", pairs[:start]), ("tff=1", pairs[start:])][start == 0 :]:
+        with av.open(str(tmp_path / "a.h264"), "w") as file:
+            stream = file.add_stream("libx264", rate=25, options={"crf": "1", "x264-params": name})
+            stream.height, stream.width = 96, 128
+            for i, (even, odd) in enumerate(part):
+                woven = np.where(np.arange(96)[:, None, None] % 2, odd if name else even, even)
+                frame = av.VideoFrame.from_ndarray(np.rint(255 * woven).astype(np.uint8), "rgb24")
+                frame = frame.reformat(format="yuv420p", interpolation="BICUBIC")
+                frame.pts = i
+                file.mux(stream.encode(frame))
+            file.mux(stream.encode())
+        parts += (tmp_path / "a.h264").read_bytes()
+    (tmp_path / "a.h264").write_bytes(parts)
+    read = [frame.codes[..., 1].astype(int) for frame in read_frames(tmp_path / "a.h264")[0]]
+    assert len(read) == 10
+    for codes in [*read[:start], *read[start + 1 : -1]]:
         assert np.abs(np.diff(codes[8:-8], axis=0)).max() < 40  # 204 where lines are woven
 
 
@@ -178,7 +244,7 @@ def test_a_clip_that_changes_its_size_is_refused(tmp_path):
         write(tmp_path / f"{name}.h264", picture(width, 96))
     joined = tmp_path / "c.h264"
     joined.write_bytes((tmp_path / "a.h264").read_bytes() + (tmp_path / "b.h264").read_bytes())
-    with pytest.raises(UserError, match=r"frame 4 is 64 x 96 pixels, and those before are 128 x 96: a clip has one"):
+    with pytest.raises(UserError, match=r"frame 4 is 64 x 96 pixels, and those before are 128 x 96 pixels: a clip has"):
         list(read_frames(joined)[0])
 
 
@@ -192,31 +258,159 @@ def test_a_gif_is_as_long_as_its_movie(tmp_path, fps):
     assert sum(durations) == 2000 and min(durations) >= 20
 
 
-@pytest.mark.parametrize("late", [0, 1])
-def test_the_movie_has_the_sound_of_its_clip(tmp_path, capsys, late):
-    clip, rate = tmp_path / "clip.mp4", 44100
-    write(tmp_path / "silent.mp4", WIDE, times=range(60))
+def with_tracks(path, *tracks, start=0.0, sound_at=None):
+    """Remuxes silent clips, each with its dispositions, from `start` on; sound of two seconds begins at `sound_at`."""
+    rate, packets = 44100, []
     wave = 0.5 * np.sin(2 * np.pi * 440 * np.arange(2 * rate) / rate, dtype=np.float32)
-    with av.open(str(tmp_path / "silent.mp4")) as silent, av.open(str(clip), "w") as file:
-        video = file.add_stream_from_template(silent.streams.video[0])
-        audio = file.add_stream("aac", rate, layout="mono")
-        for packet in silent.demux(video=0):
-            if packet.dts is not None:
-                packet.stream = video
-                packet.pts, packet.dts = (t + round(late / packet.time_base) for t in (packet.pts, packet.dts))
-                file.mux(packet)
-        for start in range(0, len(wave) - 1023, 1024):
-            frame = av.AudioFrame.from_ndarray(wave[None, start : start + 1024], "fltp", "mono")
-            frame.sample_rate, frame.pts, frame.time_base = rate, start, Fraction(1, rate)
-            file.mux(audio.encode(frame))
-        file.mux(audio.encode())
-    for name in ("out.mp4", "out.webm"):
+    with av.open(str(path), "w") as file:
+        for source, disposition in tracks:
+            with av.open(str(source)) as silent:
+                film = file.add_stream_from_template(silent.streams.video[0])
+                film.disposition = disposition
+                for packet in silent.demux(video=0):
+                    if packet.dts is not None:
+                        packet.pts, packet.dts = (t + round(start / packet.time_base) for t in (packet.pts, packet.dts))
+                        packet.stream = film
+                        packets.append(packet)
+        if sound_at is not None:
+            audio = file.add_stream("aac", rate, layout="mono")
+            for begin in range(0, len(wave) - 1023, 1024):
+                frame = av.AudioFrame.from_ndarray(wave[None, begin : begin + 1024], "fltp", "mono")
+                frame.sample_rate, frame.time_base = rate, Fraction(1, rate)
+                frame.pts = begin + round(sound_at * rate)
+                packets += audio.encode(frame)
+            packets += audio.encode()
+        for packet in sorted(packets, key=lambda packet: float(packet.dts * packet.time_base)):
+            file.mux(packet)
+
+
+DEFAULT, COVER, NONE = av.stream.Disposition.default, av.stream.Disposition.attached_pic, av.stream.Disposition(0)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "tracks", "shown"),
+    [
+        (".mkv", [(128, NONE), (64, DEFAULT)], 64),
+        (".mkv", [(64, DEFAULT), (128, DEFAULT)], 128),
+        (".mkv", [(64, DEFAULT), (128, NONE)], 64),
+        (".mp4", [(128, COVER), (64, DEFAULT)], 64),
+        (".mp4", [(64, DEFAULT), (128, COVER)], 64),
+        (".mp4", [(128, COVER)], None),
+    ],
+)
+def test_the_film_of_a_clip_is_the_one_that_players_show(tmp_path, suffix, tracks, shown):
+    for width, disposition in tracks:
+        is_cover = disposition == COVER
+        write(tmp_path / f"{width}.mov", picture(width, 96), codec="mjpeg" if is_cover else "libx264", full=is_cover,
+              times=range(1 if is_cover else 6))  # fmt: skip
+    path = tmp_path / f"a{suffix}"
+    with_tracks(path, *((tmp_path / f"{width}.mov", disposition) for width, disposition in tracks))
+    if shown is None:
+        with pytest.raises(UserError, match="holds no film"):
+            read_frames(path)
+        return
+    if tracks[0][1] == COVER:  # the tag with the cover in front of the tracks, as taggers write it
+        data = path.read_bytes()
+        place, end = (data.index(word) - 4 for word in (b"moov", b"udta"))
+        tag = data[end : end + int.from_bytes(data[end : end + 4])]
+        path.write_bytes(data[: place + 8] + tag + data[place + 8 : end] + data[end + len(tag) :])
+        with av.open(str(path)) as file:
+            assert file.streams.video[0].disposition & COVER
+    frames, counts, _ = read_frames(path)
+    assert [frame.shape for frame in frames] == [(96, shown)] * 6 and sum(counts) == 6
+
+
+@pytest.mark.parametrize(
+    ("suffix", "start", "sound_at"),
+    [(".mp4", 0, 0), (".mp4", 1, 0), (".mkv", 10, 10), (".mkv", 10.5, 10), (".mkv", 3, 3.5), (".mp4", 0, 0.5)],
+)
+def test_the_movie_has_the_sound_of_its_clip(tmp_path, capsys, suffix, start, sound_at):
+    """Picture and sound are as far apart as there, the first of both begins at once, and the index stands in front."""
+    clip = tmp_path / f"clip{suffix}"
+    write(tmp_path / "silent.mp4", WIDE, times=range(60))
+    with_tracks(clip, (tmp_path / "silent.mp4", DEFAULT), start=start, sound_at=sound_at)
+    for name in ("out.MP4", "out.webm"):
         frames, _, fps = read_frames(clip)
         write_video(tmp_path / name, (frame.pixels for frame in frames), fps, sound=clip)
-    with av.open(str(tmp_path / "out.mp4")) as movie:
+    with av.open(str(tmp_path / "out.MP4")) as movie:
         heard = np.concatenate([frame.to_ndarray()[0] for frame in movie.decode(audio=0)])
-        shown = movie.streams.video[0]
-        assert shown.start_time * shown.time_base == pytest.approx(late, abs=0.04)
-    assert np.abs(np.fft.rfft(heard[rate // 2 : rate // 2 + rate])).argmax() == 440
+        film, sound = (
+            float(one.start_time * one.time_base) for one in (movie.streams.video[0], movie.streams.audio[0])
+        )
+        assert movie.duration / 1e6 == pytest.approx(2 + abs(start - sound_at), abs=0.05)
+    assert (film, sound) == pytest.approx((start - min(start, sound_at), sound_at - min(start, sound_at)), abs=0.04)
+    assert np.abs(np.fft.rfft(heard[22050:66150])).argmax() == 440
     assert "its sound is left out: .webm does not take it" in capsys.readouterr().err
     assert not list(tmp_path.glob("*-sound*"))
+    data = (tmp_path / "out.MP4").read_bytes()
+    assert data.index(b"moov") < data.index(b"mdat") and b"colrnclx\0\1\0\1\0\1" in data
+
+
+@pytest.mark.skipif(not shutil.which("ffprobe"), reason="ffprobe is not installed")
+@pytest.mark.parametrize("suffix", [".mp4", ".MP4", ".webm"])
+def test_ffprobe_finds_the_colors_of_a_movie(tmp_path, suffix):
+    write_video(tmp_path / f"a{suffix}", [np.full((64, 64, 3), 90, np.uint8)] * 3)
+    words = ["ffprobe", "-v", "error", "-of", "json", "-show_entries", "stream=color_range,color_space,color_transfer,"
+             "color_primaries,nb_read_frames", "-count_frames", str(tmp_path / f"a{suffix}")]  # fmt: skip
+    (stream,) = json.loads(subprocess.run(words, capture_output=True, check=True).stdout)["streams"]
+    colors = dict.fromkeys(("color_space", "color_transfer", "color_primaries"), "bt709")
+    assert stream == {**colors, "color_range": "tv", "nb_read_frames": "3"}
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv", ".webm", ".avi"])
+@pytest.mark.parametrize("kept", [0.6, 0.9])
+def test_a_clip_that_is_cut_short_is_refused(tmp_path, suffix, kept):
+    codec = {".webm": "libvpx-vp9", ".avi": "mpeg4"}.get(suffix, "libx264")
+    noise = np.random.default_rng(0).random((96, 128, 3))
+    write(tmp_path / f"a{suffix}", noise, times=range(60), codec=codec, faststart=True)
+    assert len(list(read_frames(tmp_path / f"a{suffix}")[0])) == 60
+    with av.open(str(tmp_path / f"a{suffix}")) as file:
+        place = [packet.pos for packet in file.demux(video=0) if packet.size][round(60 * kept)]
+    data = (tmp_path / f"a{suffix}").read_bytes()
+    (tmp_path / f"b{suffix}").write_bytes(data[: place - (12 if suffix in (".mkv", ".webm") else 0)])
+    with pytest.raises(UserError, match=r"is cut short: its file promises .* seconds and holds .*: give the whole"):
+        read_frames(tmp_path / f"b{suffix}")
+
+
+@pytest.mark.parametrize(
+    ("lost", "unseen"), [(range(10), range(20)), (range(20, 25), range(20, 25)), (range(50, 60), range(50, 60))]
+)
+def test_what_cannot_be_decoded_keeps_its_time(tmp_path, lost, unseen):
+    """The lost ones hold nothing but filling. Each 20th is a key frame, before the first of which none is seen."""
+    write(tmp_path / "a.mkv", WIDE, times=range(60), last=2)
+    with av.open(str(tmp_path / "a.mkv")) as file, av.open(str(tmp_path / "b.mkv"), "w") as copy:
+        film = copy.add_stream_from_template(file.streams.video[0])
+        for number, packet in enumerate(file.demux(video=0)):
+            if packet.dts is not None:
+                if number in lost:
+                    packet.update(struct.pack(">IB", packet.size - 4, 12) + b"\xff" * (packet.size - 5))
+                packet.stream = film
+                copy.mux(packet)
+    frames = list(read_frames(tmp_path / "b.mkv")[0])
+    assert len(frames) == 60 and [i for i, frame in enumerate(frames) if LOST in frame.notes] == list(unseen)
+
+
+@pytest.mark.parametrize(
+    ("delays", "shown"),
+    [([0, 0, 0], [100, 100, 100]), ([10, 10], [100, 100]), ([20, 20, 20], [20, 20, 20]),
+     ([0, 500, 10], [100, 500, 100]), ([30, 70, 100], [30, 70, 100]), ([100, 100, 0], [100, 100, 100])],
+)  # fmt: skip
+def test_a_gif_has_the_delays_of_browsers(tmp_path, delays, shown):
+    """They show for a tenth of a second what states none, or a hundredth."""
+    first, *rest = [Image.fromarray(np.full((16, 16), 40 * i, np.uint8)) for i in range(len(delays))]
+    first.save(tmp_path / "a.gif", save_all=True, append_images=rest, duration=20)
+    head, *blocks = (tmp_path / "a.gif").read_bytes().split(b"\x21\xf9\x04")
+    blocks = [block[:1] + struct.pack("<H", delay // 10) + block[3:] for delay, block in zip(delays, blocks)]
+    (tmp_path / "a.gif").write_bytes(b"\x21\xf9\x04".join([head, *blocks]))
+    frames, counts, fps = read_frames(tmp_path / "a.gif")
+    assert len(list(frames)) == len(delays)
+    np.testing.assert_allclose(np.cumsum(counts) / fps, np.cumsum(shown) / 1000, atol=0.5 / fps)
+
+
+def test_frames_of_two_sizes_are_refused(tmp_path):
+    for number, size in enumerate([(16, 16), (16, 16), (12, 16)]):
+        Image.new("RGB", size, "red").save(tmp_path / f"f{number}.png")
+    with pytest.raises(
+        UserError, match=r"f2\.png is 12 x 16 pixels, and those before are 16 x 16 pixels: a clip has one"
+    ):
+        list(read_frames(tmp_path)[0])
