@@ -14,14 +14,13 @@ def viewer(
 
     Args:
         name: name of the run.
-        networks: row -> network whose maps are shown beside the true ones.
+        networks: label -> network whose maps are shown beside the true ones.
         packed, split, lights: files.
         maps: of the figures (.exr).
         out: page (.html).
     """
     from relight.evaluation.pictures.panels import evenly_spaced
     from relight.evaluation.scoring.evaluate import inferred_maps, load
-    from relight.evaluation.scoring.labels import label
     from relight.lights import read_light_set
     from relight.sh import coefficient_count
     from relight.viewer.build import build_viewer
@@ -35,7 +34,7 @@ def viewer(
         for source, yaw, light in zip(test.source, test.yaw, test.coefficients)
     }
     first_test_light = int((light_set.split == "test").argmax())
-    loaded = {label(row): load(path, packed, lights) for row, path in networks.items()}
+    loaded = {label: load(path, packed, lights) for label, path in networks.items()}
     names, files = json.loads(split.read_text())["test"], {path.stem: path for path in maps}
     shown = []
     for i in evenly_spaced(len(names), MAX_FIGURES):

@@ -19,6 +19,7 @@ from relight.lab.record import Record, read_record
 from relight.learning.training_name import TrainingName
 from relight.meshes.scans import TABLE, Scan, list_scans
 from relight.settings import ROOT, Experiment, flat
+from relight.settings.scores import label
 
 BATCH = 10  # generated figures that share a process, since one takes as long to start as to draw a figure
 # What other runs take of a run -> the groups of settings that decide it.
@@ -240,6 +241,11 @@ class Plan:
         """The trainings that the tables compare."""
         rows = {row for experiment in self.experiments.values() for row in experiment.rows}
         return [training for training, name in self.trainings.items() if name.row in rows]
+
+    def labels(self, rows: Iterable[str]) -> list[str]:
+        """Returns the labels of rows."""
+        experiments = list(map(asdict, self.requested.values()))
+        return [label(row, experiments) for row in rows]
 
     def networks(self, experiment: str) -> dict[str, str]:
         """Returns the networks of all trainings of an experiment's rows, by training."""

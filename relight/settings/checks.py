@@ -10,7 +10,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from relight import extensions
 from relight.core.errors import UserError
-from relight.settings.schema import BASELINES, EXPERIMENT, FIELDS, QUANTITIES, READINGS, STRENGTHS, field_of
+from relight.settings.schema import EXPERIMENT, FIELDS, STRENGTHS, field_of
+from relight.settings.scores import BASELINES, COLUMNS, label
 from relight.settings.setting import domain_in_words, setting_of
 
 NAME_PATTERN, MAX_NAME_LENGTH = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*"), 100
@@ -137,10 +138,15 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
             if first not in rows or second not in [*rows, *BASELINES]:
                 known = f"a ROW of sweep.rows, and the second may be of {', '.join(BASELINES)}"
                 yield f"experiments.{name}.compare: {pair!r} must be ROW against ROW, each {known}"
-        readings = [(name, [of] if of else QUANTITIES) for name, (*_, of) in READINGS.items()]
-        columns = [f"{quantity}_{name}" for name, quantities in readings for quantity in quantities]
-        if unknown := [column for column in experiment.compare_in if column not in columns]:
+        if unknown := [row for row in experiment.labels if row not in experiment.rows]:
+            yield f"experiments.{name}.labels: no row {unknown[0]} in experiments.{name}.rows"
+        if unknown := [column for column in experiment.compare_in if column not in COLUMNS]:
             yield f"experiments.{name}.compare_in: {unknown[0]} must be a quantity and a reading, such as relit_rmse"
+    by_label: dict[str, str] = {}
+    for row in get("sweep.rows") or ():
+        words = label(row, (get("experiments") or {}).values())
+        if by_label.setdefault(words, row) != row:
+            yield f"rows {by_label[words]} and {row} have the same label, {words}: give one of them another"
     if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):
         yield "figures.outfits must be 1 with bake.bounces, which depend on albedo, and unless figures are generated"
     for name in get("loss.extra") or {}:

@@ -5,26 +5,12 @@ from dataclasses import Field, dataclass, field, fields, is_dataclass
 from typing import Any
 
 from relight import extensions
+from relight.settings.scores import PRINTED, QUANTITIES
 from relight.settings.setting import setting
 
 DEVICES = ("auto", "cpu", "cuda")
 PARTS = ("test", "sitting")  # parts of the split that can be scored
 SCORED_LIGHTS = ("test", "unusual")  # splits of the light set that can be scored under
-QUANTITIES = (  # that are scored; the first six are those of the paper's Table 1
-    "shading", "transport", "normal", "ao", "light", "albedo",
-    "shading_true_light", "transport_with_ao", "reconstruction", "relit", "sphere",
-)  # fmt: skip
-# What is read of a quantity: its label, 1 if less is better, -1 if more is, or 0 if the truth's value is best, and the
-# only quantity that has it, or None. As the albedo takes up the shading in a collapse, contrast falls and share rises.
-READINGS: dict[str, tuple[str, int, str | None]] = {
-    "rmse": ("RMSE", 1, None),
-    "rmse_element": ("RMSE per element", 1, None),
-    "ssim": ("SSIM", -1, None),
-    "ssim_range2": ("SSIM, range 2", -1, None),
-    "contrast": ("contrast", 0, "shading"),
-    "share": ("share of the picture", 0, "albedo"),
-}
-BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is")
 MAX_SEED, MAX_WEIGHT = 2**32 - 1, 1_000_000
 AXES = ("auto", "+x", "-x", "+y", "-y", "+z", "-z")
 
@@ -235,7 +221,8 @@ class Experiment:
     figures: str = setting("part of the split on which its rows are scored", "test", choices=PARTS)
     lights: str = setting("split of the light set under which they are scored", "test", choices=SCORED_LIGHTS)
     plates: bool = setting("whether its rows are drawn side by side on test figures", False)
-    shows: list[str] = setting("quantities in its table", list(QUANTITIES[:6]), choices=QUANTITIES)
+    shows: list[str] = setting("quantities in its table", list(PRINTED), choices=tuple(QUANTITIES))
+    labels: dict[str, str] = setting("labels of its rows in tables and pictures, by row; else their names", {})
     compare: dict[str, str] = setting("pairs of rows, `this against that`, each with what the difference measures", {})
     compare_in: list[str] = setting(
         "columns of the scores in which they are compared",

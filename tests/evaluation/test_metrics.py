@@ -4,9 +4,8 @@ from samples import ssim_in_the_box
 from skimage.metrics import mean_squared_error, structural_similarity
 
 from relight.evaluation.scoring.metrics import psnr
-from relight.evaluation.scoring.tables import TABLE1_COLUMNS, columns_of
-from relight.evaluation.scoring.truth import COLUMNS, RANGE, Inferred, Truth, light_errors
-from relight.settings.schema import QUANTITIES
+from relight.evaluation.scoring.truth import Inferred, Truth, light_errors
+from relight.settings.scores import COLUMNS, QUANTITIES
 from relight.sh import unoccluded
 
 FOUR = ("rmse", "rmse_element", "ssim", "ssim_range2")
@@ -59,7 +58,9 @@ def test_truth_score_of_every_map_agrees_with_scikit_image(truth):
     )
     columns = one.score(inferred)
     signs = {"shading_contrast", "albedo_share"}
-    assert set(columns) == {f"{quantity}_{reading}" for quantity in RANGE for reading in FOUR} | signs <= set(COLUMNS)
+    assert (
+        set(columns) == {f"{quantity}_{reading}" for quantity in QUANTITIES for reading in FOUR} | signs <= set(COLUMNS)
+    )
     lit, ao = inferred.transport * inferred.ao[..., None], inferred.ao[..., None]
     for n in range(3):
         true = {name: values[n if len(values) > 1 else 0] for name, values in one.maps.items()}
@@ -141,11 +142,6 @@ def test_truth_score_of_networks_of_other_orders():
         np.testing.assert_allclose(found["shading_rmse"], np.sqrt((lost**2).sum(-1).mean(-1)), atol=1e-5)
         assert found["transport_rmse"].max() < 1e-6 and found["light_rmse"].max() < 1e-6
     assert truth.score(Inferred(transport=maps + 1))["transport_rmse"] == pytest.approx(3, rel=1e-5)  # nine ones
-
-
-def test_every_quantity_has_a_range_and_a_setting():
-    assert set(RANGE) == set(QUANTITIES)
-    assert columns_of(*QUANTITIES[:6]) == TABLE1_COLUMNS
 
 
 def test_psnr_of_a_constant_offset_and_of_equal_pictures():

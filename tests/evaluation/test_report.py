@@ -18,13 +18,12 @@ from relight.evaluation.report import build, provenance, sections
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import Verdict
 from relight.evaluation.scoring.scores import Scores, write_scores
-from relight.evaluation.scoring.truth import COLUMNS
 from relight.settings import CONF, Experiment
+from relight.settings.scores import BASELINES, COLUMNS
 
 pytestmark = pytest.mark.usefixtures("few_resamples")
 FIGURES = [f"f{i}" for i in range(10)]
 ROWS = ("sfsnet_ao", "ours_min", "ours_plus", "mean_figure")  # of the preset claim, and a constant
-BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is")
 LEVEL = {"shading": 0.3, "transport": 0.4, "light": 0.2, "albedo": 0.1}
 
 
@@ -232,7 +231,7 @@ def test_build_report_with_a_failed_experiment_on_data_of_another_run(tmp_path):
     (data := tmp_path / "data").mkdir()
     for name in ("figures.json", "lights"):
         (folder / name).rename(data / name)
-    asked["sitting"] = {"title": "", "question": "", "plates": False}
+    asked["sitting"] = {"title": "", "question": "", "plates": False, "labels": {}}
     asked["sitting"] |= {"rows": [], "trainings": {}, "failed": ["sitting/a.csv"]}
     out = folder / "report" / "report.html"
     build.build_report(Results(folder, asked, data), out)

@@ -11,13 +11,11 @@ from relight.evaluation.report.formats import TextTable, number, other_columns, 
 from relight.evaluation.report.page import section
 from relight.evaluation.report.sections import write_score_table
 from relight.evaluation.scoring.comparisons import MARGIN, Verdict, compare_estimates, compare_rows, correct, orderings
-from relight.evaluation.scoring.labels import LABELS
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores, gather, read_scores, write_scores
 from relight.evaluation.scoring.statistics import Estimate, holm
 from relight.evaluation.scoring.tables import TABLE1_COLUMNS, TABLE2_COLUMNS, Table, experiment_table
-from relight.evaluation.scoring.truth import COLUMNS
-from relight.settings.schema import READINGS
+from relight.settings.scores import BASELINES, COLUMNS, READINGS, Reading
 
 pytestmark = pytest.mark.usefixtures("few_resamples")
 FIGURES = [f"f{i}" for i in range(12)]
@@ -74,7 +72,7 @@ def test_experiment_table_baselines_do_not_compete():
     assert "mean_figure" not in table.networks and table.kind("mean_figure") == "baseline"
     assert not any(cell.best or cell.p is not None for cell in table.rows["mean_figure"].values())
     assert table.rows["ours_full"]["shading_rmse"].best
-    assert score_grid(table, table.columns).frame.index[-5] == LABELS["mean_figure"]  # four printed rows follow
+    assert score_grid(table, table.columns).frame.index[-5] == BASELINES["mean_figure"]  # four printed rows follow
 
 
 def test_write_tables_of_scores(tmp_path):
@@ -94,7 +92,7 @@ def test_write_tables_of_scores(tmp_path):
     undecided = sum(row[c].not_significant for row in table.rows.values() for c in TABLE1_COLUMNS if c in row)
     shown = markdown.split("### Other")[0].split("\n\n", 2)[2]
     assert shown.count("n.s.") == undecided
-    assert shown.count(", as printed ") == 8 and shown.count(f"*{LABELS['mean_figure']}*") == 2
+    assert shown.count(", as printed ") == 8 and shown.count(f"*{BASELINES['mean_figure']}*") == 2
     for path in tmp_path.iterdir():
         before = path.read_bytes()
         write_score_table(table, "Table 1", tmp_path / "table1")
@@ -247,10 +245,10 @@ def test_a_new_reading_reaches_the_tables_by_its_entry(tmp_path, monkeypatch):
     given = rows(names=("ours_min", "ours_full"))
     for trainings in given.values():
         trainings[0].columns["shading_psnr"] = 20 + trainings[0].columns["shading_rmse"]
-    with pytest.raises(UserError, match="shading_psnr must be a quantity of RANGE and one of READINGS"):
+    with pytest.raises(UserError, match="shading_psnr must be one of QUANTITIES and one of READINGS"):
         write_scores(tmp_path / "a.csv", {"a": given["ours_min"][0]})
     assert not (tmp_path / "a.csv").exists()
-    monkeypatch.setitem(READINGS, "psnr", ("PSNR", -1, None))
+    monkeypatch.setitem(READINGS, "psnr", Reading("PSNR", -1))
     monkeypatch.setitem(COLUMNS, "shading_psnr", ("shading", "psnr"))
     write_scores(tmp_path / "a.csv", {"a": given["ours_min"][0]})
     assert read_scores(tmp_path / "a.csv")["a"].columns["shading_psnr"].mean() == pytest.approx(20.24, abs=0.02)

@@ -19,7 +19,7 @@ from relight.lab.code import code_hash
 from relight.lab.plan import Plan, safe, stamps
 from relight.lab.run import hold
 from relight.lab.record import from_config
-from relight.settings.schema import QUANTITIES, READINGS
+from relight.settings.scores import BASELINES, QUANTITIES, READINGS, ROWS
 
 try:
     PLAN = Plan(from_config(config))
@@ -29,6 +29,9 @@ except UserError as error:
 OUT, DATA, SETTINGS = PLAN.out, PLAN.data, PLAN.shared
 LIGHTS, PACKED = f"{DATA}/lights/lights.npz", f"{DATA}/packed.safetensors"
 SPLIT = f"{OUT}/split.json"
+# The settings are no code: what of relight.settings.scores decides scores, and what decides the report.
+SCORED = [*((name, one.span) for name, one in QUANTITIES.items()), *READINGS]
+REPORTED = repr([QUANTITIES, READINGS, BASELINES, ROWS])
 # What jobs need to know, and what is no reason to run them again.
 config["process"], config["tracking"] = os.getpid(), PLAN.tracking()
 config["least"] = SETTINGS["split"]["least"]

@@ -62,6 +62,7 @@ rule evaluate:
         mem_mb=8000,
         gpu=PLAN.gpus,
     params:
+        scored=SCORED,
         code=lambda wildcards: code_hash(
             "evaluate", PLAN.extensions(wildcards.training)
         ),
@@ -86,6 +87,7 @@ rule baselines:
     params:
         color=SETTINGS["train"]["color"],
         order=SETTINGS["bake"]["order"],
+        scored=SCORED,
         code=code_hash("baselines"),
     script:
         "../scripts/baselines.py"

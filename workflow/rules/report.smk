@@ -22,7 +22,7 @@ rule tables:
         f"{OUT}/benchmark/tables/all.tsv"
     params:
         experiments=PLAN.described(),
-        scored=[list(QUANTITIES), READINGS],
+        reported=REPORTED,
         code=code_hash("tables"),
     script:
         "../scripts/tables.py"
@@ -48,7 +48,7 @@ rule plates:
     benchmark:
         f"{OUT}/benchmark/plates/{{experiment}}.tsv"
     params:
-        rows=lambda wildcards: list(PLAN.first_trainings(wildcards.experiment)),
+        labels=lambda wildcards: PLAN.labels(PLAN.first_trainings(wildcards.experiment)),
         condition=lambda wildcards: PLAN.condition(wildcards.experiment).strip("/")
         or "test",
         code=code_hash("plates"),
@@ -97,7 +97,7 @@ rule report:
         f"{OUT}/benchmark/report/all.tsv"
     params:
         experiments=PLAN.described(),
-        scored=[list(QUANTITIES), READINGS],
+        reported=REPORTED,
         code=code_hash("report"),
     script:
         "../scripts/report.py"
@@ -119,7 +119,7 @@ rule viewer:
         f"{OUT}/benchmark/viewer/all.tsv"
     params:
         name=SETTINGS["name"],
-        rows=list(FIRST_TABLE),
+        labels=PLAN.labels(FIRST_TABLE),
         maps=PLAN.frontal_maps,
         code=code_hash("viewer"),
     script:

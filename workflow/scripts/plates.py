@@ -5,7 +5,7 @@ from relight.lab.job import job
 
 with job(snakemake):
     given, out = snakemake.input, snakemake.output
-    networks = dict(zip(snakemake.params.rows, map(Path, given.networks)))
+    networks = dict(zip(snakemake.params.labels, map(Path, given.networks)))
     data = Path(given.packed), Path(given.lights), Path(given.split), snakemake.params.condition
     shown = Shown(networks, *data)
     plates(shown, Path(out.plates))

@@ -5,6 +5,6 @@ from relight.lab.page import viewer
 
 with job(snakemake):
     given, name = snakemake.input, snakemake.params.name
-    networks = dict(zip(snakemake.params.rows, map(Path, given.networks)))
+    networks = dict(zip(snakemake.params.labels, map(Path, given.networks)))
     maps = [Path(path) for path in snakemake.params.maps]
     viewer(name, networks, Path(given.packed), Path(given.split), maps, Path(given.lights), Path(snakemake.output[0]))

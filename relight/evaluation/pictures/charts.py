@@ -6,9 +6,9 @@ import matplotlib.style
 from matplotlib.figure import Figure  # no pyplot: no windows, nothing global
 
 from relight.core.files import atomic_write
-from relight.evaluation.scoring.labels import label, title
 from relight.evaluation.scoring.tables import Table
 from relight.learning.training_name import COLORS
+from relight.settings.scores import title
 
 GREY = "#9a9a9e"  # of baselines
 STYLE = ["seaborn-v0_8-paper", "seaborn-v0_8-whitegrid"]
@@ -38,7 +38,7 @@ def plot_errors(table: Table, rows_of_run: list[str], out: Path) -> None:
             panel.scatter([estimate.mean for estimate in estimates], places, s=36, c=colors)
             panel.set(title=title(column), xlabel="lower is better", xlim=(max(0, panel.get_xlim()[0]), None))
             panel.grid(visible=False, axis="y")
-        panels[0].set_yticks(range(len(rows)), map(label, rows), fontsize=10)
+        panels[0].set_yticks(range(len(rows)), map(table.label, rows), fontsize=10)
         panels[0].set_ylim(len(rows) - 0.5, -0.5)  # the first row on top
         with atomic_write(out) as tmp:
             figure.savefig(tmp, dpi=160)

@@ -20,7 +20,6 @@ from relight.evaluation.pictures.canvas import (
     transport_bands,
 )
 from relight.evaluation.scoring.evaluate import dense, infer, load, pixels, select_pairs, truth
-from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.truth import Inferred, Truth
 from relight.learning.data import RelitSet
 from relight.photos.shading import shade
@@ -190,7 +189,7 @@ class Shown:
     """What is drawn: networks on a test set.
 
     Attributes:
-        networks: row -> checkpoint.
+        networks: label of the row -> checkpoint.
         packed, lights, split: the data set (.safetensors, .npz, .json).
         condition: the figures and lights to choose from, as `select_pairs` takes them.
     """
@@ -211,8 +210,8 @@ class Shown:
                 with the indices (N,) of its lights.
 
         Yields:
-            The row of each network, and the chosen figures with what it infers; nothing if the condition has no figures
-            or lights.
+            The label of each network, and the chosen figures with what it infers; nothing if the condition has no
+            figures or lights.
 
         Raises:
             UserError: if a file has other contents, or there are no test figures or lights.
@@ -229,7 +228,7 @@ class Shown:
             yield row, list(zip(subjects, inferred))
 
     def of_the_middle_figure(self, count: int) -> Iterator[tuple[str, Subject, Inferred]]:
-        """Yields each row, the middle figure under at most `count` lights of all kinds, and what is inferred of it."""
+        """Yields each label, the middle figure under at most `count` lights of all kinds, and the inference of it."""
 
         def middle(figures: int, lights: np.ndarray) -> list[tuple[int, np.ndarray]]:
             return [(figures // 2, lights[evenly_spaced(len(lights), count)])]
@@ -247,7 +246,7 @@ def relit(shown: Shown, out: Path) -> None:
             lines.append(Line(f"truth {subject.name}", subject, pictures, first=True))
         albedo, transport, (light, *_) = subject.truth.complete(inferred)  # or the true ones
         shadings = [shade(transport[0], each_light) for each_light in (light, *subject.truth.lights[1:])]
-        lines.append(Line(label(row), subject, [Cell(albedo[0] * shading) for shading in shadings]))
+        lines.append(Line(row, subject, [Cell(albedo[0] * shading) for shading in shadings]))
     heads = ["picture", *(f"relit {light}" for light in range(1, LIGHTS))]
     draw(heads, lines, NOTE_RELIT).save(out)
 
@@ -271,7 +270,7 @@ def plates(shown: Shown, out: Path) -> None:
                 [Line(f"truth {subject.name}", subject, _true_views(subject), first=True)] for subject, _ in answers
             ]
         for block, (subject, inferred) in zip(blocks, answers):
-            block.append(Line(label(row), subject, _views(subject, inferred)))
+            block.append(Line(row, subject, _views(subject, inferred)))
     draw(list(COLUMNS), [line for block in blocks for line in block], NOTE).save(out)
 
 
@@ -296,7 +295,7 @@ def swapped(shown: Shown, out: Path) -> None:
             lines[i].views += [Cell(picture, light=lights[i ^ 1]), Cell(error=error)]
     for line in lines:
         line.views.append(line.subject.picture(1))
-    heads = ["picture", *(head for row in shown.networks for head in (f"relit by {label(row)}", "its error")), "truth"]
+    heads = ["picture", *(head for row in shown.networks for head in (f"relit by {row}", "its error")), "truth"]
     draw(heads, lines, NOTE_SWAPPED).save(out)
 
 
@@ -312,7 +311,7 @@ def shadings(shown: Shown, out: Path) -> None:
         shading = shade(transport[0], subject.truth.lights[0])
         lines[0].views.append(Cell(shading / subject.white))
         lines[1].views.append(Cell(error=np.linalg.norm(shading - true_shading, axis=-1)))
-    draw(["picture", "true shading", *map(label, shown.networks)], lines, NOTE_SHADINGS).save(out)
+    draw(["picture", "true shading", *shown.networks], lines, NOTE_SHADINGS).save(out)
 
 
 def evenly_spaced(items: int, count: int) -> list[int]:

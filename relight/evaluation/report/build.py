@@ -13,7 +13,7 @@ from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import compare_rows
 from relight.evaluation.scoring.paper import CITATION
 from relight.evaluation.scoring.statistics import MIN_SUBJECTS
-from relight.evaluation.scoring.tables import PRINTED, Table
+from relight.evaluation.scoring.tables import PRINTED_TABLES, Table
 
 TRUE_LIGHT = "shading_true_light_rmse"
 FILE_ENDS = (".csv", ".md", *(f"_{kind}.png" for kind in ("errors", "overview", *sections.PLATES)))  # of an experiment
@@ -42,7 +42,7 @@ def build_report(results: Results, out: Path) -> None:
         UserError: if a result is missing or broken.
     """
     remove_outdated(results)
-    outcome = sections.summary(results) if {*PRINTED} & {*results.tables} else None
+    outcome = sections.summary(results) if {*PRINTED_TABLES} & {*results.tables} else None
     parts = []
     if outcome:
         parts.append(_section("what-came-out", "What came out", "summary.md", outcome))

@@ -14,11 +14,9 @@ import pandas as pd
 
 from relight.core.files import write_text
 from relight.evaluation.scoring.comparisons import Comparison, Verdict
-from relight.evaluation.scoring.labels import column_label, label, quantity_label
 from relight.evaluation.scoring.statistics import Estimate
 from relight.evaluation.scoring.tables import Table
-from relight.evaluation.scoring.truth import COLUMNS
-from relight.settings.schema import READINGS
+from relight.settings.scores import COLUMNS, QUANTITIES, READINGS, column_label, sign
 
 SIGNS = {
     Verdict.BETTER: "✓", Verdict.WORSE: "✗", Verdict.DIFFERENT: "≠", Verdict.EQUIVALENT: "≈", Verdict.OPEN: "?"
@@ -147,14 +145,14 @@ def score_grid(table: Table, columns: Iterable[str]) -> TextTable:
     """Returns columns of a table, a block per reading; rows of the paper's printed values follow."""
     present = table.present(columns)
     rows: list[tuple[str, str, Mapping[str, Estimate | float]]] = [
-        (label(row), table.kind(row), cells) for row, cells in table.rows.items()
+        (table.label(row), table.kind(row), cells) for row, cells in table.rows.items()
     ]
-    rows += [(label(row), "paper", values) for row, values in table.printed.items()]
+    rows += [(table.label(row), "paper", values) for row, values in table.printed.items()]
     rows = [row for row in rows if any(column in row[2] for column in present)]
     heads = []
     for column in present:
-        reading, sign, _ = READINGS[COLUMNS[column][1]]
-        heads.append((f"{reading}{ARROWS[sign]}", quantity_label(column)))
+        quantity, reading = COLUMNS[column]
+        heads.append((f"{READINGS[reading].label}{ARROWS[sign(column)]}", QUANTITIES[quantity].label))
     cells = [[values.get(column) for column in present] for *_, values in rows]
     index = pd.Index([name for name, *_ in rows], dtype=object)
     columns = pd.MultiIndex.from_arrays([[head[level] for head in heads] for level in (0, 1)])

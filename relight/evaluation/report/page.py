@@ -13,8 +13,8 @@ from PIL import Image
 from relight.core.files import existing_file
 from relight.evaluation.report import formats
 from relight.evaluation.scoring.comparisons import MARGIN, Verdict
-from relight.evaluation.scoring.labels import column_label, label
 from relight.evaluation.scoring.statistics import ALPHA, MIN_SUBJECTS
+from relight.settings.scores import column_label
 
 LARGE = 400_000  # bytes; larger PNGs are embedded as JPEGs of the same size in pixels
 
@@ -29,7 +29,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    made.filters |= {"number": formats.number, "count": formats.count, "column": column_label, "label": label}
+    made.filters |= {"number": formats.number, "count": formats.count, "column": column_label}
     made.globals |= {
         "table": formats.to_markdown,
         "picture": picture,

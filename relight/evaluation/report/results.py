@@ -11,6 +11,7 @@ import yaml
 from relight.core.files import existing_file
 from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.tables import Rows, Table, columns_of, experiment_table
+from relight.settings.scores import label
 
 
 class Results:
@@ -72,7 +73,8 @@ class Results:
     def table(self, name: str, usual: bool = False) -> Table:
         """Returns the table of an experiment; the spread of trainings is pooled over all tables on the same pairs."""
         if (name, usual) not in self._tables:
-            self._tables[name, usual] = self._table(name, usual)
+            table = self._tables[name, usual] = self._table(name, usual)
+            table.labels = {row: label(row, self.experiments.values()) for row in table.rows}
         return self._tables[name, usual]
 
     def _table(self, name: str, usual: bool) -> Table:

@@ -20,8 +20,8 @@ from relight.evaluation.report.formats import (
 from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import Comparison, Verdict, compare_rows, correct, orderings
-from relight.evaluation.scoring.labels import column_label, label
 from relight.evaluation.scoring.tables import Table
+from relight.settings.scores import column_label, label
 
 DAGGER = " †"  # marks printed differences that are under MARGIN
 OUTCOMES = {  # of an ordering of the paper in this run
@@ -106,10 +106,10 @@ def _compare_pairs(table: Table, settings: dict[str, Any], usual: Table | None =
         pairs = {f"{best} against {row}": f"best {column_label(columns[0])}" for row in rows if row != best}
     others = " and ".join(f"{settings[what]} {what}" for what in ("figures", "lights") if settings[what] != "test")
     for row in table.networks if usual else ():
-        compared[f"{label(row)}, {others} against usual ones"] = compare_rows(table, row, row, columns, usual)
+        compared[f"{table.label(row)}, {others} against usual ones"] = compare_rows(table, row, row, columns, usual)
     for pair, measures in pairs.items():
         first, _, second = pair.partition(" against ")
-        words = f"{label(first)} against {label(second)}: {measures}"
+        words = f"{table.label(first)} against {table.label(second)}: {measures}"
         compared[words] = compare_rows(table, first, second, columns)
         if usual:
             compared[f"{words} (usual ones)"] = compare_rows(usual, first, second, columns)
@@ -122,11 +122,12 @@ def summary(results: Results) -> Numbers:
     """Returns the context of templates/sections/summary.md: which of the paper's orderings hold in this run."""
     tables = [results.table(name) for name in results.tables if results.usual(name)]
     tables = [table for table in tables if table.rows]
-    tested, counts = orderings(tables), [count for table in tables for count in table.trainings.values()]
+    tested, own = orderings(tables), results.experiments.values()
+    counts = [count for table in tables for count in table.trainings.values()]
     verdicts = Counter(ordering.comparison.verdict for ordering in tested)
     lines = [
         [
-            f"{label(ordering.better)} before {label(ordering.worse)}",
+            f"{label(ordering.better, own)} before {label(ordering.worse, own)}",
             column_label(ordering.comparison.column),
             f"{100 * ordering.printed_difference:.1f} %{DAGGER * ordering.below_margin}{' *' * (not ordering.argued)}",
             *effect(ordering.comparison),

@@ -8,7 +8,7 @@ import numpy as np
 from relight.evaluation.scoring.paper import ARGUMENTS, printed
 from relight.evaluation.scoring.statistics import ALPHA, Difference, Estimate, compare, holm
 from relight.evaluation.scoring.tables import TABLE2_COLUMNS, Table
-from relight.evaluation.scoring.truth import sign
+from relight.settings.scores import sign
 
 # Relative; rows are equivalent if they differ by less; most differences that the paper prints are smaller.
 MARGIN = 0.035

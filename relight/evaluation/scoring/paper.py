@@ -3,7 +3,7 @@
 The values were measured by its authors, on scanned figures that are not public, at 1024 px, without intervals.
 """
 
-from relight.settings.schema import QUANTITIES
+from relight.settings.scores import PRINTED
 
 CITATION = {
     "authors": "Yoshihiro Kanamori and Yuki Endo",
@@ -23,7 +23,7 @@ ARGUMENTS = (
     ("ours_full", "no_reconstruction", "the reconstruction losses matter"),
 )
 
-_PRINTED = {  # RMSE of the first six QUANTITIES, then SSIM; None if the paper has N/A or no column
+_PRINTED = {  # RMSE of the PRINTED quantities, then SSIM; None if the paper has N/A or no column
     "sfsnet": (0.299, 0.526, 0.346, None, 0.207, 0.135, 0.884, 0.755, 0.776, None, 0.446, 0.954),
     "sfsnet_ao": (0.293, 0.529, 0.347, 0.083, 0.207, 0.131, 0.890, 0.749, 0.772, 0.946, 0.475, 0.955),
     "ours_min": (0.237, 0.406, None, None, 0.205, 0.131, 0.909, 0.777, None, None, 0.473, 0.953),
@@ -36,6 +36,6 @@ _PRINTED = {  # RMSE of the first six QUANTITIES, then SSIM; None if the paper h
 
 def printed(row: str) -> dict[str, float]:
     """Returns column -> printed value for a row of either table; empty for rows that the paper does not have."""
-    columns = [f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in QUANTITIES[:6]]
+    columns = [f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in PRINTED]
     values = _PRINTED.get(row, [None] * len(columns))
     return {column: value for column, value in zip(columns, values) if value is not None}

@@ -9,8 +9,8 @@ import pandas as pd
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores
 from relight.evaluation.scoring.statistics import Estimate, compare, estimate, holm, pooled_spread
-from relight.evaluation.scoring.truth import COLUMNS, in_order, sign
-from relight.settings.schema import QUANTITIES, READINGS
+from relight.evaluation.scoring.truth import in_order
+from relight.settings.scores import COLUMNS, PRINTED, READINGS, label, sign
 
 
 def columns_of(*quantities: str) -> tuple[str, ...]:
@@ -18,8 +18,8 @@ def columns_of(*quantities: str) -> tuple[str, ...]:
     return tuple(f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in quantities)
 
 
-PRINTED = ("table1", "table2")  # the tables that the paper prints
-TABLE1_COLUMNS = columns_of(*QUANTITIES[:6])  # of Table 1
+PRINTED_TABLES = ("table1", "table2")  # that the paper prints
+TABLE1_COLUMNS = columns_of(*PRINTED)  # of Table 1
 TABLE2_COLUMNS = columns_of("shading", "transport", "light", "albedo")  # of Table 2
 
 Rows = dict[str, list[Scores]]  # row -> the scores of its trainings
@@ -35,6 +35,7 @@ class Table:
         trainings: network -> number of trainings.
         subjects, lights: numbers of test subjects (people) and test lights.
         printed: row -> column -> the paper's value.
+        labels: row -> its label, where an experiment of the run gives one.
     """
 
     columns: tuple[str, ...]
@@ -43,6 +44,7 @@ class Table:
     subjects: int = 0
     lights: int = 0
     printed: dict[str, dict[str, float]] = field(default_factory=dict)
+    labels: dict[str, str] = field(default_factory=dict)
 
     @property
     def networks(self) -> list[str]:
@@ -58,6 +60,10 @@ class Table:
     def kind(self, row: str) -> str:
         """Returns "network" or "baseline"."""
         return "network" if row in self.trainings else "baseline"
+
+    def label(self, row: str) -> str:
+        """Returns the label of a row."""
+        return self.labels.get(row, label(row))
 
     @property
     def scored(self) -> list[str]:
@@ -118,7 +124,7 @@ def experiment_table(
         trainings={row: len(scores) for row, scores in networks.items()},
         subjects=len(any_scores.figures),
         lights=len(any_scores.lights),
-        printed={row: printed(row) for row in rows if name in PRINTED and printed(row)},
+        printed={row: printed(row) for row in rows if name in PRINTED_TABLES and printed(row)},
     )
 
 

@@ -14,28 +14,12 @@ from relight.core.errors import UserError
 from relight.evaluation.scoring.metrics import WINDOW, MaskBox, contrast, explained_variance, rmse, ssim
 from relight.lights.show import unoccluded_ball
 from relight.photos.shading import shade
-from relight.settings.schema import READINGS
+from relight.settings.scores import COLUMNS, QUANTITIES, READINGS
 from relight.sh import order_of
 
 OLD_RANGE = 2.0  # data range that scikit-image < 0.16 assumed for float images
 SPHERE = 64  # pixels, diameter of the sphere that shows a light
 
-# Data range of each quantity for SSIM, rounded to whole numbers; in the order of tables.
-RANGE = {
-    "shading": 1.0,
-    "shading_true_light": 1.0,
-    "transport": 2.0,
-    "transport_with_ao": 2.0,
-    "normal": 2.0,
-    "ao": 1.0,
-    "albedo": 1.0,
-    "reconstruction": 1.0,
-    "relit": 1.0,
-    "sphere": 1.0,
-    "light": 2.0,
-}
-# The columns that scores may have -> their quantity and reading.
-COLUMNS = {f"{quantity}_{reading}": (quantity, reading) for quantity in RANGE for reading in READINGS}
 COMMON_COEFFICIENTS = 9  # number of coefficients in which transport and lights of any order are compared
 
 
@@ -43,15 +27,8 @@ def in_order(columns: Iterable[str]) -> list[str]:
     """Returns columns of scores in the order of COLUMNS. Raises UserError about one that is not there."""
     given = set(columns)
     if unknown := sorted(given - set(COLUMNS)):
-        raise UserError(
-            f"scores: {unknown[0]} must be a quantity of RANGE and one of READINGS (relight.settings.schema)"
-        )
+        raise UserError(f"scores: {unknown[0]} must be one of QUANTITIES and one of READINGS (relight.settings.scores)")
     return [column for column in COLUMNS if column in given]
-
-
-def sign(column: str) -> int:
-    """Returns 1 for columns where less is better, -1 where more is, and 0 where the truth's value is best."""
-    return READINGS[COLUMNS[column][1]][1]
 
 
 @dataclass
@@ -212,7 +189,7 @@ def _readings(
     `error` (N,) is the RMSE of the vector norm; over elements, it is smaller by the root of `channels`. `pictures` are
     the inferred and the true ones, (N,H,W,C).
     """
-    spans = (RANGE[quantity], OLD_RANGE)
+    spans = (QUANTITIES[quantity].span, OLD_RANGE)
     similarity = {span: ssim(*pictures, span=span, window=window) for span in set(spans)}  # once if both are equal
     readings = (error, error / np.sqrt(channels), *(similarity[span] for span in spans))
     return {f"{quantity}_{name}": values for name, values in zip(READINGS, readings)}
