@@ -26,10 +26,7 @@ if TYPE_CHECKING:
     from av.video.stream import VideoStream
 
 CODECS = {".mp4": ("libx264", {"crf": "18", "preset": "medium"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
-CONTAINERS = {
-    ".mp4": {"movflags": "faststart"},
-    ".webm": {},
-}  # faststart: the index in front, so that pages show it at once
+CONTAINERS = {".mp4": {"movflags": "faststart"}, ".webm": {}}  # the index in front, so that pages show it at once
 FPS = 25.0  # of what does not state its rate
 READABLE = (".mp4", ".mov", ".webm", ".mkv", ".avi", ".m4v", ".gif")
 MAX_FPS = 60  # of a clip whose rate varies
