@@ -50,7 +50,7 @@ def text(template: str, **context) -> str:
 def section(template: str, **context) -> Markup:
     """Renders a template of Markdown as HTML."""
     html = MarkdownIt("commonmark").enable("table").render(environment().get_template(template).render(context))
-    return Markup(html.replace(" ± ", "\u00a0±\u00a0"))  # so that cells do not break there
+    return Markup(html.replace(" ± ", "\u00a0±\u00a0").replace(" %", "\u00a0%"))  # so that lines do not break there
 
 
 def page(template: str, **context) -> str:
