@@ -205,7 +205,8 @@ def main():
     torch.manual_seed(0)
     mask, albedo, transport, lights = read_data(options.folder)
     network = Network(mask.shape[-1], options.width)
-    print(f"{len(mask)} figures, {len(lights)} lights with the unusual ones, {sum(p.numel() for p in network.parameters()):,} parameters")
+    size = sum(p.numel() for p in network.parameters())
+    print(f"{len(mask)} figures, {len(lights)} lights with the unusual ones, {size:,} parameters")
     lights = lights[lights[:, 3].sum(1).argsort()]  # by L_11, from the left to the right
     train(network, mask[2:], albedo[2:], transport[2:], lights[1:-1], options.steps)
     ends = lights[[0, -1]]  # two figures and two lights are new to the network
