@@ -10,7 +10,7 @@ from relight.core.text import read_table
 from relight.lab.plan import DATA, Plan
 from relight.lab.record import read_record
 from relight.meshes.alignment import read_align_table
-from relight.meshes.scans import TABLE
+from relight.meshes.scans import TABLE, one_subject
 
 MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead
 
@@ -30,12 +30,22 @@ def check(plan: Plan, folder: Path) -> None:
 
 
 def check_figures(plan: Plan) -> None:
-    """Raises UserError if there is only one figure: the whole workflow trains on some and tests on others."""
+    """Raises UserError if there is only one figure, or person: the workflow trains on some and tests on others."""
     if len(plan.figures) < 2:
         raise UserError(
             f"a training and its test need at least two figures, and there is only {plan.figures[0]}: "
             "`relight bake MESH --out FILE.exr` bakes one mesh"
         )
+    figures, split = plan.shared["figures"], plan.shared["split"]
+    if split["kind"] == "subject" and (sentence := one_subject(plan.scans)):
+        raise UserError(sentence)
+    if figures["source"] != "generated":
+        return
+    first, count, share = (figures[key] for key in ("first", "count", "per_subject"))
+    if split["kind"] == "subject" and first // share == (first + count - 1) // share:
+        raise UserError(f"figures.per_subject={share} makes one person of all {count} figures: a split needs two")
+    if split["sitting"] == "apart" and figures["sitting"] == 1:
+        raise UserError("figures.sitting=1: all figures sit, and none is left to train on; give split.sitting=dealt")
 
 
 def _files(plan: Plan) -> Iterator[str]:
@@ -75,6 +85,9 @@ def _rows(plan: Plan) -> Iterator[str]:
     for row, settings in plan.record["rows"].items():
         if (start := settings["train"]["start"]) and start not in plan.rows:
             existing_file(start, f"row {row}: train.start")
+            from relight.learning.checkpoint import read_config
+
+            read_config(start)
         if settings["model"]["order"] > shared["bake"]["order"]:
             yield (
                 f"row {row} has model.order={settings['model']['order']}, and the maps have bake.order="

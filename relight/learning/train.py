@@ -286,8 +286,6 @@ def _initial_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
         raise UserError(f"train.size={size} is larger than the maps of {packed}: give at most {data.size}")
     network = build(recipe.model, size).train()
     if not settings.start:
-        if settings.only:
-            raise UserError(f"train.only={settings.only} needs train.start=<the network whose other parts are kept>")
         return network
     start, start_config = load_network(settings.start)
     start_settings = {"size": start_config["size"], **start_config["model"]}

@@ -89,9 +89,6 @@ def project_panoramas(panoramas: Panoramas, order: int) -> tuple[list[str], np.n
     if panoramas.source == "generated":
         counts = {kind: getattr(panoramas, generated.setting) for kind, generated in GENERATED.items()}
         sources = [f"{kind}:{seed}" for kind, count in counts.items() for seed in range(count)]
-        if not sources:
-            settings = ", ".join(generated.setting for generated in GENERATED.values())
-            raise UserError(f"panoramas.{{{settings}}} are 0: at least one panorama is needed")
         light_of: Callable[[str], Projected] = partial(generated_light, order=order, flip=panoramas.flip)
     else:
         folder = Path(panoramas.folder or "")

@@ -29,7 +29,7 @@ def check(
     front: Annotated[str, typer.Option(help="Axis that the figure faces, or auto.")] = "auto",
 ) -> None:
     """Read, clean and align a file, or each of a folder, and print what was found and repaired."""
-    from relight.meshes.scans import TABLE, list_scans
+    from relight.meshes.scans import TABLE, list_scans, one_subject
 
     if not mesh.is_dir():
         _check(mesh, mesh.stem, up, front)
@@ -42,6 +42,8 @@ def check(
         except UserError as error:
             failed += 1
             print(error)
+    if note := one_subject(scans):
+        print(f"note: {note}")
     if failed:
         raise UserError(f"{failed} of {len(scans)} scans cannot be used")
 

@@ -19,6 +19,8 @@ from relight.meshes.read import READERS, read_mesh, suffix_list
 TABLE = "scans.csv"
 YES, NO = ("", "1", "1.0", "y", "yes", "t", "true", "x", "on"), ("0", "0.0", "n", "no", "f", "false", "-", "off")
 MAX_NAME = 71  # characters of a name, before the hash
+WORDS = "mesh(es)?|models?|scans?|obj|ply|glb|smpl[-_]?[hx]?|textured|raw|data|dataset|sequences|train|val|test"
+KINDS, KIND = re.compile(WORDS, re.I), re.compile(rf"(^|[-_.])({WORDS})(?=$|[-_.])", re.I)  # which are nobody's name
 LETTERS = dict(zip(map(ord, "ßẞæÆœŒøØłŁđĐðÐþÞı"), "ss SS ae Ae oe Oe o O l L d D d D th Th i".split()))  # no accents
 
 
@@ -41,8 +43,8 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     A table `scans.csv` in the folder (column path, optionally use, name, subject) says which files are figures; without
     it all mesh files in the folder and its subfolders are, except hidden ones. A scan has the name of its file, with
     the folders before it or a hash of its path where names would be the same. Where the table names no subject, it is
-    the person of a RenderPeople name (rp_<person>_...), else the subfolder of `folder`, or of BUFF's `sequences` in it,
-    else the scan's own name.
+    the person of a RenderPeople name (rp_<person>_...), else the subfolder of `folder`, below those that name a kind
+    of files (BUFF's `sequences`, THuman's `model` and `smplx`), else the scan's own name.
 
     Args:
         folder: of the scans.
@@ -126,9 +128,23 @@ def _subject(relative: Path, name: str) -> str:
     for part in (*reversed(parts), name):
         if person := re.match(r"rp_([a-z]+)", part, re.IGNORECASE):
             return person[1].lower()
-    if parts[0].lower() == "sequences" and len(parts) > 2:  # where BUFF has the folders of its people
-        parts = parts[1:]
-    return safe_name(parts[0]) if len(parts) > 1 else name
+    below = parts
+    while len(below) > 1 and KINDS.fullmatch(below[0]) and (len(below) > 2 or below[0].lower() != "sequences"):
+        below = below[1:]
+    if len(below) > 1:
+        return safe_name(below[0])
+    return safe_name(KIND.sub("", below[0]) or below[0]) if len(parts) > 1 else name  # mesh/eve and smplx/eve_smplx
+
+
+def one_subject(scans: dict[str, Scan]) -> str:
+    """Returns a sentence if several scans show one person alone, whom no split by subject divides, and else ""."""
+    subjects = {scan.subject for scan in scans.values()}
+    if len(subjects) > 1 or len(scans) < 2:
+        return ""
+    return (
+        f"all {len(scans)} scans have the subject {min(subjects)}, and a split by subject needs two: give the folder "
+        f"above those of the people, name them in a column `subject` of {TABLE}, or give split=paper"
+    )
 
 
 def _mesh_files(folder: Path) -> list[Path]:
@@ -185,7 +201,7 @@ def _from_table(table: Path) -> dict[str, Scan]:
             raise UserError(f"{table} names {row['path']}, which is not there; paths start at the table's folder")
         if name in scans:
             raise UserError(f"{table} names {name} twice")
-        scans[name] = Scan(path, safe_name(row.get("subject") or _subject(written, name)))
+        scans[name] = Scan(path, safe_name(row.get("subject") or _subject(written.with_suffix(""), name)))
     if not scans:
         raise UserError(f"{table} chooses no scan")
     return scans

@@ -1,6 +1,7 @@
 """Checks settings that have the right type: unknown keys, domains, and consistency."""
 
 import difflib
+import math
 import re
 from collections.abc import Iterable, Iterator
 from itertools import chain
@@ -115,6 +116,16 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
 
     if get("lights.test") is not None and get("lights.test") >= get("lights.clusters"):
         yield f"lights.test {get('lights.test')} must be below lights.clusters {get('lights.clusters')}"
+    if (get("bake.supersample") or 1) ** 2 > (get("bake.rays") or math.inf):
+        yield f"bake.supersample={get('bake.supersample')} needs bake.rays={get('bake.supersample') ** 2} at least"
+    counts = [get(f"panoramas.{name}") for name in ("count", "skies", "lamps")]
+    if get("panoramas.source") == "generated" and not any(counts):
+        yield "panoramas.count, skies and lamps are 0: at least one panorama is needed"
+    if get("train.only") and not get("train.start"):
+        yield f"train.only={get('train.only')} needs train.start=<the network whose other parts are kept>"
+    weights = [get(key) for key, field in FIELDS.items() if setting_of(field).teaches]
+    if None not in weights and not any([*weights, *(get("loss.extra") or {}).values()]):
+        yield "every weight in the group loss is 0: give one, such as loss=full"
     augments = any([*(get(f"augment.{name}") for name in STRENGTHS), *(get("augment.exposure") or ())])
     if get("train.color") == "paper" and (get("train.size") or augments):
         yield "augment and train.size need train.color=photo, since they change pictures as cameras do"

@@ -15,7 +15,7 @@ from snakemake.io import apply_wildcards
 from relight.core.errors import UserError
 from relight.core.files import atomic_write, is_unsafe_name
 from relight.meshes import Mesh, list_scans
-from relight.meshes.scans import read_scan
+from relight.meshes.scans import one_subject, read_scan
 
 
 def touch(folder, *names):
@@ -59,6 +59,25 @@ def test_the_layouts_of_renderpeople_thuman_buff_and_own_folders(tmp_path):
         assert all(scan.subject == scan.path.parts[-3] for scan in found)
     touch(tmp_path / "one/sequences", "walk.000001.ply", "walk.000002.ply")  # of one person, as in other subfolders
     assert {scan.subject for scan in list_scans(tmp_path / "one").values()} == {"sequences"}
+
+
+@pytest.mark.parametrize(
+    ("files", "people"),
+    [
+        (("model/0000/0000.obj", "model/0001/0001.obj", "smplx/0001/mesh_smplx.obj"), {"0000", "0001"}),  # THuman 2.1
+        (("mesh/eve.obj", "smplx/eve_smplx.obj", "scans/adam.ply", "SMPL-X/adam.obj"), {"eve", "adam"}),
+        (("train/meshes/eve/a.obj", "test/scans/eve/b.obj", "eve/mesh/c.obj", "eve/smpl/c.obj"), {"eve"}),
+        (("eve/0000/0000.obj", "eve/0001/0001.obj"), {"eve"}),  # not told from two people: the run says so
+        (("mesh/mesh.obj",), {"mesh"}),
+    ],
+)
+def test_a_folder_of_a_kind_of_files_is_nobody(tmp_path, files, people):
+    touch(tmp_path, *files)
+    scans = list_scans(tmp_path)
+    assert {scan.subject for scan in scans.values()} == people and len(scans) == len(files)
+    assert bool(one_subject(scans)) == (len(people) == 1 < len(files))
+    (tmp_path / "scans.csv").write_text("\n".join(["name,path", *(f"s{i},{file}" for i, file in enumerate(files))]))
+    assert {scan.subject for scan in list_scans(tmp_path).values()} == people
 
 
 def test_a_table_replaces_the_listing(tmp_path):

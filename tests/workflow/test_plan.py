@@ -193,6 +193,7 @@ def test_folders_of_scans_are_checked(tmp_path, folder):
     [
         ("align.table=no.csv", None, "align.table: there is no file no.csv"),
         ("train.start=no.onnx", None, "row sfsnet_ao: train.start: there is no file no.onnx"),
+        ("train.start=README.md", None, "README.md is not a safetensors file"),
         ("model.order=3", None, "row sfsnet_ao has model.order=3, and the maps have bake.order=2"),
         ("", "train.color=photo", "row b has train.color=photo, and the baselines paper"),
         ("experiment=light_transfer ++sweep.rows.ours_full=['train.color=photo']", None, "row ours_full has"),

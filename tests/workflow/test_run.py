@@ -14,6 +14,7 @@ from relight import cli
 from relight.core.errors import UserError
 from relight.evaluation.report.build import remove_outdated
 from relight.lab import run as module
+from relight.lab.checks import check_figures
 from relight.lab.plan import DATA, Plan
 from relight.lab.record import compose_run
 
@@ -269,6 +270,25 @@ def test_one_figure_is_refused_before_anything_runs(calls):
         run("figures.count=1")
     assert module.run([*WORDS, "figures.count=1"], False, None, True, ["bake"], []) == 1
     assert len(calls) == 1
+
+
+def test_one_person_is_refused_before_anything_runs(calls, tmp_path):
+    for number in range(3):
+        (tmp_path / "eve" / f"{number:04d}").mkdir(parents=True)
+        (tmp_path / "eve" / f"{number:04d}" / "scan.obj").touch()
+    for words, says in (
+        (["figures=scans", f"figures.folder={tmp_path}"], "all 3 scans have the subject eve, and a split by subject"),
+        (["figures.per_subject=6"], "figures.per_subject=6 makes one person of all 6 figures"),
+        (["figures.per_subject=12", "figures.first=14"], "figures.per_subject=12 makes one person"),
+        (["figures.sitting=1"], "all figures sit"),
+    ):
+        with pytest.raises(UserError, match=says):
+            run(*words)
+    for words in (["figures.per_subject=5"], ["figures.per_subject=6", "figures.first=3"],
+                  ["figures.per_subject=6", "split=paper"], ["figures.sitting=1", "split.sitting=dealt"],
+                  ["figures=scans", f"figures.folder={tmp_path}", "split=paper"]):  # fmt: skip
+        check_figures(Plan(compose_run([*WORDS, *words])))
+    assert not calls
 
 
 @pytest.mark.slow
