@@ -1,4 +1,4 @@
-"""Progress shows the time left, and short stages print nothing."""
+"""Progress shows the time left, and short work prints nothing."""
 
 import itertools
 

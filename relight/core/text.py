@@ -68,7 +68,7 @@ def decode(data: bytes) -> str:
 
 
 def read_text(path: Path) -> str:
-    """Reads a text file; raises ValueError if it is none."""
+    """Reads a text file; raises ValueError if it is not text."""
     return decode(path.read_bytes())
 
 

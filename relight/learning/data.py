@@ -194,7 +194,7 @@ class RelitSet:
         if not {"coefficients", "split"} <= set(table) or table["coefficients"].ndim != 3:
             raise UserError(
                 f"{lights} is not a light set of relight (coefficients (N, K, 3) or split are missing): "
-                "give one of the stage lights"
+                "give one of the rule lights"
             )
         self.coefficients = (order + 1) ** 2
         bands = order_of(table["coefficients"].shape[1])

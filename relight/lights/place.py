@@ -140,7 +140,7 @@ def read_place(text: str, order: int = 2) -> Light:
         The light, in units of the picture's linear values; a note says that it is an estimate.
 
     Raises:
-        UserError: if the file is no photo, or the direction is none.
+        UserError: if the file is not a photo, or the direction not valid.
     """
     source = f"{PREFIX}{text}"
     path, stated = split_place(text)

@@ -48,7 +48,7 @@ class Mesh:
         material: (F,) int16, indices into `materials`.
         materials: of the faces.
         color: (F,3,3) float32, linear colors per corner that the materials are multiplied by, or None.
-        info: plain JSON values that are carried from stage to stage: name, subject, source, repairs and so on.
+        info: plain JSON values that are carried from rule to rule: name, subject, source, repairs and so on.
         outfits: further looks of the same surface: for each, the materials that differ from `materials`, by number.
         normal: (V,3) float32 normals of the file, zeros where it has none; or None. Baking per vertex takes them; what
             changes the mesh drops them.

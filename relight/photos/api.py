@@ -45,7 +45,7 @@ class Relighter:
             The scene: `people`, `light`, `notes`, and `relit(Look(...))` for any number of looks.
 
         Raises:
-            UserError: if an argument is none of these, or the mask is empty.
+            UserError: if an argument is not one of these, or the mask is empty.
         """
         return Scene.of(image, mask, self.network, size=size, **options)
 
@@ -101,7 +101,7 @@ class Relighter:
             (H,W,3) of the photo's type; (H,W,4) if the background, or the photo, is transparent.
 
         Raises:
-            UserError: if an argument is none of these.
+            UserError: if an argument is not one of these.
         """
         if isinstance(light, str | Path):
             light = self.read_light(light, white_balance=white_balance)

@@ -18,7 +18,7 @@ from relight.pictures.opening import is_picture
 from relight.pictures.picture import Given, Picture
 
 MAX_BLUR = 60  # degrees
-KINDS = ("keep", "none", "color", "picture", "panorama")
+KINDS = ("keep", "transparent", "color", "picture", "panorama")
 
 
 @dataclass
@@ -26,7 +26,7 @@ class Background:
     """What is composited behind the people.
 
     Attributes:
-        kind: keep | color | picture | panorama | none (transparent).
+        kind: keep | transparent | color | picture | panorama.
         color: (3,) uint8 sRGB.
         picture: (h,w,3) uint8 sRGB.
         panorama: in the unit of the light that it was projected to.
@@ -65,7 +65,7 @@ class Background:
     @property
     def replaced(self) -> bool:
         """Whether the photo's own background is covered."""
-        return self.kind not in ("keep", "none")
+        return self.kind not in ("keep", "transparent")
 
     def matched(self, light: np.ndarray, factor: float, level: float = 1.0) -> "Background":
         """Matches exposure and white balance to people under a new light.
@@ -126,9 +126,8 @@ def read_background(given: Background | Given, blur: float = 0.0, shadow: bool =
         picture = Picture.of(given, "the background")
         return Background("picture", picture=on_white(picture.rgba), blur=blur, shadow=shadow, name=picture.name)
     text = str(given)
-    kinds = {"keep": "keep", "transparent": "none", "none": "none", "panorama": "panorama"}
-    if text in kinds:
-        return Background(kinds[text], blur=blur, shadow=shadow, name=text)
+    if text in ("keep", "transparent", "panorama"):
+        return Background(text, blur=blur, shadow=shadow, name=text)
     if is_picture(text):
         codes = on_white(Picture.of(text, "background").rgba)
         return Background("picture", picture=codes, blur=blur, shadow=shadow, name=text)

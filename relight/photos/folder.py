@@ -137,7 +137,7 @@ def relight_to(
     writable_file(out, "--out")
     require_unused(out, path, mask, look, options.get("lit_by"))
     scene = Scene.of(path, mask, network, **options)
-    if look.background.kind == "none" and out.suffix.lower() == ".jpg":
+    if look.background.kind == "transparent" and out.suffix.lower() == ".jpg":
         raise UserError(f"--out {out}: a JPEG cannot be transparent, give a name that ends in {scene.picture.suffix}")
     if (suffix := out.suffix.lower()) not in (".jpg", scene.picture.suffix):
         raise UserError(f"--out {out}: give a folder, or a picture ending in .jpg or {scene.picture.suffix}")

@@ -35,7 +35,7 @@ class Look:
         match: whether the light is scaled to the picture's exposure.
 
     Raises:
-        UserError: if an argument is none of these.
+        UserError: if an argument is not one of these.
     """
 
     light: Light | None

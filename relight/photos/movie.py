@@ -77,7 +77,7 @@ def write_movie(
     seconds, fps, turns = (
         None if value is None else finite(name, value, *BOUNDS[name]) for name, value in given.items()
     )
-    if look.background.kind == "none":
+    if look.background.kind == "transparent":
         raise UserError("a movie cannot be transparent: give another --background")
     light_notes = look.light.notes if look.light else []
     if path.is_dir() or is_video(path):

@@ -103,7 +103,7 @@ def frames(
 ) -> Iterator[np.ndarray]:
     """Yields what `render` returns for each of `lights`, with its turn. What these do not change is computed once."""
     shape, coverage = pixels.shape[:2], total_coverage(people)
-    transparent = background.kind == "none"
+    transparent = background.kind == "transparent"
     shown = coverage if transparent else alpha if background.kind == "keep" else None
     ground = None
     if background.replaced and background.shadow:

@@ -81,10 +81,10 @@ class Scene:
                 the network infers.
             size: pixels that the longer side is scaled down to, with 8 bits; None keeps the picture as it is.
             lit_by: the light of the picture, if it is known, or its name (`named_light`); it replaces the inferred one,
-                in the exposure of that.
+                at the same exposure.
 
         Raises:
-            UserError: if an argument is none of these, or the mask is empty.
+            UserError: if an argument is not one of these, or the mask is empty.
         """
         require_white_balance(white_balance)
         picture = Picture.of(image)
@@ -168,7 +168,7 @@ class Scene:
             turn = f"a turn of {-heading:.0f} brings it to the front"
             notes.append(f"most of this light comes from behind: faces suffer; {turn}")
         if -y > DIRECTED * level:
-            notes.append("most of this light comes from below, as none in the network's training does: faces suffer")
+            notes.append("most of this light comes from below, which the network never saw in training: faces suffer")
         return notes
 
     def turned(

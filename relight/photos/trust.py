@@ -13,7 +13,7 @@ UNUSUAL = {
     "bright": "the light is brighter than any that the network has seen",
     "contrast": "the light is harder (more contrast) than any that the network has seen",
     "color": "the light is more strongly colored than any that the network has seen",
-    "from-below": "the light comes from below, as none that the network has seen does",
+    "from-below": "the light comes from below, which the network never saw in training",
 }
 
 

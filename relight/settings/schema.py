@@ -146,7 +146,8 @@ class Loss:
     )
     relit: float = weight("errors of shading and image under another light; weight of each", "albedo transport")
     detail: float = weight(
-        "energy of the errors' detail in albedo, transport, shading, over the true; weight of each", "albedo transport"
+        "fine detail of the errors in albedo, transport and shading, relative to the truth's; one weight for each",
+        "albedo transport",
     )
     exclusion: float = weight("detail common to albedo and shading, beyond that of the true ones", "albedo transport")
     extra: dict[str, float] = setting(
@@ -165,9 +166,13 @@ class Train:
     lr: float = setting("learning rate of Adam; Muon takes five times as much", above=0, most=10)
     beta1: float = setting("decay of Adam's mean of gradients", least=0, below=1)
     schedule: str = setting("schedule of the learning rate after the warm-up", choices=("constant", "cosine"))
-    span: list[float] = setting("part of the cosine that it covers", [0.0, 1.0], interval=True, least=0, most=1)
+    span: list[float] = setting(
+        "part of the cosine schedule that this training runs, from and to", [0.0, 1.0], interval=True, least=0, most=1
+    )
     warmup: int = setting("steps in which the learning rate rises to lr", least=0)
-    color: str = setting("color model: codes as albedo, or linear ones as of a camera", choices=("paper", "photo"))
+    color: str = setting(
+        "paper: sRGB codes taken as linear; photo: linear light, as a camera records it", choices=("paper", "photo")
+    )
     seed: int = setting("seed of weights, pairs and augmentation", least=0, most=MAX_SEED)
     device: str = setting("device of the training; auto prefers a GPU, as scores do", choices=DEVICES)
     precision: str = setting("precision of matrix products: 32 bits, or bfloat16", choices=("f32", "bf16"))

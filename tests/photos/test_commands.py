@@ -121,7 +121,7 @@ def bad(tmp_path, weights):
     for flag, name in (("--light", f"place:{mask}@30"), ("--lit-by", f"even + place:{mask}"), ("--background", mask)):
         yield [me, flag, name, "--mask", me, "--out", mask], "me_mask.png would be overwritten"
     yield [me, "--maps", "--out", "one.png"], "--maps writes several files, and --out one.png is one picture"
-    yield [me, "--background", "none", "--out", "one.jpg"], "a JPEG cannot be transparent"
+    yield [me, "--background", "transparent", "--out", "one.jpg"], "a JPEG cannot be transparent"
     yield [me, "--out", me / "sub"], "nothing can be written there"
     yield [me, me, "--out", "two.png"], "two.png is one picture, and there are several photos: give a folder"
     yield [me, "--out", "out.psd"], "give a folder, or a picture ending in .jpg or .png"

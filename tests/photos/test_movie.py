@@ -89,7 +89,7 @@ def test_movie_of_a_photo(run, photo_files, weights, tmp_path, monkeypatch):
         stream = container.streams.video[0]
         assert (stream.frames, stream.height, stream.width) == (10, 64, 50)
     with pytest.raises(UserError, match="cannot be transparent"):
-        run("movie", me, "--out", tmp_path / "b.mp4", "--background", "none")
+        run("movie", me, "--out", tmp_path / "b.mp4", "--background", "transparent")
     for turns in ("nan", "inf", "1e308"):
         with pytest.raises(UserError, match=f"turns is {re.escape(str(float(turns)))}: .* finite number from -1000 to"):
             run("movie", me, "--out", tmp_path / "b.mp4", "--turns", turns)

@@ -60,7 +60,7 @@ def test_photo_in_photo_out(relighter, size, draw):
     """`ratio` with the inferred light returns the very photo, whatever the network says."""
     pixels, mask = draw(*size, seed=sum(size))
     figures = relighter.infer(pixels, mask)
-    for background_ in (None, Background("none")):
+    for background_ in (None, Background("transparent")):
         out = render(pixels, figures, figures[0].light, "ratio", background_)
         inside = (figures[0].coverage == 255) if background_ else np.ones(mask.shape, bool)
         assert np.array_equal(out[..., :3][inside], pixels[inside])

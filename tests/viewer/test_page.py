@@ -179,7 +179,7 @@ def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photo
             pixels = page.pixels(**state | {"background": name, "mode": mode})
             assert farthest(pixels, expected, (coverage == 255) | (coverage < 240)) <= 2
             assert farthest(pixels, expected, ...) <= 5  # between, Python still looks at the photo for detail
-        expected = render(photo, [figure], new, mode, Background("none"), stops=0.5)
+        expected = render(photo, [figure], new, mode, Background("transparent"), stops=0.5)
         pixels = page.pixels(**state | {"background": "clear", "mode": mode})
         np.testing.assert_array_equal(pixels[..., 3], expected[..., 3])
         assert farthest(pixels, expected[..., :3], coverage == 255) <= 2

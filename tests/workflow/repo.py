@@ -71,6 +71,8 @@ for words, edit in runs:
         whole, begin = file.read_text(), "    params:\\n"
         file.write_text(whole.replace(begin, begin + text) if file.suffix == ".smk" else whole + text)
     if os.fork() == 0:
+        for name in [name for name in sys.modules if edit and name.startswith("relight")]:
+            del sys.modules[name]  # imported before the edit
         main(["all", "-n", "--quiet", "rules", "--config", "hydra=" + " ".join(words)])
     if os.wait()[1]:
         sys.exit(1)

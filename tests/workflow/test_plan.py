@@ -1,4 +1,4 @@
-"""The plan that the Snakefile asks: figures, runs, settings of each stage."""
+"""The plan that the Snakefile asks: figures, runs, settings of each rule."""
 
 import json
 import os

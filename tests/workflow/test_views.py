@@ -1,4 +1,4 @@
-"""Views of figures through the stages: baked beside the frontal view, packed, dealt with their figure, trained on."""
+"""Views of figures through the workflow: baked beside the frontal view, packed, dealt with their figure, trained on."""
 
 import json
 from dataclasses import replace

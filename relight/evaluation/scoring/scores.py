@@ -60,16 +60,16 @@ def write_scores(path: Path, scores: dict[str, Scores]) -> None:
 
 
 def read_scores(path: Path) -> dict[str, Scores]:
-    """Reads a file of `write_scores`. Raises UserError if it is none, or a figure lacks a light."""
-    table = read_table(path, "scores", KEYS, "the stage evaluate")
+    """Reads a file of `write_scores`. Raises UserError if it is not one, or a figure lacks a light."""
+    table = read_table(path, "scores", KEYS, "the rule evaluate")
     try:
         return {name: _grid(rows) for name, rows in table.groupby("predictor", sort=False)}
     except ValueError as error:
-        raise UserError(f"{path} is not a table of scores, as the stage evaluate writes it ({error})") from None
+        raise UserError(f"{path} is not a table of scores, as the rule evaluate writes it ({error})") from None
 
 
 def read_table(path: Path, what: str, columns: list[str], writer: str) -> pd.DataFrame:
-    """Reads a CSV table of a stage; only blanks are NaN.
+    """Reads a CSV table of the workflow; only blanks are NaN.
 
     Args:
         path: the file.

@@ -44,7 +44,7 @@ STEEP = 1.6  # the fitted edge is that much too soft
 
 
 def network_file() -> Path:
-    """Returns the path of the network once it is set up: in the user's data folder, or in RELIGHT_DATA."""
+    """Returns the path of the network in the data folder, once it is set up."""
     return data_folder() / "masks" / NAME
 
 
