@@ -16,27 +16,31 @@ WARNINGS = []  # why the light does not follow the world, for the panel
 
 
 def update(scene, depsgraph=None, force=False):
-    """Gives every object of relight the light of the scene's world, as they are in a depsgraph (default: the window's).
+    """Gives every object of relight in a depsgraph (default: the window's) the light of the world there.
 
     Objects whose rotation and light did not change are left alone, unless `force` is set: then all is rendered again.
     """
-    items = [item for item in scene.objects if transport.PROPERTY in item and item.is_editable]
-    if not items or not BUSY.acquire(blocking=False):  # rendering the light calls the handlers, too
+    depsgraph = depsgraph or bpy.context.evaluated_depsgraph_get()
+    items = [item for item in depsgraph.ids if isinstance(item, bpy.types.Object) and transport.PROPERTY in item]
+    if not items or not BUSY.acquire(blocking=False):  # a render has a thread of its own
         return
     try:
         WARNINGS.clear()
-        depsgraph = depsgraph or bpy.context.evaluated_depsgraph_get()
+        if not hasattr(scene, "cycles"):
+            raise light.Problem("enable Cycles (Edit > Preferences > Add-ons): it renders the light of the world")
         if force:
             world.LIGHTS.clear()
-        key = world.state(scene.world and scene.world.evaluated_get(depsgraph), scene.frame_current)
+        shown = depsgraph.view_layer.world_override or scene.world
+        shown = shown and shown.evaluated_get(depsgraph)
+        key = world.state(shown, scene.frame_current)
         for item in items:
-            axes = transport.axes(item, depsgraph)
+            axes = transport.axes(item)
             signature = f"{key} {np.round(axes, 6).tolist()}"
-            shown = item if depsgraph.mode == "VIEWPORT" else item.evaluated_get(depsgraph)  # renders have a copy
-            if force or shown.get(SIGNATURE) != signature:
-                shader.set_light(shown, light.rotation(axes) @ world.light(scene, key))
-                shown[SIGNATURE] = signature
-                if shown is item:
+            item = item.original if depsgraph.mode == "VIEWPORT" else item  # renders have a copy
+            if force or item.get(SIGNATURE) != signature:
+                shader.set_light(item, light.rotation(axes) @ world.light(scene, shown, key))
+                item[SIGNATURE] = signature
+                if depsgraph.mode == "VIEWPORT":
                     item.update_tag(refresh={"OBJECT"})
     except light.Problem as problem:
         WARNINGS.append(str(problem))
@@ -141,6 +145,7 @@ def register():
 def unregister():
     """Called by Blender when the extension is disabled."""
     for handlers in HANDLERS:
-        handlers.remove(follow)
+        with suppress(ValueError):  # others clear the list
+            handlers.remove(follow)
     for kind in reversed(CLASSES):
         bpy.utils.unregister_class(kind)

@@ -52,7 +52,7 @@ def bake(items, depsgraph, program, rays):
 
     for item, own in zip(items, kept):
         item[PROPERTY] = MESH
-        in_frame = transport[own] @ rotation(axes(item, depsgraph)).T
+        in_frame = transport[own] @ rotation(axes(item)).T
         for name, third in zip(shader.TRANSPORT, np.split(in_frame, 3, axis=1)):
             if name in item.data.color_attributes:
                 item.data.color_attributes.remove(item.data.color_attributes[name])
@@ -169,8 +169,8 @@ def add_plane(path, context):
     return []
 
 
-def axes(item, depsgraph):
-    """Returns the axes (3,3), as rows in the scene's frame, of the frame in which an object's transport is."""
-    left, _, right = np.linalg.svd(np.array(item.evaluated_get(depsgraph).matrix_world)[:3, :3])  # a mirror stays one
+def axes(item):
+    """Returns the axes (3,3), as rows in the scene's frame, of the frame in which an evaluated object's transport is."""
+    left, _, right = np.linalg.svd(np.array(item.matrix_world)[:3, :3])  # a mirror stays one
     x, y, z = (left @ right).T
     return np.stack([x, y, z] if item[PROPERTY] == MESH else [x, z, -y])  # of a plane: right, up, toward the viewer

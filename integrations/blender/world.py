@@ -18,39 +18,42 @@ LIGHTS = {}  # coefficients (9,3) by `state`
 
 def state(world, frame):
     """Returns a text that changes with the light of an evaluated world in a frame, but not with a picture's pixels."""
-    values = [world.cycles_visibility.diffuse, *values_of(world.node_tree, frame)] if world else None
-    return hashlib.blake2s(repr(values).encode()).hexdigest()
+    text = repr(world and [world.cycles_visibility.diffuse, *(value for *_, value in leaves(world.node_tree))])
+    moves = "'MOVIE'" in text or "'SEQUENCE'" in text
+    return hashlib.blake2s(f"{text} {frame if moves else 0}".encode()).hexdigest()
 
 
-def values_of(thing, frame):
-    """Yields all values that a tree of nodes, or a part of it, depends on."""
+def leaves(thing):
+    """Yields what a tree of nodes, or a part of it, depends on: an owner, a name, and the value (a tuple: no plain one)."""
     names = ["nodes", "links"] if isinstance(thing, bpy.types.NodeTree) else thing.bl_rna.properties.keys()
-    for value in (getattr(thing, name) for name in names if name not in PLACEMENT):
+    for name, value in ((name, getattr(thing, name)) for name in names if name not in PLACEMENT):
         if isinstance(value, bpy.types.Image):
-            yield origin(value), frame if value.source in {"MOVIE", "SEQUENCE"} else 0
+            yield thing, name, (origin(value), value.source)
         elif isinstance(value, bpy.types.Node | bpy.types.NodeSocket):  # of a link
-            yield value.name, getattr(value, "identifier", "")
+            yield thing, name, (value.name, getattr(value, "identifier", ""))
         elif isinstance(value, bpy.types.ID) and not isinstance(value, bpy.types.NodeTree):
-            yield value.name_full, getattr(value, "matrix_world", None)
+            yield thing, name, (getattr(value, "matrix_world", value.name_full),)
         elif isinstance(value, bpy.types.bpy_prop_collection):
-            yield [list(values_of(part, frame)) for part in value]
+            for part in value:
+                yield from leaves(part)
         elif isinstance(value, bpy.types.bpy_struct):
-            yield list(values_of(value, frame))
+            yield from leaves(value)
         else:
-            yield list(value) if isinstance(value, bpy.types.bpy_prop_array) else value
+            yield thing, name, list(value) if isinstance(value, bpy.types.bpy_prop_array) else value
 
 
-def light(scene, key):
-    """Returns the light (9,3) of a scene's world, rendered once for each `state`; raises Problem if that fails."""
+def light(scene, world, key):
+    """Returns the light (9,3) of an evaluated world, rendered once for each `state`; raises Problem if that fails."""
     if key not in LIGHTS:
-        LIGHTS[key] = light_on(render(scene)) if scene.world else np.zeros((9, 3))
+        LIGHTS[key] = light_on(render(scene, world)) if world else np.zeros((9, 3))
     return LIGHTS[key]
 
 
-def render(scene):
-    """Returns how white matte surfaces look in the world of a scene, as `light_on` takes it.
+def render(scene, world):
+    """Returns how white matte surfaces look in the evaluated world of a scene, as `light_on` takes it.
 
-    A panoramic camera looks at a translucent ball from within: each point of it is as bright as a matte one outside.
+    A panoramic camera stands in a white ball that only cameras see: the point that it sees in a direction is a matte
+    surface, lit by all of the world, whose normal is the opposite direction. No handlers are called.
     """
     made = []
 
@@ -58,14 +61,34 @@ def render(scene):
         made.append(getattr(bpy.data, kind).new("relight", *words))
         return made[-1]
 
-    try:
-        own, mesh, material, lens = new("scenes"), new("meshes"), new("materials"), new("cameras")
-        own.world = scene.world.copy()
-        made.append(own.world)
-        own.world.cycles.sampling_method, own.world.cycles.sample_map_resolution = "MANUAL", WIDTH
-        for node in own.world.node_tree.nodes:
+    def still(tree, shown):
+        """Gives a copied tree the values that the evaluated one has now, and parts of its own that nothing animates."""
+        tree.animation_data_clear()
+        for node, other in zip(tree.nodes, shown.nodes):
             if image := getattr(node, "image", None):
                 node.image = shrunk(image)
+            if getattr(node, "object", None):
+                node.object = new("objects", None)
+                node.object.matrix_world = other.object.matrix_world
+            if group := getattr(node, "node_tree", None):
+                node.node_tree = group.copy()
+                made.append(node.node_tree)
+                still(node.node_tree, other.node_tree)
+        for (thing, name, mine), (*_, value) in zip(list(leaves(tree)), leaves(shown)):
+            if mine != value and not isinstance(value, tuple) and not thing.is_property_readonly(name):
+                setattr(thing, name, value)
+
+    handlers = [each for each in bpy.app.handlers if isinstance(each, list)]
+    kept = [each[:] for each in handlers]
+    try:
+        for each in handlers:
+            each.clear()
+        own, mesh, material, lens = new("scenes"), new("meshes"), new("materials"), new("cameras")
+        own.world = world.original.copy()
+        made.append(own.world)
+        still(own.world.node_tree, world.node_tree)
+        own.world.cycles_visibility.diffuse = world.cycles_visibility.diffuse
+        own.world.cycles.sampling_method, own.world.cycles.sample_map_resolution = "MANUAL", WIDTH
         ball = bmesh.new()
         bmesh.ops.create_icosphere(ball, subdivisions=5, radius=1)
         ball.to_mesh(mesh)
@@ -74,14 +97,15 @@ def render(scene):
         mesh.materials.append(material)
         nodes = material.node_tree.nodes
         nodes.clear()
-        surface, output = nodes.new("ShaderNodeBsdfTranslucent"), nodes.new("ShaderNodeOutputMaterial")
+        surface, output = nodes.new("ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeOutputMaterial")
         surface.inputs["Color"].default_value = (1, 1, 1, 1)
         material.node_tree.links.new(surface.outputs[0], output.inputs["Surface"])
         lens.type, lens.panorama_type, lens.clip_start = "PANO", "EQUIRECTANGULAR", 0.01
-        own.camera = new("objects", lens)
+        own.camera, item = new("objects", lens), new("objects", mesh)
         own.camera.rotation_euler = (np.pi / 2, 0, -np.pi / 2)  # it looks along +x
-        for item in (own.camera, new("objects", mesh)):
-            own.collection.objects.link(item)
+        item.visible_diffuse = item.visible_shadow = False
+        for each in (own.camera, item):
+            own.collection.objects.link(each)
         picture, cycles = own.render, own.cycles
         picture.engine, own.view_settings.view_transform = "CYCLES", "Raw"
         picture.resolution_x, picture.resolution_y = 2 * ROWS, ROWS
@@ -89,7 +113,7 @@ def render(scene):
         cycles.device, cycles.samples, cycles.max_bounces, cycles.pixel_filter_type = "CPU", SAMPLES, 1, "BOX"
         cycles.use_denoising = cycles.use_adaptive_sampling = False
         cycles.sample_clamp_indirect = cycles.light_sampling_threshold = 0
-        own.frame_set(scene.frame_current, subframe=scene.frame_subframe)
+        own.frame_current, own.frame_subframe = scene.frame_current, scene.frame_subframe
         with tempfile.TemporaryDirectory() as folder:
             picture.filepath = str(Path(folder) / "light.exr")
             bpy.ops.render.render(write_still=True, scene=own.name)
@@ -100,7 +124,9 @@ def render(scene):
         raise Problem(f"Cycles does not render the light of the world: {str(error).strip()}") from None
     finally:
         bpy.data.batch_remove(made)
-    return pixels.reshape(ROWS, 2 * ROWS, 4)[::-1, :, :3]
+        for each, calls in zip(handlers, kept):
+            each[:] = calls
+    return np.roll(pixels.reshape(ROWS, 2 * ROWS, 4), ROWS, 1)[..., :3]  # from below, and from behind: the opposite
 
 
 def origin(image):

@@ -303,7 +303,41 @@ def turned_by_object(nodes, link, source):
     empty.rotation_euler = (0.5, -0.3, 2)
 
 
-@pytest.mark.parametrize("change", [sky, hue, two_backgrounds, turned_texture, turned_by_object])
+def only_matte_surfaces(nodes, link, source):
+    """The panorama is hidden from what shines through, which sees blue."""
+    two_backgrounds(nodes, link, source)
+    mix, path = nodes["Mix Shader"], nodes["Light Path"]
+    link(path.outputs["Is Transmission Ray"], mix.inputs[0])
+    bpy.context.scene.world.cycles_visibility.transmission = False
+
+
+def driven_by_the_scene(nodes, link, source):
+    """The strength is a property of the scene that is active, in a group of nodes."""
+    bpy.context.scene["much"] = 2.5
+    group = bpy.data.node_groups.new("group", "ShaderNodeTree")
+    group.interface.new_socket("Value", in_out="OUTPUT", socket_type="NodeSocketFloat")
+    value, user = group.nodes.new("ShaderNodeValue"), nodes.new("ShaderNodeGroup")
+    group.links.new(value.outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
+    driver = value.outputs[0].driver_add("default_value").driver
+    driver.expression, variable = "much", driver.variables.new()
+    variable.name, variable.type = "much", "CONTEXT_PROP"
+    variable.targets[0].context_property, variable.targets[0].data_path = "ACTIVE_SCENE", '["much"]'
+    user.node_tree = group
+    link(user.outputs[0], nodes["Background"].inputs["Strength"])
+
+
+def of_the_view_layer(nodes, link, source):
+    """Another world, which only the view layer has."""
+    other = bpy.context.scene.world.copy()
+    other.node_tree.nodes["Mapping"].inputs["Rotation"].default_value = (0, 1, 3)
+    bpy.context.view_layer.world_override = other
+
+
+WORLDS = [sky, hue, two_backgrounds, turned_texture, turned_by_object]
+WORLDS += [only_matte_surfaces, driven_by_the_scene, of_the_view_layer]
+
+
+@pytest.mark.parametrize("change", WORLDS)
 def test_any_world_gives_the_light_that_cycles_gives(addon, scene, tmp_path, change):
     """To a ball, which sees half of it everywhere."""
     bpy.ops.mesh.primitive_uv_sphere_add(segments=64, ring_count=32)
@@ -318,6 +352,48 @@ def test_any_world_gives_the_light_that_cycles_gives(addon, scene, tmp_path, cha
     lit(item, white())
     limits = (0.05, 0.95) if change is sky else (0.02, 0.98)  # order 2 makes a sun soft
     agree(mine, rendered(scene, tmp_path / "truth.exr", 128), *limits)
+
+
+def test_a_change_that_no_key_holds_is_followed_until_the_frame_changes(addon, scene):
+    """And what the world was then is not taken for another that has the same values; handlers of others rest."""
+    item, calls = head(), []
+    strength = scene.world.node_tree.nodes["Background"].inputs["Strength"]
+    bpy.ops.relight.bake_transport(rays=16)
+    once = light_of(addon, item)
+    strength.keyframe_insert("default_value", frame=1)
+    for name in ("render_init", "render_write", "render_complete", "frame_change_post"):
+        getattr(bpy.app.handlers, name).append(lambda *_: calls.append(_))
+    kept = [each[:] for each in bpy.app.handlers if isinstance(each, list)]
+    strength.default_value = 3
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(light_of(addon, item), 3 * once, rtol=1e-4, atol=1e-4)
+    assert not calls and kept == [each for each in bpy.app.handlers if isinstance(each, list)]
+    scene.frame_set(1)
+    np.testing.assert_allclose(light_of(addon, item), once, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("collection", [False, True])
+def test_what_another_file_holds_has_the_light_of_this_one(addon, scene, tmp_path, collection):
+    """An object, or the instance of a collection, whose file has another world."""
+    item, strength = head(), scene.world.node_tree.nodes["Background"].inputs["Strength"]
+    bpy.ops.relight.bake_transport(rays=16)
+    once = light_of(addon, item)
+    strength.default_value, library = 0.2, tmp_path / "library.blend"
+    bpy.context.view_layer.update()
+    scene.collection.children.link(bpy.data.collections.new("people"))
+    bpy.data.collections["people"].objects.link(item)
+    bpy.ops.wm.save_as_mainfile(filepath=str(library), copy=True)
+    strength.default_value = 1
+    bpy.data.objects.remove(item)
+    with bpy.data.libraries.load(str(library), link=True) as (_, linked):
+        linked.objects, linked.collections = ["Suzanne"], ["people"]
+    shown = linked.objects[0]
+    if collection:
+        shown = bpy.data.objects.new("instance", None)
+        shown.instance_type, shown.instance_collection = "COLLECTION", linked.collections[0]
+    scene.collection.objects.link(shown)
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(light_of(addon, linked.objects[0]), once, atol=1e-3)
 
 
 def test_a_large_panorama_is_shrunk_once(addon, scene):
