@@ -170,7 +170,7 @@ def add_plane(path, context):
 
 
 def axes(item):
-    """Returns the axes (3,3), as rows in the scene's frame, of the frame in which an evaluated object's transport is."""
+    """Returns the axes (3,3) of the frame of an evaluated object's transport, as rows in the scene's frame."""
     left, _, right = np.linalg.svd(np.array(item.matrix_world)[:3, :3])  # a mirror stays one
     x, y, z = (left @ right).T
     return np.stack([x, y, z] if item[PROPERTY] == MESH else [x, z, -y])  # of a plane: right, up, toward the viewer

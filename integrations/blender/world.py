@@ -24,7 +24,7 @@ def state(world, frame):
 
 
 def leaves(thing):
-    """Yields what a tree of nodes, or a part of it, depends on: an owner, a name, and the value (a tuple: no plain one)."""
+    """Yields what a tree of nodes, or a part of it, depends on: owner, name, and value (a tuple if it is not plain)."""
     names = ["nodes", "links"] if isinstance(thing, bpy.types.NodeTree) else thing.bl_rna.properties.keys()
     for name, value in ((name, getattr(thing, name)) for name in names if name not in PLACEMENT):
         if isinstance(value, bpy.types.Image):
