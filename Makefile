@@ -72,8 +72,9 @@ docs: $(STAMP)  ## the site of docs/, in build/site; after `relight web setup` w
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --config-file tools/mkdocs.yml
 	@echo "the site is in build/site; to read it with its search: python3 -m http.server --bind 127.0.0.1 --directory build/site"
 
-dist: $(STAMP)  ## the wheel and the source of a release, in dist/
+dist: $(STAMP)  ## the wheel and the source of a release, and its citation with the commit's SWHID, in dist/
 	@$(BIN)/python -m hatchling build
+	@{ cat CITATION.cff; printf 'identifiers:\n  - type: swh\n    value: "swh:1:rev:%s"\n' $$(git rev-parse HEAD); } > dist/CITATION.cff
 
 lint: $(STAMP)  ## style of Python, Snakemake and JavaScript files, and types
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check Snakefile workflow

@@ -27,6 +27,7 @@ def lacking(content: dict, fields: str) -> list[str]:
 
 CITATION = yaml.safe_load((ROOT / "CITATION.cff").read_text())
 ZENODO = json.loads((ROOT / ".zenodo.json").read_text())
+CODEMETA = json.loads((ROOT / "codemeta.json").read_text())
 HEADER, PAPER = front_matter(ROOT / "docs" / "joss" / "paper.md")
 BIBLIOGRAPHY = (ROOT / "docs" / "joss" / HEADER["bibliography"]).read_text()
 CATALOGUE = yaml.safe_load((ROOT / ".snakemake-workflow-catalog.yml").read_text())
@@ -51,6 +52,14 @@ CLAIMS = {
     "archive and citation": ([ZENODO[key] for key in SAME], [CITATION[key] for key in SAME]),
     "authors of the archive": (ZENODO["creators"], CITATION["authors"]),
     "date of the archive": (ZENODO["publication_date"], str(CITATION["date-released"])),
+    "codemeta and citation": (
+        [CODEMETA[key] for key in ("name", "version", "keywords", "description", "datePublished")],
+        [CITATION["title"], CITATION["version"], CITATION["keywords"], " ".join(CITATION["abstract"].split()),
+         str(CITATION["date-released"])]),
+    "licence of codemeta": (CODEMETA["license"], f"https://spdx.org/licenses/{PROJECT['license']}"),
+    "Pythons of codemeta": (
+        CODEMETA["runtimePlatform"].split()[1::2],
+        [name.rsplit(" ", 1)[1] for name in PROJECT["classifiers"] if ":: Python :: 3." in name][::2]),
     "the paper's method": (ZENODO["related_identifiers"][0]["identifier"], CITATION["references"][0]["doi"]),
     "fields of the catalogue": (lacking(CATALOGUE["usage"], "software-stack-deployment report mandatory-flags"), []),
     "files": (
