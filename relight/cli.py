@@ -8,7 +8,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from relight.benchmark.commands import app as benchmark
-from relight.core.errors import UserError, out_of_memory
+from relight.core.errors import UserError, sentence_of
 from relight.core.version import __version__
 from relight.figures.commands import app as figures
 from relight.learning.commands import app as learning
@@ -171,14 +171,13 @@ def main() -> None:
         sys.stdout.reconfigure(errors="surrogateescape" if sys.stdout.encoding.lower() == "utf-8" else "replace")
     try:
         app()
-    except UserError as error:
-        sys.exit(f"relight: {error}")
-    except MemoryError as error:
-        sys.exit(f"relight: {out_of_memory(error)}")
-    except ModuleNotFoundError as error:
-        if (extra := EXTRAS.get((error.name or "").partition(".")[0])) is None:
+    except Exception as error:
+        sentence = sentence_of(error)
+        if isinstance(error, ModuleNotFoundError) and (extra := EXTRAS.get((error.name or "").partition(".")[0])):
+            sentence = f"this needs {error.name}: run `pip install '.[{extra}]'` in the clone of relight"
+        if sentence is None:
             raise
-        sys.exit(f"relight: this needs {error.name}: run `pip install '.[{extra}]'` in the clone of relight")
+        sys.exit(f"relight: {sentence}")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from relight.evaluation.scoring.metrics import MaskBox, irradiance_error, rmse, 
 MIRROR = np.ones(9)
 MIRROR[[3, 4, 7]] = -1  # coefficients of functions odd in x
 EPSILON = 1e-12  # lower bound of denominators
-BLACK = 1e-3  # added to values of which a ratio is taken, so that black pixels count as unchanged
+BLACK = 1e-3  # of values of which a ratio is taken, so that what is black counts as unchanged
 MARGIN = 4  # pixels from the mask's outline, where leaks are measured
 DARKEST = 0.02  # linear value below which albedo and shading count as this, since logarithms of noise are large
 
@@ -179,6 +179,6 @@ def invariances(inferred: Mapping[str, Intrinsics]) -> dict[str, float]:
             measured[f"dark_{name}"] = float(np.median(change[picture.mask]))
     if "" in shadings:
         warm, plain = (shadings[name][picture.mask].mean(0) for name in ("warm", "plain"))
-        tint = np.log(warm / plain)
+        tint = np.log(np.maximum(warm, BLACK) / np.maximum(plain, BLACK))
         measured["tint"] = float((tint[0] - tint[2]) / np.log(WARM_RED_PER_BLUE))
     return measured

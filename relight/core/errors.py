@@ -1,12 +1,24 @@
 """Errors that a user can cause, and their one sentence."""
 
+import re
+
+LACKS = re.compile(r"bad.?alloc|(allocate|enough|out of) memory|failed to map segment|start new thread", re.IGNORECASE)
+
 
 class UserError(Exception):
     """An error that a user can cause and correct: one sentence that names what is wrong and what would be right."""
 
 
-def out_of_memory(error: MemoryError) -> str:
-    """Returns the message for a user whose machine has too little memory."""
-    requested = str(error).strip().split("\n")[0]
-    detail = f" ({requested})" if requested else ""
-    return f"there is not enough memory{detail}: take a smaller size, or run fewer jobs at once"
+def sentence_of(error: BaseException) -> str | None:
+    """Returns the sentence for a user of an error; None if it is no UserError and no lack of memory.
+
+    Native libraries say in words of their own that memory is lacking, and what cannot be read for this is not damaged.
+    """
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, MemoryError) or (LACKS.search(str(cause)) and not isinstance(cause, UserError)):
+            requested = str(cause).strip().split("\n")[0]
+            detail = f" ({requested})" if requested else ""
+            return f"there is not enough memory{detail}: take a smaller size, or run fewer jobs at once"
+        cause = cause.__cause__ or cause.__context__
+    return str(error) if isinstance(error, UserError) else None

@@ -21,6 +21,7 @@ FILE_SYSTEM_ERRORS = frozenset({
     errno.ENAMETOOLONG,
 })  # fmt: skip
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".avif", ".heic", ".heif")
+VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".3gp", ".webm", ".mkv", ".avi", ".mts", ".m2ts", ".ts", ".wmv")
 
 
 def data_folder() -> Path:

@@ -13,7 +13,7 @@ from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from relight.core.errors import UserError, out_of_memory
+from relight.core.errors import sentence_of
 from relight.core.version import __version__
 
 PACKAGES = ("numpy", "scipy", "torch", "mlflow", "open3d-cpu", "pymeshlab", "warp-lang")  # whose versions logs have
@@ -31,14 +31,10 @@ def job(snakemake: Any) -> Iterator[None]:
     with copied_output(snakemake.log[0], f"{name}: "):
         try:
             yield
-        except UserError as error:
-            sys.exit(print(error, file=sys.stderr) or 1)
-        except MemoryError as error:
-            sys.exit(print(out_of_memory(error), file=sys.stderr) or 1)
         except KeyboardInterrupt:
             os._exit(130)
-        except Exception:
-            traceback.print_exc()
+        except Exception as error:
+            print(sentence_of(error) or traceback.format_exc(), file=sys.stderr)
             sys.exit(1)
 
 

@@ -289,6 +289,8 @@ def mask_draw(
     from relight.pictures.picture import Picture
 
     out = out or path.with_name(f"{path.stem}_mask.png")
+    if out.suffix.lower() != ".png":
+        raise UserError(f"--out {out}: a mask is a .png, which keeps its edge")
     if out.exists():  # it may have been corrected, or be the photo
         raise UserError(f"{out} exists: delete it for a new one, or give another --out")
     out = writable_file(out, "--out")

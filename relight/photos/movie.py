@@ -14,12 +14,14 @@ from typing import TypeVar, Unpack
 
 import numpy as np
 from PIL import Image
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from relight.core.errors import UserError
 from relight.core.numbers import finite
 from relight.core.progress import progress
 from relight.maps.square import MASK_THRESHOLD, Crop, crop_around
 from relight.photos.look import Look
+from relight.photos.mask.coverage import GREY, coverage_of
 from relight.photos.mask.find import masked
 from relight.photos.mask.people import mask_warnings
 from relight.photos.network import PhotoNetwork
@@ -157,7 +159,7 @@ def with_masks(
     named = masks.is_dir() and clip.is_dir() and any(mask_in(masks, frame.stem) for frame in list_photos(clip))
     if not masks.is_dir() and not is_video(masks):
         raise UserError(f"mask {masks}: for a clip give a folder of masks or a video of them")
-    stream: Iterator[Given] = iter(list_pictures(masks)) if masks.is_dir() else map(_drawn, read_frames(masks)[0])
+    stream: Iterator[Given] = iter(list_pictures(masks)) if masks.is_dir() else read_frames(masks)[0]
     for number, frame in enumerate(frames, 1):
         mask = mask_in(masks, frame.name) if named else next(stream, None)
         if mask is None and named:
@@ -165,7 +167,7 @@ def with_masks(
         if mask is None:
             raise UserError(f"{masks} holds {number - 1} masks, but the clip has more frames")
         try:
-            yield masked(frame, mask)
+            yield masked(frame, _drawn(mask) if isinstance(mask, Picture) else mask)
         except UserError as error:
             raise UserError(f"frame {number} of the clip, mask of {masks}: {error}") from None
     if not named and next(stream, None) is not None:
@@ -173,8 +175,14 @@ def with_masks(
 
 
 def _drawn(frame: Picture) -> Image.Image:
-    """Returns a frame of a clip of masks without the noise of its coder, where it is dark and where it is bright."""
+    """Returns a frame of a clip of masks without the noise of its coder, where it is dark and where it is bright.
+
+    Raises UserError if even areas have several colors; along edges, coders mix them.
+    """
     codes = frame.codes.max(-1) if frame.alpha is None else frame.alpha
+    if frame.alpha is None and np.ptp(frame.codes, axis=-1).max() > GREY:
+        even = maximum_filter(codes, 5) - minimum_filter(codes, 5) < CODER
+        coverage_of(frame.codes[even][:, None], "the mask")
     bright = codes[codes >= MASK_THRESHOLD]
     peak = np.quantile(bright, 0.9) if bright.size else 255
     return Image.fromarray(np.where(codes < CODER, 0, np.where(codes > peak - CODER, 255, codes)).astype(np.uint8))

@@ -28,12 +28,12 @@ RUNS = 3  # zlib's Z_RLE: a photo becomes as small as by its default, in a quart
 
 
 def write_picture(path: Path, pixels: np.ndarray) -> None:
-    """Writes (H,W) or (H,W,3|4): uint8 as PNG, uint16 as PNG or TIFF and float32 as OpenEXR, by the suffix."""
+    """Writes (H,W) or (H,W,3|4): uint8, uint16 as PNG or TIFF, and float32 as OpenEXR, by the suffix."""
     if pixels.dtype != np.uint8:
         write_deep(path, pixels)
         return
     with atomic_write(path) as tmp:
-        Image.fromarray(pixels).save(tmp, format="PNG", compress_type=RUNS)
+        Image.fromarray(pixels).save(tmp, compress_type=RUNS)
 
 
 def write_before_after(path: Path, before: np.ndarray, after: np.ndarray) -> None:

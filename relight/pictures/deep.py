@@ -90,8 +90,9 @@ def of_linear(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
 
 def write_deep(path: Path, pixels: np.ndarray) -> None:
     """Writes (H,W,3|4) uint16 as .png or .tif, or float32 as .exr, by the suffix."""
+    suffix = path.suffix.lower()
     with atomic_write(path) as tmp:
-        if path.suffix == ".exr":
+        if suffix == ".exr":
             channels = {name: np.ascontiguousarray(pixels[..., i]) for i, name in enumerate("RGBA"[: pixels.shape[2]])}
             if "A" in channels:
                 channels |= {name: channels[name] * channels["A"] for name in "RGB"}
@@ -102,5 +103,5 @@ def write_deep(path: Path, pixels: np.ndarray) -> None:
             image = oiio.ImageBuf(np.ascontiguousarray(pixels))
             image.specmod()[UNASSOCIATED] = 1
             image.specmod()["compression"] = "zip"
-            if not image.write(str(tmp), oiio.UINT16, {".png": "png", ".tif": "tiff"}[path.suffix]):
+            if not image.write(str(tmp), oiio.UINT16, {".png": "png", ".tif": "tiff"}[suffix]):
                 raise OSError(image.geterror())

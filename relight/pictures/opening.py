@@ -11,7 +11,7 @@ import numpy as np
 from PIL import ExifTags, Image, TiffImagePlugin
 
 from relight.core.errors import UserError
-from relight.core.files import PHOTO_SUFFIXES, require_readable
+from relight.core.files import PHOTO_SUFFIXES, VIDEO_SUFFIXES, require_readable
 from relight.core.names import find_path, folded
 
 MAX_PIXELS = 100_000_000  # of a photo; decoders allocate memory before they find that a file is a decompression bomb
@@ -56,7 +56,11 @@ def open_picture(path: Path, what: str) -> Image.Image:
     except Image.DecompressionBombError:
         raise UserError(f"{what} is too large: {TOO_LARGE}") from None
     except Exception:
-        kinds = f"{', '.join(PHOTO_SUFFIXES)} or .exr; clips are for relight movie"
+        if (suffix := path.suffix.lower()) in PHOTO_SUFFIXES:
+            linear = ", or as OpenEXR if it is linear" * suffix.startswith(".tif")
+            raise UserError(f"{what} is damaged, or no {suffix} that is read here: save it as PNG{linear}") from None
+        clips = f"a clip for relight movie is {', '.join(VIDEO_SUFFIXES)} or .gif"
+        kinds = f"{', '.join(PHOTO_SUFFIXES)} or .exr; {clips}"
         raise UserError(f"{what} cannot be read as a picture: give {kinds}") from None
     (width, height), stored = image.size, path.stat().st_size
     if width * height > MAX_PIXELS:
@@ -85,7 +89,7 @@ def require_still(image: Image.Image, what: str) -> None:
     """Goes to the first picture of a file that is no preview; raises UserError for films, pages, and previews alone."""
     count = getattr(image, "n_frames", 1)
     if count > 1 and image.format in ANIMATIONS:
-        raise UserError(f"{what} is animated ({count} frames): save one, or use `relight movie`")
+        raise UserError(f"{what} is animated ({count} frames): save one, or all in a folder for `relight movie`")
     if isinstance(image, TiffImagePlugin.TiffImageFile):
         pages = []
         for page in range(count):

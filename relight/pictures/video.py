@@ -13,9 +13,9 @@ import numpy as np
 from PIL import Image
 
 from relight.core.errors import UserError
-from relight.core.files import atomic_write, writable_file
+from relight.core.files import VIDEO_SUFFIXES, atomic_write, writable_file
 from relight.core.srgb import decode
-from relight.pictures.opening import list_photos
+from relight.pictures.opening import decoding_errors, list_photos, open_picture
 from relight.pictures.picture import Picture
 from relight.pictures.profile import HLG, PQ, PRIMARIES, TRANSFERS, by_codes
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 CODECS = {".mp4": ("libx264", {"crf": "18", "preset": "medium"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
 CONTAINERS = {".mp4": {"movflags": "faststart"}, ".webm": {}}  # the index in front, so that pages show it at once
 FPS = 25.0  # of what does not state its rate
-READABLE = (".mp4", ".mov", ".webm", ".mkv", ".avi", ".m4v", ".gif")
 MAX_FPS = 60  # of a clip whose rate varies
 GIF_DELAY = 0.1  # seconds that browsers show what states a hundredth or less
 HDR = {PQ: "PQ", HLG: "HLG"}
@@ -172,8 +171,11 @@ def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
 
 
 def is_video(path: Path) -> bool:
-    """Returns whether a file name is that of a video or an animated GIF."""
-    return path.suffix.lower() in READABLE
+    """Returns whether a file has the name of a video, or is an animated GIF."""
+    if path.suffix.lower() != ".gif":
+        return path.suffix.lower() in VIDEO_SUFFIXES
+    with decoding_errors(f"{path}"), open_picture(path, f"{path}") as image:
+        return getattr(image, "n_frames", 1) > 1
 
 
 def read_frames(path: Path) -> tuple[Iterator[Picture], list[int], float]:

@@ -97,6 +97,20 @@ def test_invariances_of_an_ideal_method(two):
         assert np.isclose(found[name], value, atol=2e-3), name
 
 
+@pytest.mark.parametrize("black", ["", "knee", "warm", "plain", "mirror", "all", "but the picture"])
+def test_a_black_answer_counts(two, black):
+    """A black light is as far from any other as that is from black, and black shading has no tint."""
+    shots = variants(lambda gain: np.zeros((40, 40, 3), np.uint8), np.full((40, 40), 255, np.uint8), SIDE)
+    dark = turned(two[0], light=np.zeros((9, 3)), shading=np.zeros_like(two[0].shading))
+    chosen = {"all": set(shots), "but the picture": {*shots} - {""}}.get(black, {black})
+    found = invariances({name: dark if name in chosen else two[0] for name in shots})
+    assert set(found) == set(INVARIANCES) and np.isfinite([*found.values()]).all()
+    assert found["knee"] == pytest.approx(float(black in ("", "knee", "but the picture")))
+    assert found["tint"] == 0 or black in ("warm", "plain")
+    measured = errors(dark, dark) | {f"of {name}": value for name, value in errors(two[0], dark).items()}
+    assert np.isfinite([*measured.values()]).all() and (measured["light"], measured["of light"]) == (0, 1)
+
+
 def test_invariances_depend_on_their_own_variant(two):
     usual, other = two
     shots = variants(lambda gain: np.zeros((40, 40, 3), np.uint8), np.full((40, 40), 255, np.uint8), SIDE)

@@ -155,6 +155,12 @@ def test_results_that_are_given_are_not_overwritten(run, photo_files, weights, t
     assert before == {path: path.read_bytes() for path in out.iterdir()}
 
 
+@pytest.mark.parametrize("name", ["m.jpg", "m.webp", "m", "m.TIF"])
+def test_a_mask_is_drawn_as_png(run, photo_files, tmp_path, name):
+    with pytest.raises(UserError, match=rf"--out .*{name}: a mask is a \.png"):
+        run("mask", "draw", photo_files[0], "--out", tmp_path / name)
+
+
 @pytest.mark.slow
 def test_a_folder_goes_on_after_failures_and_resumes(run, weights, tmp_path, draw, monkeypatch):
     folder, out = tmp_path / "in", tmp_path / "out"

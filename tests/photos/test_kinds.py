@@ -509,13 +509,13 @@ def test_a_png_may_have_one_color_that_is_transparent(tmp_path, values):
     assert photo.pixels.dtype == values.dtype
 
 
-@pytest.mark.parametrize("suffix", [".png", ".tif"])
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".PNG", ".Tif"])
 @pytest.mark.parametrize("values", [DEEP, rgba(DEEP)], ids=["rgb", "rgba"])
 def test_write_picture_of_16_bits_is_read_back(tmp_path, suffix, values):
     write_picture(tmp_path / f"a{suffix}", values)
     photo = Picture.of(tmp_path / f"a{suffix}")
     np.testing.assert_array_equal(photo.rgba, values)
-    assert photo.suffix == suffix and (photo.alpha is None) == (values.shape[2] == 3)
+    assert photo.suffix == suffix.lower() and (photo.alpha is None) == (values.shape[2] == 3)
     if suffix == ".tif":
         np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), values)
 
@@ -771,6 +771,17 @@ LABELS = {
     "two colors": (painted((255, 0, 0), (0, 0, 255)), "#0000ff and #ff0000, neither of which is black or white"),
     "a photo": (RGB, "is the photo itself"),
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["m.exr", "M.EXR"])
+@pytest.mark.parametrize("alpha", [False, True])
+def test_read_mask_of_openexr(tmp_path, name, alpha):
+    soft = SOFT[..., None] / np.float32(255)
+    values = np.concatenate([soft / 2, soft / 2, soft / 2, soft], -1) if alpha else np.repeat(soft, 3, -1)
+    write_picture(tmp_path / name, values)
+    mask, notes = read_mask(tmp_path / name, (40, 30))
+    assert not notes
+    np.testing.assert_array_equal(mask, SOFT)
 
 
 @pytest.mark.parametrize("name", LABELS)

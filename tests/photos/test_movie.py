@@ -15,7 +15,7 @@ from relight.photos.look import Look
 from relight.photos.movie import smooth_over_time, with_masks, write_movie
 from relight.photos.person import Person
 from relight.pictures.picture import Picture
-from relight.pictures.video import read_frames, write_video
+from relight.pictures.video import is_video, read_frames, write_video
 
 COLORS = [(200, 60, 40), (40, 180, 60), (60, 80, 220), (128, 128, 128), (250, 250, 250)]
 
@@ -93,6 +93,37 @@ def test_movie_of_a_photo(run, photo_files, weights, tmp_path, monkeypatch):
     for turns in ("nan", "inf", "1e308"):
         with pytest.raises(UserError, match=f"turns is {re.escape(str(float(turns)))}: .* finite number from -1000 to"):
             run("movie", me, "--out", tmp_path / "b.mp4", "--turns", turns)
+
+
+def test_a_gif_of_one_picture_is_a_photo(run, weights, draw, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, image in zip(("me.gif", "me_mask.png"), draw()):
+        Image.fromarray(image).save(name)
+    run("movie", "me.gif", "--seconds", 0.2, "--size", 64, "--weights", weights)
+    assert sum(1 for _ in read_frames(Path("me_relit.mp4"))[0]) == 5
+    Image.open("me.gif").save("two.gif", save_all=True, append_images=[Image.open("me_mask.png")])
+    with pytest.raises(UserError, match=r"two\.gif is a clip and keeps its length"):
+        run("movie", "two.gif", "--seconds", 0.2, "--weights", weights)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "codec"),
+    [(".3gp", "libx264"), (".TS", "libx264"), (".m2ts", "libx264"), (".wmv", "wmv2")],
+)
+def test_clips_of_phones_and_cameras_are_read(tmp_path, suffix, codec):
+    path = tmp_path / f"a{suffix}"
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = 96, 96, "yuv420p"
+        for i in range(20):
+            frame = av.VideoFrame.from_ndarray(np.full((96, 96, 3), 40 + 10 * i, np.uint8), "rgb24")
+            file.mux(stream.encode(frame.reformat(format="yuv420p")))
+        file.mux(stream.encode())
+    assert is_video(path)
+    frames, shown, fps = read_frames(path)
+    found = [frame.codes[48, 48, 1] for frame in frames]
+    np.testing.assert_allclose(found, 40 + 10 * np.arange(20.0), atol=6)
+    assert shown == [1] * 20 and fps == pytest.approx(25, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -185,11 +216,17 @@ def test_a_mask_video_has_as_many_frames_as_the_clip(tmp_path, count, told):
 
 INSIDE = np.hypot(*np.meshgrid(np.arange(96) - 48, np.arange(96) - 48)) < 30
 NOTHING = np.zeros((96, 96, 3), np.uint8)
+PERSON = np.where(np.indices((96, 96))[0][..., None] > 50, [70, 60, 100], [215, 160, 130])
+PERSON = (PERSON + 30 * np.sin(np.indices((96, 96))[1] / 9)[..., None]).astype(int)
 # a frame of a clip of masks, and what is said of it; nothing if it is read
 DRAWN = {
     "white": (NOTHING + 255 * INSIDE[..., None], ""),
     "green": (NOTHING + INSIDE[..., None] * [30, 220, 30], ""),
     "empty": (NOTHING, "the mask is empty"),
+    "yellow": (NOTHING + INSIDE[..., None] * [220, 200, 40], ""),
+    "a cut-out on black": (INSIDE[..., None] * PERSON, "has several colors"),
+    "an overlay": (np.where(INSIDE[..., None], PERSON // 2 + [20, 60, 127], PERSON - 40), "has several colors"),
+    "a person on green": (NOTHING + np.where(INSIDE[..., None], [200, 30, 30], [30, 200, 30]), "several colors"),
     "several people": (NOTHING + 90 * INSIDE[..., None] + 100 * np.roll(INSIDE, 40, 1)[..., None], "as labels have"),
 }
 

@@ -30,8 +30,10 @@ BAD = {
     "huge.png": (lambda p: p.write_bytes(png_of_size(30_000, 30_000)), "too large"),
     "large.png": (lambda p: p.write_bytes(png_of_size(12_000, 12_000)), "too large, 12000x12000"),
     "bomb.png": (lambda p: p.write_bytes(png_of_size(300_000, 300_000)), "too large"),
-    "text.jpg": (lambda p: p.write_text("no picture"), "cannot be read as a picture"),
-    "empty.png": (lambda p: p.write_bytes(b""), "cannot be read as a picture"),
+    "text.jpg": (lambda p: p.write_text("no picture"), r"is damaged, or no \.jpg that is read here: save it as PNG$"),
+    "empty.png": (lambda p: p.write_bytes(b""), "is damaged"),
+    "floats.tif": (lambda p: tifffile.imwrite(p, np.ones((20, 20, 3), np.float32)), "or as OpenEXR if it is linear$"),
+    "clip.xyz": (lambda p: p.write_bytes(b"clip"), r"give \.jpg, .*exr; a clip for relight movie is \.mp4, .*gif$"),
     "canon.tif": (lambda p: p.write_bytes(b"II*\0\x10\0\0\0CR\2\0"), "is the RAW file of a camera"),
     "speck.png": (lambda p: Image.fromarray(RGB[:4, :4]).save(p), "only 4x4"),
 }

@@ -1,6 +1,7 @@
 """Disks that are full, and folders that cannot be written: one line each, the old file kept, nothing left behind."""
 
 import errno
+import mmap
 import os
 import shutil
 import subprocess
@@ -13,11 +14,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 import readers
+import torch
 from namespaces import mounted, namespaced
 from samples import mesh_of, random_maps
 
-from relight.core.errors import UserError
-from relight.core.files import system_errno
+from relight.core.errors import UserError, sentence_of
+from relight.core.files import existing_file, system_errno
 from relight.learning.checkpoint import restore_state, save_network, save_state
 from relight.learning.networks import build
 from relight.lights import Light, write_light
@@ -25,7 +27,7 @@ from relight.maps import pack_maps, write_maps
 from relight.meshes import Material, list_scans, read_mesh
 from relight.panoramas import list_panoramas, read_panorama
 from relight.pictures.opening import list_photos
-from relight.settings import Model
+from relight.settings import ROOT, Model
 
 MODEL = Model(name="unet", width=0.1, norm="batch", dropout=0.0, order=1, albedo="clip", light_head="pooled",
               refine=False, sees="image")  # fmt: skip
@@ -180,6 +182,44 @@ used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (used + (256 << 20),) * 2)
 cli.main()
 """
+
+
+def misread():
+    try:
+        np.empty(1 << 50)
+    except MemoryError:
+        raise UserError("photo a.jpg is damaged or cut short") from None
+
+
+# what fails for lack of memory, or not -> the beginning of what is said
+FAILURES = {
+    "numpy": (lambda: np.empty(1 << 50), "there is not enough memory (Unable to allocate"),
+    "torch": (lambda: torch.empty(1 << 58), "there is not enough memory ("),
+    "the system": (lambda: os.posix_fallocate(-1, 0, 1), None),
+    "a mapping": (lambda: mmap.mmap(-1, 1 << 61), "there is not enough memory ([Errno 12] Cannot allocate memory)"),
+    "what was read is called damaged": (misread, "there is not enough memory (Unable to allocate"),
+    "a user's error": (lambda: existing_file("no.jpg", "photo"), "photo: there is no file no.jpg"),
+    "a file's name": (lambda: existing_file("out of memory.jpg", "photo"), "photo: there is no file out of memory.jpg"),
+    "a mistake of ours": (lambda: [][1], None),
+}
+
+
+@pytest.mark.parametrize("name", FAILURES)
+def test_what_lacks_memory_says_so(name):
+    fail, says = FAILURES[name]
+    with pytest.raises(Exception) as error:
+        fail()
+    said = sentence_of(error.value)
+    assert said is None if says is None else said.startswith(says)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux only")
+def test_a_photo_with_too_little_memory_is_one_line(tmp_path):
+    words = f"exec {sys.executable} -m relight.cli photo relight/viewer/web/astronaut.jpg --out {tmp_path}/a"
+    done = subprocess.run(["bash", "-c", f"ulimit -v 450000; {words}"], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 1 and "relight: there is not enough memory" in done.stderr, done.stderr[-2000:]
+    assert "Traceback" not in done.stderr and not [*tmp_path.iterdir()]
 
 
 @pytest.mark.slow

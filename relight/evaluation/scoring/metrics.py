@@ -93,9 +93,12 @@ class MaskBox:
 
 
 def irradiance_error(inferred: np.ndarray, truth: np.ndarray) -> float:
-    """Returns the error of the irradiance of a light (K,3) over all normals, relative to that of the true light."""
+    """Returns the error of the irradiance of a light (K,3) over all normals, relative to that of the true light.
+
+    If the true light is black, it is 0 where the inferred one is black, too, and else 1.
+    """
     inferred, truth = irradiance(inferred), irradiance(truth)
-    return float(np.linalg.norm(inferred - truth) / np.linalg.norm(truth))
+    return float(np.linalg.norm(inferred - truth) / (np.linalg.norm(truth) or np.linalg.norm(inferred) or 1))
 
 
 def scaled_irradiance_error(inferred: np.ndarray, truth: np.ndarray) -> float:

@@ -15,6 +15,7 @@ from relight.photos.mask.coverage import WANTED, coverage_of
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.people import NobodyFound, is_inverted
 from relight.pictures.codes import as_codes, convert_alpha
+from relight.pictures.deep import is_exr
 from relight.pictures.opening import decoding_errors, mask_beside, open_picture, orientation_of, require_still, upright
 from relight.pictures.picture import Given, Picture
 
@@ -97,8 +98,12 @@ def read_mask(mask: Given, size: tuple[int, int]) -> tuple[np.ndarray, list[str]
     if isinstance(mask, str | Path):
         path = existing_file(mask, "mask")
         what = f"mask {path}"
-        with decoding_errors(what), open_picture(path, what) as image:
-            values = _values(image, what)
+        if is_exr(path):
+            picture = Picture.of(path, "mask")
+            values = picture.pixels.max(-1) if picture.alpha is None else picture.alpha
+        else:
+            with decoding_errors(what), open_picture(path, what) as image:
+                values = _values(image, what)
     elif isinstance(mask, Image.Image):
         values = _values(mask, what)
     else:
