@@ -2,6 +2,7 @@
 package one of a higher layer."""
 
 import ast
+import re
 import subprocess
 import sys
 from importlib import import_module
@@ -70,7 +71,8 @@ def test_no_circular_imports():
     ],
 )
 def test_packages_import_only_from_lower_layers(package, heading):
-    """Also inside functions. The layers are those of CONTRIBUTING.md, which lists every part of a package."""
+    """Also inside functions, and as strings for import_module. The layers are those of CONTRIBUTING.md, which lists
+    every part of a package."""
     listed = (ROOT.parent / ".github" / "CONTRIBUTING.md").read_text().partition(heading)[2].split("```")[1]
     layer = {name: number for number, line in enumerate(listed.strip().splitlines()) for name in line.split()}
     depth = package.count(".") + 1
@@ -81,8 +83,12 @@ def test_packages_import_only_from_lower_layers(package, heading):
     for path in folder.rglob("*.py"):
         part = path.relative_to(folder).with_suffix("").parts[0]
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if part in layer else ():
-            if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(f"{package}."):
-                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-                used = {name.split(".")[depth] for name in names if name.count(".") >= depth} & layer.keys() - {part}
-                upward += [f"{path.relative_to(folder)} imports {name}" for name in used if layer[name] >= layer[part]]
+            names: list[str] = []
+            if isinstance(node, ast.ImportFrom):
+                names = [f"{node.module}", *(f"{node.module}.{alias.name}" for alias in node.names)]
+            elif isinstance(node, ast.Constant) and re.fullmatch(r"relight(\.\w+)+", str(node.value)):
+                names = [str(node.value)]
+            inside = [name.split(".")[depth] for name in names if name.startswith(f"{package}.")]
+            used = {*inside} & layer.keys() - {part}
+            upward += [f"{path.relative_to(folder)} imports {name}" for name in used if layer[name] >= layer[part]]
     assert not upward

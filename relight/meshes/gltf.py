@@ -320,5 +320,5 @@ def _texture(gltf: Gltf, index: int) -> tuple[np.ndarray, tuple[str, str]]:
     image = gltf.item("images", source)
     what = f"{gltf.path}: texture {image.get('name') or image.get('uri', '')[:60] or source}"
     if "uri" in image:
-        return read_texture(gltf.resource(image["uri"]), what), wrap
-    return read_texture(bytes(gltf.view(image["bufferView"])[0]), what), wrap
+        return read_texture(gltf.resource(image["uri"]), what, by_profile=False), wrap
+    return read_texture(bytes(gltf.view(image["bufferView"])[0]), what, by_profile=False), wrap

@@ -1,5 +1,6 @@
 """Finds and opens the files of pictures: what is wrong is one sentence, before pixels are decoded where possible."""
 
+import io
 import re
 import struct
 import warnings
@@ -14,9 +15,10 @@ from relight.core.errors import UserError
 from relight.core.files import PHOTO_SUFFIXES, VIDEO_SUFFIXES, require_readable
 from relight.core.names import find_path, folded
 
-MAX_PIXELS = 100_000_000  # of a photo; decoders allocate memory before they find that a file is a decompression bomb
+MAX_PIXELS = 178_000_000  # as Pillow; decoders allocate memory before they find that a file is a decompression bomb
 TOO_LARGE = f"at most {MAX_PIXELS // 10**6} million pixels are read"
 MAX_BYTES = 500_000_000
+PHOTO_KINDS = f"{', '.join(PHOTO_SUFFIXES)} or .exr; a clip for relight movie is {', '.join(VIDEO_SUFFIXES)} or .gif"
 FREE_PIXELS, MOST_PACKED = 2**22, 2**13  # pixels that are believed of any file, and of each of its bytes
 HEIC = (".heic", ".heif")
 CAMERAS = "3fr arw cr2 cr3 crw dcr dng erf fff gpr iiq kdc mef mos mrw nef nrw orf pef raf raw rw2 rwl sr2 srf srw x3f"
@@ -28,41 +30,42 @@ ANIMATIONS = ("GIF", "WEBP", "PNG", "AVIF")  # formats whose further pictures ar
 REDUCED, TRANSPARENCY = 1, 4  # bits of a TIFF page's NewSubfileType: a preview, a mask
 
 
-def open_picture(path: Path, what: str) -> Image.Image:
+def open_picture(source: Path | bytes, what: str, kinds: str = PHOTO_KINDS) -> Image.Image:
     """Reads the header of a file and checks the size; no pixel is decoded yet.
 
     Args:
-        path: of the file.
+        source: the file, or its bytes.
         what: its name in errors, such as "photo me.jpg".
+        kinds: that could be given, for the error.
 
     Raises:
-        UserError: if it is no picture, a camera's RAW file, or too large.
+        UserError: if it is not a picture, a camera's RAW file, or too large.
     """
-    if path.stat().st_size > MAX_BYTES:
+    stored = source.stat().st_size if isinstance(source, Path) else len(source)
+    if stored > MAX_BYTES:
         raise UserError(f"{what} is larger than {MAX_BYTES // 10**6} MB: give a smaller file")
-    with open(path, "rb") as file:
+    with open(source, "rb") if isinstance(source, Path) else io.BytesIO(source) as file:
         head = file.read(12)
-    if path.suffix.lower() in HEIC or head[4:10] == b"ftyphe":  # phones and messengers call HEIC files .jpg, too
+    suffix = source.suffix.lower() if isinstance(source, Path) else ""
+    if suffix in HEIC or head[4:10] == b"ftyphe":  # phones and messengers call HEIC files .jpg, too
         try:
             from pi_heif import register_heif_opener
         except ImportError:
             raise UserError(f"{what} is HEIC, which needs pi-heif: pip install '.[heic]', or save it as JPEG") from None
         register_heif_opener()
-    if path.suffix.lower() in RAW or (head[:4] == b"II*\0" and head[8:10] == b"CR"):  # the mark of .cr2
+    if suffix in RAW or (head[:4] == b"II*\0" and head[8:10] == b"CR"):  # the mark of .cr2
         raise UserError(f"{what} is {DEVELOP}")
     try:
         with warnings.catch_warnings(action="ignore"):  # Pillow only warns of large pictures; here they are an error
-            image = Image.open(path)
+            image = Image.open(source if isinstance(source, Path) else io.BytesIO(source))
     except Image.DecompressionBombError:
         raise UserError(f"{what} is too large: {TOO_LARGE}") from None
     except Exception:
-        if (suffix := path.suffix.lower()) in PHOTO_SUFFIXES:
+        if suffix in PHOTO_SUFFIXES:
             linear = ", or as OpenEXR if it is linear" * suffix.startswith(".tif")
             raise UserError(f"{what} is damaged, or no {suffix} that is read here: save it as PNG{linear}") from None
-        clips = f"a clip for relight movie is {', '.join(VIDEO_SUFFIXES)} or .gif"
-        kinds = f"{', '.join(PHOTO_SUFFIXES)} or .exr; {clips}"
         raise UserError(f"{what} cannot be read as a picture: give {kinds}") from None
-    (width, height), stored = image.size, path.stat().st_size
+    width, height = image.size
     if width * height > MAX_PIXELS:
         raise UserError(f"{what} is too large, {width}x{height}: {TOO_LARGE}")
     if width * height > max(FREE_PIXELS, MOST_PACKED * stored):

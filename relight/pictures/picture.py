@@ -130,8 +130,12 @@ class Picture:
         return replace(self, pixels=pixels[..., :3], alpha=alpha, coverage=coverage)
 
 
-def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Picture:
-    """Converts an image of any mode; 16 bits are read from its `file`."""
+def decoded(image: Image.Image, what: str, file: Path | None) -> tuple[np.ndarray, np.ndarray | None]:
+    """Returns pixels (H,W,3) and alpha (H,W), or None, as an image stores them: uint8, or uint16 from its `file`.
+
+    Raises:
+        UserError: if it is animated, not RGB or grey, or has more than 16 bits.
+    """
     require_still(image, what)
     is_deep_grey = image.mode.startswith("I;16")
     if image.mode in ("CMYK", "YCCK", "LAB", "HSV"):
@@ -139,9 +143,9 @@ def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Pictur
     bits = bits_of(image, file)
     if not is_deep_grey and (bits > 16 or image.mode.startswith(("I", "F"))):
         raise UserError(f"{what} has more than 16 bits per channel: save it in 16 bits, or as OpenEXR if it is linear")
-    stored, alpha = image, None
+    alpha = None
     if bits == 16 and file is not None and not is_deep_grey:
-        pixels, alpha = read_16_bits(file, what, stored.tell())
+        pixels, alpha = read_16_bits(file, what, image.tell())
     elif is_deep_grey:
         grey = np.asarray(image, np.uint16)
         if "transparency" in image.info:
@@ -150,19 +154,25 @@ def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Pictur
         pixels = np.repeat((65535 - grey if is_negative else grey)[..., None], 3, axis=2)
     else:
         if "A" in image.getbands() or "transparency" in image.info:
-            image = image.convert("RGBA")
-            alpha = np.asarray(image.getchannel("A"))
+            rgba = np.asarray(image.convert("RGBA"))
+            return rgba[..., :3], rgba[..., 3]
         pixels = np.asarray(image.convert("RGB"))
-    orientation = orientation_of(stored)
+    return pixels, alpha
+
+
+def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Picture:
+    """Converts an image of any mode; 16 bits are read from its `file`."""
+    pixels, alpha = decoded(image, what, file)
+    orientation = orientation_of(image)
     pixels, alpha = upright(pixels, orientation), None if alpha is None else upright(alpha, orientation)
     largest = int(pixels.max())
-    coding = coding_of(stored, file)
-    pixels, notes = to_srgb(pixels, stored, what, coding)
-    if stored.format in ("AVIF", "HEIF") and not (coding or stored.info.get("icc_profile")):
+    coding = coding_of(image, file)
+    pixels, notes = to_srgb(pixels, image, what, coding)
+    if image.format in ("AVIF", "HEIF") and not (coding or image.info.get("icc_profile")):
         notes.append("its file has no color space, and is taken as sRGB; that of the coded picture is not read")
     if pixels.dtype == np.uint16 and largest < FEW_BITS:
         notes.append(f"its largest code is {largest} of 65535, as if it held fewer than 16 bits: it is taken as dark")
-    suffix = ".tif" if pixels.dtype == np.uint16 and stored.format == "TIFF" else ".png"
+    suffix = ".tif" if pixels.dtype == np.uint16 and image.format == "TIFF" else ".png"
     return Picture(pixels, alpha, notes=notes, suffix=suffix, what=what)
 
 

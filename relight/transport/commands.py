@@ -100,8 +100,8 @@ def bake(
     textures = [material.texture for material in source.materials if material.texture is not None]
     for target in of_maps:
         if textures and target.suffix.lower() == ".png" and target.is_file():
-            picture = read_texture(target, f"--out {target}")
-            if any(np.array_equal(picture, texture) for texture in textures):
+            pictures = [read_texture(target, f"--out {target}", by_profile) for by_profile in (True, False)]
+            if any(np.array_equal(picture, texture) for picture in pictures for texture in textures):
                 raise UserError(f"--out {target} is a texture of the mesh: choose another file")
     for note in source.info.get("warnings", []):
         typer.echo(f"{mesh.name}: {note}", err=True)

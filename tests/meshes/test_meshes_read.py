@@ -7,10 +7,13 @@ import struct
 import numpy as np
 import pytest
 import trimesh
-from PIL import Image
+from PIL import Image, PngImagePlugin
 
+from relight.core.srgb import encode
 from relight.meshes import align, read_mesh
 from relight.meshes.raw import linear
+from relight.pictures.picture import Picture
+from relight.pictures.texture import read_texture
 from relight.settings import Align
 from relight.transport import bake_vertices
 
@@ -111,6 +114,22 @@ def test_textures_are_found_by_any_spelling(tmp_path, statement):
     assert tuple(material.texture[-1, -1]) == RED and tuple(material.texture[0, 0]) == (255, 255, 255)
     np.testing.assert_array_equal(material.color, 1)  # Kd beside a texture is an exporter's leftover
     np.testing.assert_array_equal(mesh.uv[0], [[0, 0], [1, 0], [1, 1]])
+
+
+def test_a_texture_is_read_by_its_profile_as_a_photo_is_but_not_turned_and_in_glb_without_it(tmp_path):
+    """A gamma of 1 says that the codes are linear; orientation 3 turns a photo upside down."""
+    codes = np.random.default_rng(0).integers(60, 200, (16, 16, 3), np.uint8)
+    exif = Image.Exif()
+    exif[274] = 3
+    info = PngImagePlugin.PngInfo()
+    info.add(b"gAMA", (100000).to_bytes(4))  # linear
+    Image.fromarray(codes).save(tmp_path / "t.png", pnginfo=info, exif=exif)
+    (tmp_path / "a.mtl").write_text("newmtl skin\nmap_Kd t.png\n")
+    read = read_mesh(quad_obj(tmp_path / "a.obj", "skin", "skin", extra="mtllib a.mtl")).materials[0].texture
+    expected = encode(codes / 255) * 255
+    assert np.abs(read - expected).max() < 0.51
+    np.testing.assert_array_equal(Picture.of(tmp_path / "t.png").pixels, read[::-1, ::-1])
+    np.testing.assert_array_equal(read_texture((tmp_path / "t.png").read_bytes(), "t", by_profile=False), codes)
 
 
 def test_obj_of_several_materials(tmp_path):
