@@ -210,8 +210,8 @@ def torch_context(device: torch.device) -> Iterator[None]:
 
 def _multiplies_bfloat16(device: torch.device) -> bool:
     """Returns whether a device multiplies bfloat16 in hardware: a GPU, or a CPU with AMX, AVX-512 BF16 or Arm's."""
-    capabilities = torch.cpu.get_capabilities()
-    return device.type != "cpu" or any(capabilities.get(name) for name in ("amx_bf16", "avx512_bf16", "bf16"))
+    told = getattr(torch.cpu, "get_capabilities", None)  # not by older versions of torch
+    return device.type != "cpu" or not told or any(map(told().get, ("amx_bf16", "avx512_bf16", "bf16")))
 
 
 @contextmanager

@@ -156,7 +156,7 @@ BROKEN = {
         {**{f"in/{name}": content for name, content in SKIN.items()}, "in/t.png": "-> ../t.png", "t.png": picture()},
          "out of the folder"),
     "texture truncated": ({**SKIN, "t.png": picture((64, 64))[:-60]}, "damaged"),
-    "texture of text": ({**SKIN, "t.png": b"hello"}, "cannot be read as a picture: give PNG"),
+    "texture of text": ({**SKIN, "t.png": b"hello"}, "is damaged, or no .png that is read here: save it as PNG"),
     "texture that is a bomb": ({**SKIN, "t.png": png_of_size(60000, 60000)}, "million pixels"),
     "texture in two subfolders": (
         {**SKIN, "x/t.png": picture(), "y/t.png": picture()}, "2 files"),
