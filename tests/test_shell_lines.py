@@ -1,7 +1,10 @@
 """Each shell line of the README and the site is run, checked against the command line, or listed as not run."""
 
+import ast
 import re
 import shlex
+import tomllib
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -14,6 +17,7 @@ from PIL import Image
 from relight.cli import app
 from relight.lab.record import expand_sweep
 from relight.settings import composed
+from relight.settings.schema import FIELDS
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -102,6 +106,71 @@ def test_what_is_listed_as_not_run_stands_on_a_page():
 def test_a_wrong_line_is_noticed(line):
     with pytest.raises(Exception, match=r"No such|trian|neither|assert|None"):
         check(line)
+
+
+UNFINISHED = ("MissingParameter", "NoArgsIsHelpError", "BadOptionUsage")  # click's errors of a command or option alone
+
+
+def texts(tree: ast.AST) -> Iterator[str]:
+    """Yields the strings of a module; what they fill in is X."""
+    parts = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            yield "".join(part.value if isinstance(part, ast.Constant) else "X" for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in parts:
+            yield node.value
+
+
+def advice(text: str) -> Iterator[str]:
+    """Yields the commands, extras and settings that a text names."""
+    commands = "|".join(typer.main.get_command(app).commands)
+    yield from re.findall(rf"`(relight (?:{commands})\b[^`]*)`", text)
+    yield from re.findall(rf"(?<!`)relight (?:{commands})(?= --[a-z]| -[a-z]\b)(?: -[\w-]+)?", text)
+    yield from re.findall(r"pip install '\.\[\w+\]'", text)
+    groups = "|".join([*{key.partition(".")[0] for key in FIELDS if "." in key}, "experiment", "scale"])
+    yield from re.findall(rf"(?<![\w.-])(?:{groups})(?:\.[a-z_]+)?=\w+", text)
+
+
+def heed(advised: str) -> None:
+    """Raises an error if what a text names is not there."""
+    name, _, value = advised.partition("=")
+    if advised.startswith("pip"):
+        extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+        assert "X" in advised or advised.split("[")[1].split("]")[0] in extras
+    elif advised.startswith("relight"):
+        try:
+            parse(shlex.split(advised))
+        except Exception as error:
+            if type(error).__name__ not in UNFINISHED:
+                raise
+    elif "." in name:
+        assert name in FIELDS
+    elif value != "X" and name in ("experiment", "loss", "model", "scale", "split", "train"):
+        assert (ROOT / "conf" / name / f"{value}.yaml").is_file()
+
+
+MODULES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "relight").rglob("*.py"))
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_what_messages_advise_is_there(module):
+    for text in texts(ast.parse((ROOT / module).read_text())):
+        for advised in advice(text):
+            try:
+                heed(advised)
+            except Exception as error:
+                raise AssertionError(f"{advised}: {error!r}") from error
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["run `relight mask sets`", "`relight photo --lights a`", "see relight light --lay", "pip install '.[vide]'",
+     "give train.batches=4", "give loss=fully", "experiment=two"],
+)  # fmt: skip
+def test_advice_that_misleads_is_noticed(text):
+    (advised,) = advice(text)
+    with pytest.raises(Exception, match=r"No such|assert"):
+        heed(advised)
 
 
 @pytest.fixture

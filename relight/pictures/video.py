@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
-from itertools import chain, islice, pairwise, repeat
+from itertools import chain, groupby, islice, pairwise, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -283,14 +283,12 @@ def _decoded(path: Path, stamps: np.ndarray) -> Iterator[Picture]:
             for frame in _filtered(film, frames(), path):
                 picture = _picture(frame, path)
                 place = int(np.searchsorted(stamps, (frame.time or 0) - 1e-4))
-                for _ in range(done, place):
-                    yield _lost(last or picture)
+                yield from repeat(_lost(last or picture), place - done)
                 yield picture
                 done, last = max(done, place) + 1, picture
             if last is None:
                 raise UserError(f"{path} is damaged: none of its frames can be decoded")
-            for _ in range(done, len(stamps)):
-                yield _lost(last)
+            yield from repeat(_lost(last), len(stamps) - done)
     except av.FFmpegError as error:
         raise UserError(f"{path} is damaged or cut short ({error})") from None
 
@@ -312,27 +310,22 @@ def _picture(frame: "VideoFrame", path: Path) -> Picture:
 
 def _filtered(film: "VideoStream", frames: Iterator["VideoFrame"], path: Path) -> Iterator["VideoFrame"]:
     """Yields what filters make of the frames of a video; they are made anew where these state other things."""
-    graph, stated, is_interlaced = None, None, False
-    for frame in frames:
-        is_interlaced |= frame.interlaced_frame
+
+    def stated(frame: "VideoFrame") -> tuple[Any, ...]:
         colors = frame.colorspace, frame.color_primaries, frame.color_trc, frame.color_range
-        if stated != (stated := (frame.width, frame.height, frame.format.name, *colors, is_interlaced)):
-            yield from _ready(graph, None)
-            graph = _conversion(film, frame, is_interlaced, path)
-        yield from _ready(graph, frame)
-    yield from _ready(graph, None)
+        return frame.width, frame.height, frame.format.name, *colors
+
+    for _, alike in groupby(frames, stated):
+        first = next(alike)
+        graph = _conversion(film, first, path)
+        for frame in chain([first], alike, [None]):  # at the end, a filter gives what it held to see the next one
+            graph.vpush(frame)
+            with suppress(BlockingIOError, EOFError):
+                while True:
+                    yield graph.vpull()
 
 
-def _ready(graph: "Graph | None", frame: "VideoFrame | None") -> Iterator["VideoFrame"]:
-    # What removes the lines of interlaced frames looks at the next one first.
-    if graph:
-        graph.vpush(frame)
-        with suppress(BlockingIOError, EOFError):
-            while True:
-                yield graph.vpull()
-
-
-def _conversion(film: "VideoStream", frame: "VideoFrame", is_interlaced: bool, path: Path) -> "Graph":
+def _conversion(film: "VideoStream", frame: "VideoFrame", path: Path) -> "Graph":
     """Returns FFmpeg's filters that make frames RGB with square pixels: of 16 bits where `_shown` converts them.
 
     The matrix is that of the file, or else BT.709 from 720 lines on and BT.601 below, as players take it. Raises
@@ -355,23 +348,19 @@ def _conversion(film: "VideoStream", frame: "VideoFrame", is_interlaced: bool, p
     wide = f"{max(1, round(frame.width * aspect))}:{frame.height}"
     scale = graph.add("scale", f"{wide}:in_color_matrix={matrix}:flags=bicubic+accurate_rnd+full_chroma_int")
     planar, packed = ("gbrap", "rgba") if has_alpha else ("gbrp", "rgb24")  # planar first is twice as fast
-    if _needs_conversion(frame):
+    if TRANSFERS.get(frame.color_trc, decode) is not decode or frame.color_primaries in WIDE:  # not shown as sRGB is
         planar, packed = f"{planar}16le", "rgba64le" if has_alpha else "rgb48le"
-    whole = [graph.add("bwdif", "deint=interlaced:mode=send_frame")] if is_interlaced else []
+    is_film = not (frame.format.is_rgb or frame.format.has_palette)  # which may be interlaced in part
+    whole = [graph.add("bwdif", "deint=interlaced:mode=send_frame")] if is_film else []
     source = graph.add_buffer(None, frame.width, frame.height, frame.format, time_base=film.time_base)
     nodes = [source, *whole, scale, graph.add("format", planar), graph.add("format", packed)]
     graph.link_nodes(*nodes, graph.add("buffersink")).configure()
     return graph
 
 
-def _needs_conversion(frame: "VideoFrame") -> bool:
-    """Returns whether codes are not to be displayed as sRGB, as those of the curves of standard television are."""
-    return TRANSFERS.get(frame.color_trc, decode) is not decode or frame.color_primaries in WIDE
-
-
 def _shown(pixels: np.ndarray, frame: "VideoFrame") -> np.ndarray:
     """Returns pixels (H,W,C) of the filters as uint8 sRGB."""
-    if not _needs_conversion(frame):
+    if pixels.dtype == np.uint8:
         return pixels
     pixels = np.minimum(pixels, 255 << 8)  # FFmpeg's white in 16 bits
     pixels += pixels >> 8
