@@ -13,9 +13,9 @@ from relight.core.srgb import encode as encode_srgb
 from relight.maps import Maps
 from relight.maps.octahedral import octahedral
 from relight.maps.square import extent, fill_outside
-from relight.photos.color import CLIPPING, chroma, clipping_excess
 from relight.photos.render import estimate_foreground
 from relight.photos.shading import shade, shading_floor
+from relight.photos.tone import CLIPPING, chroma, clipping_excess
 from relight.sh import UNOCCLUDED_T00, coefficient_count
 from relight.viewer.codec import deflate, encode
 
