@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import re
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
@@ -279,7 +279,9 @@ def relight_photos(
             summary.failed[name] = reason
 
 
-def _run(work: partial, tasks: dict, jobs: int, weights: Path | None) -> Iterator[tuple[str, str | None]]:
+def _run(
+    work: Callable[..., str | None], tasks: dict[str, tuple[Any, ...]], jobs: int, weights: Path | None
+) -> Iterator[tuple[str, str | None]]:
     """Runs the tasks in processes, and yields each photo's name with the reason of its failure, or None.
 
     Raises:
