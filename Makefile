@@ -49,7 +49,7 @@ claims: $(STAMP)  ## run the commands behind the numbers of the pages; all, or w
 	@$(BIN)/python tools/claims.py $(ARGS)
 
 fuzz: $(STAMP)  ## feed the readers thousands of damaged meshes and other files; make fuzz CASES=50000
-	@RELIGHT_FUZZ=$(CASES) $(PYTEST) tests/meshes/test_meshes_malformed.py tests/reliability/test_reliability_readers.py $(ARGS)
+	@RELIGHT_FUZZ=$(CASES) $(PYTEST) tests/meshes/test_malformed.py tests/reliability/test_readers.py $(ARGS)
 
 chaos: $(STAMP)  ## kill the workflow 60 times at random moments; make chaos KILLS=6
 	@RELIGHT_CHAOS=$(KILLS) $(BIN)/python -m pytest -s tests/workflow/test_resume.py $(ARGS)

@@ -28,11 +28,11 @@ from scipy.ndimage import distance_transform_edt
 from relight.core.srgb import to_bytes
 from relight.lights import load_light
 from relight.maps import read_maps
-from relight.photos.camera import camera_view
-from relight.photos.color import roll_off
+from relight.photos.backdrop import camera_view
 from relight.photos.mask import selfie
 from relight.photos.mask.edge import fit_edge
 from relight.photos.render import over
+from relight.photos.tone import roll_off
 from relight.pictures.codes import to_srgb8
 
 SHAPE = 1250, 1000  # height and width of a picture, pixels

@@ -52,6 +52,12 @@ def test_prose_of_a_page_is_wrapped_at_120_columns(page):
     assert [line for line in lines if len(re.findall(words, line)) > 2] == []
 
 
+def test_the_readme_shows_every_package():
+    packages = {folder.parent.name for folder in (ROOT / "relight").glob("*/__init__.py")}
+    block = next(text for text in (ROOT / "README.md").read_text().split("```") if "relight/core/" in text)
+    assert {*re.findall(r"relight/(\w+)/", block)} == packages
+
+
 def words(page: str) -> str:
     return " ".join((ROOT / page).read_text().split())
 

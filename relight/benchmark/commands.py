@@ -1,7 +1,7 @@
 """`relight benchmark`: makes a set of pictures, answers it, scores answers, and compares them."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -86,7 +86,7 @@ def report(
         write_tables((out or answers[0].parent) / name, table.title, table.note, table.grid)
 
 
-def show(scores: list) -> dict:
+def show(scores: list[Any]) -> dict[str, Any]:
     """Prints tables that compare methods by their scores (`relight.benchmark.score.read_scores`).
 
     Returns:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -126,7 +127,7 @@ class BenchmarkSet:
         return existing_file(self.folder / "truth" / f"{entry.name}.exr", "true maps")
 
 
-def keep_record(path: Path, record: dict, problem: str) -> None:
+def keep_record(path: Path, record: dict[str, Any], problem: str) -> None:
     """Writes what makes the files of a folder, or raises UserError about a `problem` if something else made them."""
     if not path.is_file():
         write_json(path, record)

@@ -5,6 +5,7 @@ import json
 from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -94,7 +95,7 @@ def make_mesh(seed: int, settings: Settings) -> Mesh:
     raise UserError(f"seed {seed}: {reason}")
 
 
-def save_picture(folder: Path, name: str, figure: str, recipe: dict, picture: Picture) -> None:
+def save_picture(folder: Path, name: str, figure: str, recipe: dict[str, Any], picture: Picture) -> None:
     """Writes one picture. Its folder of inputs is written last, so its presence means that the picture is complete.
 
     Args:
@@ -135,7 +136,7 @@ def write_panorama(path: Path, panorama: Panorama) -> None:
         OpenEXR.File(header, {"RGB": np.ascontiguousarray(panorama.pixels, np.float32)}).write(str(tmp))
 
 
-def write_index(folder: Path, kind: str, names: list[str], settings: dict) -> str:
+def write_index(folder: Path, kind: str, names: list[str], settings: dict[str, Any]) -> str:
     """Writes index.json: the pictures, the hash of each of their files, and the hash of the set.
 
     Args:

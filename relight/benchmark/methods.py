@@ -22,11 +22,11 @@ from relight.maps import Maps, read_maps
 from relight.maps.square import fill_outside
 from relight.meshes import Mesh
 from relight.panoramas import project, read_panorama
-from relight.photos.color import apply_gain
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.person import Person, infer_person
 from relight.photos.render import render
 from relight.photos.shading import gain, gain_between, shade
+from relight.photos.tone import apply_gain
 from relight.pictures.codes import to_srgb8
 from relight.transport.camera import Camera
 from relight.transport.tracer import PathTracer

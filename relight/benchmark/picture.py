@@ -16,7 +16,7 @@ from relight.maps import Maps
 from relight.maps.square import Crop, extent, figure_means
 from relight.meshes import Mesh
 from relight.panoramas import Panorama, project
-from relight.photos.camera import camera_view
+from relight.photos.backdrop import camera_view
 from relight.settings import read_preset
 from relight.transport import Baker
 from relight.transport.tracer import PathTracer

@@ -1,6 +1,7 @@
 """Scores folders of answers (docs/benchmark.md)."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -46,7 +47,7 @@ def score(folder: Path | str, answers: Path | str) -> Path:
     benchmark.verify()
     pictures = [entry for entry in benchmark.entries if not entry.of]
     has_variants = any((answers / f"{entry.name}.npz").is_file() for entry in benchmark.entries if entry.of)
-    rows: list[dict] = []
+    rows: list[dict[str, Any]] = []
     names: set[str] = set()
     for entry in progress(pictures, "pictures scored"):
         variants = [variant for variant in benchmark.entries if variant.of == entry.name] if has_variants else []

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -115,7 +115,7 @@ def figures(
         raise UserError(f"{len(errors)} of {len(tasks)} figures failed: {errors[0]}")
 
 
-def make_one(task: tuple[int, dict, Path]) -> str | None:
+def make_one(task: tuple[int, dict[str, Any], Path]) -> str | None:
     """Makes and writes one figure and its record (.json), unless both exist; returns the error message, or None.
 
     Args:

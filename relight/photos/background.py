@@ -11,8 +11,8 @@ from relight.core.errors import UserError
 from relight.core.numbers import finite
 from relight.core.srgb import LINEAR
 from relight.panoramas import Panorama, luminance
-from relight.photos.camera import blurred, camera_view
-from relight.photos.color import apply_gain, roll_off
+from relight.photos.backdrop import blurred, camera_view
+from relight.photos.tone import apply_gain, roll_off
 from relight.pictures.codes import on_white
 from relight.pictures.opening import is_picture
 from relight.pictures.picture import Given, Picture

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -118,22 +118,22 @@ class Words:
         return {**words, "split": not together, "lit_by": lit_by}
 
 
-def with_options(examples: str) -> Callable[[Callable], Callable]:
+def with_options(examples: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Describes the parameters of a command that OPTIONS names, and gives it those of `Words` in place of `words`.
 
     Args:
         examples: for its help, which also lists the lights.
     """
 
-    def decorate(command: Callable) -> Callable:
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
         signature, shared = inspect.signature(command), inspect.signature(Words).parameters
         own = [parameter for parameter in signature.parameters.values() if parameter.name != "words"]
         parameters = list(map(_described, [*own, *shared.values()]))
 
         @functools.wraps(command)
-        def wrapper(**values):
+        def wrapper(**values: Any) -> None:
             words = Words(**{name: values.pop(name) for name in shared})
-            return command(words=words, **values)
+            command(words=words, **values)
 
         wrapper.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
         wrapper.__annotations__ = {p.name: p.annotation for p in parameters}

@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import re
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
@@ -26,11 +26,11 @@ from relight.core.version import __version__
 from relight.lights import Light
 from relight.lights.light import parts_of
 from relight.lights.place import split_place
-from relight.photos.color import DISPLAY_STOPS, KNEE
 from relight.photos.look import Look
 from relight.photos.mask.find import automatic_model
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.scene import Scene, SceneOptions, require_white_balance
+from relight.photos.tone import DISPLAY_STOPS, KNEE
 from relight.photos.write import write_before_after, write_light_files, write_maps, write_picture
 from relight.pictures.codes import on_white
 from relight.pictures.opening import list_photos, list_pictures, mask_beside, mask_in
@@ -279,7 +279,9 @@ def relight_photos(
             summary.failed[name] = reason
 
 
-def _run(work: partial, tasks: dict, jobs: int, weights: Path | None) -> Iterator[tuple[str, str | None]]:
+def _run(
+    work: Callable[..., str | None], tasks: dict[str, tuple[Any, ...]], jobs: int, weights: Path | None
+) -> Iterator[tuple[str, str | None]]:
     """Runs the tasks in processes, and yields each photo's name with the reason of its failure, or None.
 
     Raises:

@@ -5,7 +5,7 @@ points of the ground, rays are cast past the balls to the sky. That gives transp
 Y V cos: under a light L the ground has the irradiance T . L, and T0 . L where nothing occludes it. T does not depend on
 the light, so a light that turns costs one product a frame.
 
-The camera is that of relight.photos.camera: level, it looks along -z, and the horizon is in the middle row. The
+The camera is that of relight.photos.backdrop: level, it looks along -z, and the horizon is in the middle row. The
 unit of length is its height above the ground, the plane y = -1.
 """
 
@@ -17,7 +17,7 @@ from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter, label
 
 from relight.maps.square import MASK_THRESHOLD, extent
-from relight.photos.camera import focal_length
+from relight.photos.backdrop import focal_length
 from relight.sh import basis
 from relight.transport.sampling import vogel_directions
 

@@ -9,10 +9,10 @@ import numpy as np
 from relight.core.srgb import decode, encode, to_linear
 from relight.maps.square import MASK_THRESHOLD, Crop, Window, crop_around
 from relight.panoramas import luminance
-from relight.photos.color import chroma
 from relight.photos.guide import FittedMap, Guide, fit_map, luma, square_root
 from relight.photos.network import PhotoNetwork
 from relight.photos.shading import exposure_factor, gain, shade, steady
+from relight.photos.tone import chroma
 
 OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the person
 BRIGHTEST = 0.99  # quantile of a person's values that the network sees as white, if it exceeds that
@@ -105,7 +105,7 @@ class Person:
 
     @cached_property
     def chroma(self) -> np.ndarray:
-        """(S,S,3): the color around each pixel, by which clipped values are rebuilt (relight.photos.color.chroma)."""
+        """(S,S,3): the color around each pixel, by which clipped values are rebuilt (relight.photos.tone.chroma)."""
         return chroma(self._linear(self.image), self.mask)
 
     @cached_property

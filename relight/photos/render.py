@@ -12,10 +12,10 @@ from scipy.ndimage import maximum_filter, uniform_filter1d
 from relight.core.srgb import to_linear
 from relight.maps.square import Window, extent, tiles
 from relight.photos.background import Background
-from relight.photos.color import CLIPPING, apply_gain, clipping_excess, roll_off
 from relight.photos.ground import ground_under
 from relight.photos.guide import FittedMap, luma
 from relight.photos.person import Person
+from relight.photos.tone import CLIPPING, apply_gain, clipping_excess, roll_off
 from relight.pictures.codes import convert_alpha, to_codes, with_alpha
 from relight.sh import order_of
 

@@ -12,12 +12,12 @@ from relight.lights import Light, lit_ball, write_light
 from relight.maps import coefficient_names
 from relight.maps.exr import write_exr
 from relight.maps.square import Window, tiles
-from relight.photos.color import display_shading
 from relight.photos.guide import FittedMap, luma
 from relight.photos.person import Person
 from relight.photos.render import total_coverage
 from relight.photos.scene import Scene
 from relight.photos.shading import shade
+from relight.photos.tone import display_shading
 from relight.pictures.codes import on_white, to_srgb8
 from relight.pictures.deep import write_deep
 from relight.sh import mean_direction

@@ -31,7 +31,7 @@ def read_texture(source: Path | bytes, what: str, by_profile: bool = True) -> np
     with decoding_errors(what), open_picture(source, what, "PNG, JPEG, TIFF, TGA, BMP or WebP") as image:
         if image.mode == "CMYK":
             image = image.convert("RGB")
-        pixels, _ = decoded(image, what, file)
+        pixels, _ = decoded(image, what, None)  # 8 bits are enough, and need no OpenImageIO
         if by_profile:
             pixels, _ = to_srgb(pixels, image, what, coding_of(image, file))
         return np.ascontiguousarray(as_codes(pixels))

@@ -3,6 +3,7 @@
 import base64
 import json
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +13,9 @@ from relight.core.srgb import encode as encode_srgb
 from relight.maps import Maps
 from relight.maps.octahedral import octahedral
 from relight.maps.square import extent, fill_outside
-from relight.photos.color import CLIPPING, chroma, clipping_excess
 from relight.photos.render import estimate_foreground
 from relight.photos.shading import shade, shading_floor
+from relight.photos.tone import CLIPPING, chroma, clipping_excess
 from relight.sh import UNOCCLUDED_T00, coefficient_count
 from relight.viewer.codec import deflate, encode
 
@@ -50,7 +51,7 @@ class Figure:
     source: str = ""
     notes: tuple[str, ...] = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         height, width = self.maps.mask.shape
         if not self.maps.mask.any():
             raise UserError(f"figure '{self.title}': its mask is empty; a mask with the figure in it would be right")
@@ -72,7 +73,7 @@ def differences(codes: np.ndarray) -> np.ndarray:
     return np.stack([green, red - green, blue - green], -1)
 
 
-def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[dict, bytes]:
+def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[dict[str, Any], bytes]:
     """Codes a figure as bytes, which `page/figure.js` decodes.
 
     Where a soft mask covers more than the maps, these are carried outward (relight.maps.square.fill_outside).

@@ -12,7 +12,6 @@ from relight.maps import square
 from relight.maps.square import crop_around
 from relight.panoramas import luminance
 from relight.photos.background import Background, read_background
-from relight.photos.color import apply_gain
 from relight.photos.person import Person, balanced, infer_person
 from relight.photos.render import estimate_foreground, over, render
 from relight.photos.shading import (
@@ -26,6 +25,7 @@ from relight.photos.shading import (
     shading_floor,
     steady,
 )
+from relight.photos.tone import apply_gain
 from relight.pictures.codes import to_codes, to_srgb8
 from relight.sh import UNOCCLUDED_T00, rotate_y, unoccluded
 

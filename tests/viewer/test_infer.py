@@ -16,13 +16,13 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 from relight.core.srgb import LINEAR, encode, to_bytes
 from relight.lights.place import STATISTICS, place_light
 from relight.photos.background import Background, estimate_white
-from relight.photos.color import chroma, clipping_excess
 from relight.photos.mask import selfie
 from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import automatic_mask
 from relight.photos.network import PhotoNetwork
 from relight.photos.render import estimate_foreground
 from relight.photos.scene import Scene
+from relight.photos.tone import chroma, clipping_excess
 from relight.pictures.picture import Picture
 from relight.viewer.bundle import bundle
 from relight.viewer.codec import encode as encode_planes

@@ -19,11 +19,11 @@ from relight.maps import Maps
 from relight.maps.square import Crop
 from relight.panoramas import Panorama, project
 from relight.photos.background import Background
-from relight.photos.color import display_shading, roll_off
 from relight.photos.person import Person as Inferred
 from relight.photos.person import balanced, with_light
 from relight.photos.render import render
 from relight.photos.shading import exposure_factor, shade, steady
+from relight.photos.tone import display_shading, roll_off
 from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
 from relight.viewer.build import build_viewer
 from relight.viewer.figure import Figure

@@ -88,7 +88,15 @@ class Canvas:
         self.image.paste(picture, (x, y), picture if picture.mode == "RGBA" else None)
 
     def text(
-        self, words: str, x: int, y: int, size: int, anchor: str = "la", bold=False, color=INK, width=None
+        self,
+        words: str,
+        x: int,
+        y: int,
+        size: int,
+        anchor: str = "la",
+        bold: bool = False,
+        color: tuple[int, int, int] = INK,
+        width: int | None = None,
     ) -> None:
         """Draws words.
 

@@ -44,7 +44,7 @@ class TextTable:
         self.kinds = self.kinds or [""] * len(self.frame)
 
     @classmethod
-    def of(cls, columns: list[str], rows: list[list], **options: Any) -> "TextTable":
+    def of(cls, columns: list[str], rows: list[list[Any]], **options: Any) -> "TextTable":
         """Returns a grid of rows of cells, the first of which is the label, under as many heads; options are fields."""
         index = pd.Index([row[0] for row in rows], name=columns[0], dtype=object)
         return cls(pd.DataFrame([row[1:] for row in rows], index, columns[1:], dtype=object), **options)

@@ -4,6 +4,7 @@ import base64
 import io
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markdown_it import MarkdownIt
@@ -41,19 +42,19 @@ def environment() -> Environment:
     return made
 
 
-def text(template: str, **context) -> str:
+def text(template: str, **context: Any) -> str:
     """Renders a template as plain text, such as the note under a table."""
     lines = environment().get_template(template).render(context).splitlines()
     return Markup(" ".join(line.strip() for line in lines if line.strip())).unescape()
 
 
-def section(template: str, **context) -> Markup:
+def section(template: str, **context: Any) -> Markup:
     """Renders a template of Markdown as HTML."""
     html = MarkdownIt("commonmark").enable("table").render(environment().get_template(template).render(context))
     return Markup(html.replace(" ± ", "\u00a0±\u00a0").replace(" %", "\u00a0%"))  # so that lines do not break there
 
 
-def page(template: str, **context) -> str:
+def page(template: str, **context: Any) -> str:
     """Renders a template as it is, such as HTML."""
     return environment().get_template(template).render(context)
 

@@ -75,7 +75,7 @@ def _unlearned(table: Table, columns: tuple[str, ...]) -> dict[str, list[str]]:
     for row, by_column in verdicts.items():
         for column, comparison in by_column.items():
             if comparison.verdict is not Verdict.BETTER:
-                unlearned.setdefault(column_label(column), []).append(label(row))
+                unlearned.setdefault(column_label(column), []).append(table.label(row))
     return unlearned
 
 

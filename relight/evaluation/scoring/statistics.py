@@ -48,8 +48,8 @@ class Estimate:
     low: float
     high: float
     values: np.ndarray
-    figures: list = field(default_factory=list)
-    lights: list = field(default_factory=list)
+    figures: list[str] = field(default_factory=list)
+    lights: list[int] = field(default_factory=list)
     error: float = 0.0
     freedom: int = 0
     best: bool = False
@@ -144,7 +144,7 @@ def pooled_spread(rows: list[np.ndarray]) -> Spread:
 def estimate(
     values: np.ndarray,
     spread: Spread | None = None,
-    figures_and_lights: tuple[list, list] = ([], []),
+    figures_and_lights: tuple[list[str], list[int]] = ([], []),
     noise_seed: int = 0,
     resamples: int = RESAMPLES,
     seed: int = 0,
@@ -171,8 +171,7 @@ def estimate(
     if spread and spread.freedom:
         larger = max(spread, pooled_spread([values]), key=lambda candidate: candidate.deviation)
         error, freedom = larger.deviation / np.sqrt(trainings), larger.freedom
-    figure_names, light_indices = map(list, figures_and_lights)
-    estimated = Estimate(mean, -np.inf, np.inf, pair_means, figure_names, light_indices, error, freedom)
+    estimated = Estimate(mean, -np.inf, np.inf, pair_means, *figures_and_lights, error, freedom)
     if figures == 1:
         return estimated
     resampled = np.full(resamples, mean)

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from relight.core.errors import UserError
 from relight.evaluation.scoring.metrics import WINDOW, MaskBox, contrast, explained_variance, rmse, ssim
@@ -75,7 +76,16 @@ class Truth:
         lights: (N,K,3).
     """
 
-    def __init__(self, pixel, transport, albedo, normal, ao, lights, size: int):
+    def __init__(
+        self,
+        pixel: ArrayLike,
+        transport: ArrayLike,
+        albedo: ArrayLike,
+        normal: ArrayLike,
+        ao: np.ndarray,
+        lights: ArrayLike,
+        size: int,
+    ):
         """Takes arrays of any float type, and computes shading and reconstruction.
 
         Args:
@@ -87,8 +97,8 @@ class Truth:
             lights: (N,K,3).
             size: of the image, pixels.
         """
-        self.maps = {"transport": transport, "albedo": albedo, "normal": normal, "ao": ao[:, None]}
-        self.maps = {name: np.asarray(array, np.float32)[None] for name, array in self.maps.items()}
+        maps = {"transport": transport, "albedo": albedo, "normal": normal, "ao": ao[:, None]}
+        self.maps = {name: np.asarray(array, np.float32)[None] for name, array in maps.items()}
         self.transport, self.lights = self.maps["transport"], np.asarray(lights, np.float32)
         self.maps["transport"] = self.transport[..., :COMMON_COEFFICIENTS]
         self.maps["shading"] = shade(self.transport, self.lights)

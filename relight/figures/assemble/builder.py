@@ -1,5 +1,7 @@
 """Collects the parts of a mesh, with materials that may depend on the outfit."""
 
+from typing import Any
+
 import numpy as np
 
 from relight.figures.draw.outfits import Outfit
@@ -49,7 +51,7 @@ class Builder:
         self.layers.append(np.full(len(faces), layer, np.int16))
         self.offset += len(used)
 
-    def mesh(self, info: dict, outfits: list[Outfit]) -> Mesh:
+    def mesh(self, info: dict[str, Any], outfits: list[Outfit]) -> Mesh:
         """Returns the mesh, moved to stand on y = 0.
 
         Args:

@@ -11,6 +11,7 @@ import json
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -70,7 +71,7 @@ def folder() -> Path:
 def base() -> Base:
     """Reads MakeHuman's base mesh, once."""
     vertices, uv, current = [], [], ""
-    corners: dict[str, list] = {}
+    corners: dict[str, list[Any]] = {}
     for line in (folder() / "mpfb2/3dobjs/base.obj").read_text().splitlines():
         kind, _, rest = line.partition(" ")
         if kind == "v":

@@ -18,7 +18,7 @@ FOLDER = Path(__file__).parent
 class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
     """PyYAML's loader, which refuses keys that a mapping has twice."""
 
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict:
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Returns a mapping; a key beside a merged mapping (<<) replaces the merged one.
 
         Raises:

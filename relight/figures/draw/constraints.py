@@ -38,7 +38,7 @@ class Constraints:
     garments: tuple[str, ...] = ()
     hair: tuple[str, ...] = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not 0 <= self.sitting <= 1:
             raise UserError(f"the share of figures that sit must lie in [0, 1], not {self.sitting}")
         for (kind, known), chosen in zip(names().items(), (self.poses, self.garments, self.hair)):

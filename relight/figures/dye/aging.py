@@ -84,8 +84,8 @@ class Patch(Swatch):
 
 
 def seams(patch: Patch) -> None:
-    """Darkens the lines of seams by up to a third; scarves have none."""
-    patch.log -= 0.40 * patch.thin * patch.line(patch.marks["seam"]) * (patch.fabric.kind != "scarf")
+    """Darkens the lines of seams by up to a third."""
+    patch.log -= 0.40 * patch.thin * patch.line(patch.marks["seam"])
 
 
 def hems(patch: Patch) -> None:

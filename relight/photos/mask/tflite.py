@@ -162,7 +162,7 @@ def _text(field: int, text: str) -> bytes:
     return _field(field, text.encode())
 
 
-class _Record(Table):
+class _Record(Table):  # type: ignore[misc]
     """A table of the file, with its fields by their numbers."""
 
     def number(self, field: int, kind: type) -> int:

@@ -36,7 +36,7 @@ export function drawBall(canvas, light, exposure = 1) {
 }
 
 const DEVELOPED = Uint8ClampedArray.from({ length: 2048 }, (_, i) => {
-  const light = (i + 0.5) / 512, above = Math.max(light - 0.8, 0) / 0.2; // as in relight/photos/color.py
+  const light = (i + 0.5) / 512, above = Math.max(light - 0.8, 0) / 0.2; // as in relight/photos/tone.py
   const linear = Math.min(light, 0.8) + (0.2 * above) / (1 + above);
   return 255 * (linear <= 0.0031308 ? 12.92 * linear : 1.055 * linear ** (1 / 2.4) - 0.055);
 });

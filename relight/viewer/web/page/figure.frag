@@ -2,7 +2,7 @@ precision highp float;
 precision highp sampler2D;
 
 // One pixel of the stage: what is behind the figure, the figure under a light, or both at its edge. Colors as in
-// relight/photos/color.py. render.js defines the constants PART, VIEW, BACKGROUND, USE_RATIO and IS_CLIPPED, one program
+// relight/photos/tone.py. render.js defines the constants PART, VIEW, BACKGROUND, USE_RATIO and IS_CLIPPED, one program
 // for each case: in software, a GPU's stand-in computes all branches that the compiler leaves.
 uniform sampler2D transportA, transportB, transportC, surface, photo, front, excess, panorama, picture;
 struct Light { mat4x3 first, second; vec3 last; }; // nine coefficients of red, green and blue

@@ -33,7 +33,7 @@ function straightPixels(bitmap) {
   return pixels;
 }
 
-// RGBA bytes on white, as relight/photos/color.py has them.
+// RGBA bytes on white, as relight/photos/tone.py has them.
 function onWhite(pixels) {
   return Uint8ClampedArray.from(pixels, (v, i) => (i % 4 === 3 ? 255 : 255 + (pixels[i | 3] / 255) * (v - 255)));
 }

@@ -1,4 +1,4 @@
-// Colors of a photo: relight/photos/color.py and render.py. Pictures are three planes of linear values.
+// Colors of a photo: relight/photos/tone.py and render.py. Pictures are three planes of linear values.
 
 import { decodeSRGB } from "../page/figure.js";
 import { means } from "./filters.js";

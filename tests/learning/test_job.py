@@ -26,7 +26,7 @@ pytestmark = pytest.mark.slow
 
 
 class Training:
-    """The stage in a folder of its own, with a database of its own, as a function of changed settings."""
+    """The job in a folder of its own, with a database of its own, as a function of changed settings."""
 
     def __init__(self, world, model, loss, schedule, augment):
         self.settings = model, loss, schedule, augment

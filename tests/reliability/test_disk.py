@@ -124,7 +124,7 @@ import sys
 from pathlib import Path
 sys.path[:0] = [sys.argv[1], str(Path(sys.argv[1]).parent)]
 import os, subprocess, numpy as np
-from test_reliability_disk import writers
+from test_disk import writers
 from relight.core.errors import UserError
 inputs, place = Path(sys.argv[2]), Path(sys.argv[3])
 write, rng = writers(inputs), np.random.default_rng(1)

@@ -6,7 +6,7 @@ from scipy.ndimage import zoom
 
 from relight.panoramas import Panorama, project
 from relight.panoramas.lookup import lookup
-from relight.photos.camera import camera_view
+from relight.photos.backdrop import camera_view
 from relight.sh import basis, sphere_quadrature
 
 SHAPES = {

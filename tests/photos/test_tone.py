@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from relight.core.srgb import LINEAR, encode
-from relight.photos.color import KNEE, apply_gain, chroma, clipping_excess, display_shading, roll_off
+from relight.photos.tone import KNEE, apply_gain, chroma, clipping_excess, display_shading, roll_off
 from relight.pictures.codes import to_srgb8
 
 CODES = np.arange(256)

@@ -1,6 +1,6 @@
 """Golden numbers, so that a change of results shows in review, and properties that hold whatever the input.
 
-`RELIGHT_GOLDEN=write make test ARGS=tests/reliability/test_reliability_golden.py` writes golden.json anew. Numbers may
+`RELIGHT_GOLDEN=write make test ARGS=tests/reliability/test_golden.py` writes golden.json anew. Numbers may
 differ in the last digits between kinds of CPUs: TOLERANCE is far above that, and far below any change of a method.
 """
 
