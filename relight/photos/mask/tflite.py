@@ -91,7 +91,8 @@ class _Writer:
 
     def operation(self, name: str, inputs: list[int], output: str, record: "_Record") -> None:
         """Adds an operation of the .tflite file; ValueError if it is not known here."""
-        image, options = str(inputs[0]), record.record(4) if record.has(4) else None
+        image = str(inputs[0])
+        options: Any = record.record(4) if record.has(4) else None
         activation = options.number(FUSED[name], BYTE) if options and name in FUSED else 0
         if activation:
             output, fused = f"{output}.linear", output
