@@ -76,7 +76,7 @@ class Scene:
             mask: as `masked` takes it; by default it is found.
             network: by default the one that comes with the package.
             mask_model: ONNX network for automatic masks.
-            split: whether people who do not touch are inferred one by one.
+            split: whether people are inferred one by one (`split_people`).
             white_balance: `keep` takes the light to be white on average (`balanced`), `scene` to have the color that
                 the network infers.
             size: pixels that the longer side is scaled down to, with 8 bits; None keeps the picture as it is.
@@ -93,8 +93,8 @@ class Scene:
         picture = picture.downscaled(size) if size else picture
         assert picture.coverage is not None  # it is `masked`
         network = network or read_network()
-        coverages = split_people(picture.coverage) if split else [picture.coverage]
-        people = [infer_person(network, picture.pixels, coverage) for coverage in coverages]
+        parts = split_people(picture.coverage, picture.bodies) if split else [(picture.coverage, None)]
+        people = [infer_person(network, picture.pixels, coverage, body=body) for coverage, body in parts]
         notes: list[str] = []
         if light := known_light(network, lit_by, mask_model, white_balance):
             known = deringed(light.at_order(network.order).coefficients).astype(np.float32)

@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from relight.photos.mask import selfie
+from relight.photos.mask import networks
 
 
 @pytest.fixture(scope="session")
@@ -38,7 +38,7 @@ def drawing():
 def own_data(tmp_path, monkeypatch):
     """No test sees or changes the networks that the user has set up."""
     monkeypatch.setenv("RELIGHT_DATA", str(tmp_path / "data"))
-    selfie.load_network.cache_clear()
+    networks.load_network.cache_clear()
 
 
 def draw(height=180, width=140, seed=0):

@@ -46,7 +46,7 @@ NETWORKS = {
 
 
 def network_file(name: str) -> Path:
-    """Returns the path of one of NETWORKS once it is set up: in the user's data folder, or in RELIGHT_DATA."""
+    """Returns the path of one of NETWORKS in the data folder, once it is set up."""
     return data_folder() / "masks" / f"{name}.onnx"
 
 

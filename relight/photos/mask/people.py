@@ -7,8 +7,10 @@ from scipy.ndimage import distance_transform_edt, label
 
 from relight.core.errors import UserError
 from relight.maps.square import MASK_THRESHOLD, extent
+from relight.photos.mask.pose import Body
 
 MIN_SIZE = 8  # pixels; a person smaller than this in both directions is dirt
+KNOWN = 0.1  # least share of a part that the mask of a body covers
 HEAD_WIDTH, HEAD_HEIGHT = 0.085, 0.06  # least, of a person's height; a raised arm is thinner
 SIDES: dict[str, tuple[int | slice, ...]] = {
     "upper": np.s_[0, :], "lower": np.s_[-1, :], "left": np.s_[:, 0], "right": np.s_[:, -1]
@@ -19,36 +21,52 @@ class NobodyFound(UserError):
     """A picture shows nobody, or its mask says so."""
 
 
-def split_people(coverage: np.ndarray, share: float = 0.05) -> list[np.ndarray]:
+def split_people(
+    coverage: np.ndarray, bodies: Sequence[Body] = (), share: float = 0.05
+) -> list[tuple[np.ndarray, Body | None]]:
     """Splits the mask of a photo into one for each person.
 
-    A person is a connected part with at least `share` of the largest one's area. Smaller parts (a hand behind a lamp
-    post, a buckle) and soft edges go to the nearest person, so the sum of all parts is the whole.
+    A person is what the mask of one of `bodies` covers, or a connected part that none of these masks touches, with at
+    least `share` of the largest one's area. Smaller parts (a hand behind a lamp post, a buckle) and soft edges go to
+    the nearest person, so the sum of all parts is the whole.
 
     Args:
         coverage: (H,W) uint8.
+        bodies: the people whom networks found.
         share: least area of a person, over that of the largest part.
 
     Returns:
-        Coverage maps (H,W) uint8, from left to right.
+        Coverage maps (H,W) uint8 with their bodies, from left to right.
 
     Raises:
         NobodyFound: if no part has MIN_SIZE.
     """
     solid = coverage >= MASK_THRESHOLD
     labels, count = label(solid, np.ones((3, 3)))
+    least = np.full(coverage.shape, 0.5, np.float32)
+    owners = np.zeros_like(labels)
+    for number, body in enumerate(bodies, 1):
+        seen = body.mask(coverage.shape[::-1])
+        np.copyto(owners, number, where=(seen > least) & solid)
+        np.maximum(least, seen, out=least)
+    known, whole = (np.bincount(labels[part], minlength=count + 1) for part in (owners > 0, solid))
+    touched = (known > KNOWN * whole)[labels]
+    labels = np.where(touched, owners + count * (owners > 0), labels)
+    count += len(bodies)
     areas = np.bincount(labels[solid], minlength=count + 1)
+    areas[0] = 0
     large = [i for i in np.flatnonzero(areas >= share * areas.max()) if i and _has_min_size(labels == i)]
     if not large:
         raise NobodyFound(f"the mask holds no figure of at least {MIN_SIZE} pixels")
+    body_of = {count - len(bodies) + number: body for number, body in enumerate(bodies, 1)}
     if len(large) == 1:
-        return [coverage]
+        return [(coverage, body_of.get(int(large[0])))]
     labels *= np.isin(np.arange(count + 1), large)[labels]
     apart = (labels == 0) & (coverage > 0)
     nearest = distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
     labels[apart] = labels[tuple(nearest[:, apart])]
     large.sort(key=lambda i: np.flatnonzero((labels == i).any(0)).mean())
-    return [np.where(labels == i, coverage, np.uint8(0)) for i in large]
+    return [(np.where(labels == i, coverage, np.uint8(0)), body_of.get(int(i))) for i in large]
 
 
 def mask_warnings(coverages: Sequence[np.ndarray]) -> list[str]:

@@ -6,7 +6,7 @@ Both come with that of relight.photos.mask.selfie; constants are those of MediaP
 pose_landmarks_to_roi).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,24 +18,34 @@ SEEN, LOOKED_AT = 224, 256  # sides of what the two networks see, pixels
 ANCHORS = (28, 2), (14, 2), (7, 6)  # cells along a side of each layer of the first, and boxes of each cell
 FOUND, SAME = 0.5, 0.3  # least score of a person; intersection over union of two boxes of one person
 ROOM = 1.25  # side of the square over the circle's diameter
+LARGEST = 1.5  # radius of a circle over the photo's longer side; larger ones are in blurred crowds
 WINDOW = 0.6  # width over height of the windows in which a wide photo is searched
-CLOSE, ALIKE = 0.25, 2  # two people whose hips are nearer, in radii of their circles, and whose radii differ less, are one
+CLOSE, ALIKE = 0.25, 2  # two people with hips that near, in radii of their circles, and radii that alike, are one
+NEAR = 0.15  # median distance of the joints of two people, over the diagonal of their box, below which they are one
 JOINTS = 33
 Place = tuple[np.ndarray, np.ndarray]  # the middle of the hips and the point of the circle, (2,) in pixels
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Body:
-    """A person as the networks see them.
+    """A person as the networks see them. Lengths are shares of the photo's width and height.
 
     Attributes:
-        joints: (33,3) x and y in pixels of the photo, and in [0,1] how sure it is that the joint is seen; in the order of
-            MediaPipe.
-        mask: (H,W) float32 in [0,1].
+        joints: (33,3) x, y, and in [0,1] how sure it is that the joint is seen; in the order of MediaPipe.
+        seen: (256,256) float32 in [0,1], the mask in the square.
+        square: (2,3) from x, y and 1 in pixels of the square to the photo.
     """
 
     joints: np.ndarray
-    mask: np.ndarray
+    seen: np.ndarray
+    square: np.ndarray
+
+    def mask(self, size: tuple[int, int], part: Sequence[float] = (0, 0, 1, 1)) -> np.ndarray:
+        """Returns the mask (height,width) in [0,1] of a part (left, upper, right, lower), `size` (width, height)."""
+        back = np.linalg.inv(self.square[:, :2])
+        corner, other = np.reshape(part, (2, 2))
+        axes, start = back * (other - corner) / size, back @ (corner - self.square[:, 2])
+        return np.asarray(_transformed(Image.fromarray(self.seen), axes, start, size))
 
 
 def find_bodies(pixels: np.ndarray) -> list[Body]:
@@ -45,19 +55,28 @@ def find_bodies(pixels: np.ndarray) -> list[Body]:
     count = 1 + int(np.ceil((width - window) / (window / 2)))
     starts = np.linspace(0, width - window, count).astype(int)
     found: list[tuple[float, Place]] = []
-    for left, right in {(0, width), *((start, start + window) for start in starts)}:
+    for left, right in sorted({(0, width), *((start, start + window) for start in starts)}):
         found += [(score, (hips + [left, 0], top + [left, 0])) for score, (hips, top) in _detect(pixels[:, left:right])]
-    bodies, places = [], []
+    bodies: list[Body] = []
+    places: list[tuple[np.ndarray, float]] = []
     for _, (hips, top) in sorted(found, key=lambda each: -each[0]):
-        radius = np.hypot(*(top - hips))
-        if any(
+        radius = float(np.hypot(*(top - hips)))
+        is_known = any(
             np.hypot(*(hips - other)) < CLOSE * max(radius, size) and 1 / ALIKE < radius / size < ALIKE
             for other, size in places
-        ):
+        )
+        if is_known or radius > LARGEST * max(height, width):
             continue
         places.append((hips, radius))
-        bodies += _look_at(pixels, hips, top)
+        body = _look_at(pixels, hips, top)
+        if body and not any(_are_one(body, other) for other in bodies):
+            bodies.append(body)
     return bodies
+
+
+def _are_one(body: Body, other: Body) -> bool:
+    one, two = body.joints[:, :2], other.joints[:, :2]
+    return bool(np.median(np.hypot(*(one - two).T)) < NEAR * np.hypot(*np.ptp(two, axis=0)))
 
 
 def _detect(pixels: np.ndarray) -> Iterator[tuple[float, Place]]:
@@ -85,13 +104,14 @@ def _detect(pixels: np.ndarray) -> Iterator[tuple[float, Place]]:
 
 def _overlap(one: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Returns the intersection over union (N,) of a box (6,2), its middle and its size first, with others (N,6,2)."""
-    low, high = (np.stack([others[:, 0] + side * others[:, 1], 0 * others[:, 0] + one[0] + side * one[1]]) for side in (-0.5, 0.5))
-    both = np.prod(np.maximum(high.min(0) - low.max(0), 0), -1)
+    low = np.maximum(others[:, 0] - others[:, 1] / 2, one[0] - one[1] / 2)
+    high = np.minimum(others[:, 0] + others[:, 1] / 2, one[0] + one[1] / 2)
+    both = np.prod(np.maximum(high - low, 0), -1)
     return both / (np.prod(others[:, 1], -1) + np.prod(one[1]) - both)
 
 
-def _look_at(pixels: np.ndarray, hips: np.ndarray, top: np.ndarray) -> list[Body]:
-    """Returns the person in the square around a circle of a photo (H,W,3) uint8; none if nobody is there."""
+def _look_at(pixels: np.ndarray, hips: np.ndarray, top: np.ndarray) -> Body | None:
+    """Returns the person in the square around a circle of a photo (H,W,3) uint8; None if nobody is there."""
     x, y = ROOM * 2 / LOOKED_AT * (top - hips)
     axes = np.array([[-y, -x], [x, -y]])  # of the square in the photo, a pixel long
     corner = hips - axes @ [LOOKED_AT / 2, LOOKED_AT / 2]
@@ -100,12 +120,11 @@ def _look_at(pixels: np.ndarray, hips: np.ndarray, top: np.ndarray) -> list[Body
     given = np.asarray(image, np.float32).transpose(2, 0, 1)[None] / np.float32(255)
     points, presence, mask = load_network(LANDMARKS).run(["points", "presence", "mask"], {"image": given})
     if presence[0, 0] < FOUND:
-        return []
+        return None
     points = points.reshape(-1, 5)[:JOINTS]
-    joints = np.column_stack([points[:, :2] @ axes.T + corner, _sigmoid(points[:, 3])])
-    back = np.linalg.inv(axes)
-    whole = _transformed(Image.fromarray(_sigmoid(mask[0, 0])), back, -back @ corner, pixels.shape[1::-1])
-    return [Body(joints.astype(np.float32), np.asarray(whole))]
+    square = np.column_stack([axes, corner]) / [[pixels.shape[1]], [pixels.shape[0]]]
+    joints = np.column_stack([points[:, :2] @ square[:, :2].T + square[:, 2], _sigmoid(points[:, 3])])
+    return Body(joints.astype(np.float32), _sigmoid(mask[0, 0]), square)
 
 
 def _transformed(image: Image.Image, axes: np.ndarray, corner: np.ndarray, size: tuple[int, int]) -> Image.Image:
