@@ -6,7 +6,8 @@ FOLDER contains baked figures (.exr, of `relight bake` or a run's `maps/`). Pict
 figure is lit by a generated room and composited over the view of another one at a random place and size, with noise, as
 a JPEG of 800 x 1000. Prints, for each kind, the selfie network's mask alone, the pose network's alone, and what
 `relight photo` uses: mean and least intersection over union at half coverage, and the share below .9; then how often
-the number of people is right, and CPU-seconds. The networks were trained on photographs, which are easier for them.
+the number of people is right, how often wrong masks (RIGHT) are called doubtful, and CPU-seconds. The networks were
+trained on photographs, which are easier for them.
 """
 
 import os
@@ -27,13 +28,14 @@ from relight.maps import Maps, read_maps
 from relight.photos.camera import camera_view
 from relight.photos.color import roll_off
 from relight.photos.mask import selfie
-from relight.photos.mask.people import split_people
+from relight.photos.mask.people import mask_doubts, split_people
 from relight.photos.render import over
 from relight.pictures.codes import to_srgb8
 
 KINDS = {"stands": 20, "jumps": 8, "bust": 8, "dark on dark": 6, "two who touch": 7, "two apart": 5}  # numbers of them
 SHAPE = 1000, 800  # height and width of a picture, pixels
 BLUR = 1.0  # of the background, degrees; generated rooms are sharper than real backgrounds
+RIGHT = 0.93  # least intersection over union of a mask that is right
 GRAIN = 2.5  # standard deviation of the noise, in 8-bit codes
 
 
@@ -103,7 +105,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     files = sorted(parser.parse_args().folder.rglob("*.exr"))
-    rows, seconds = [], []
+    rows, seconds, judged = [], [], []
     for number, kind in enumerate(kind for kind, count in KINDS.items() for _ in range(count)):
         figures = [read_maps(files[index % len(files)]) for index in (number, 7 * number + 3)]
         pixels, people = render_picture(figures, kind, number)
@@ -116,6 +118,7 @@ def main() -> None:
             first, _ = selfie.segment(pixels)
         overlaps = [overlap(mask, true) for mask in (first > 127, posed > 0.5, found > 127)]
         rows.append((kind, len(people), len(split_people(found, bodies)), *overlaps))
+        judged.append((overlaps[-1] < RIGHT or rows[-1][1] != rows[-1][2], bool(mask_doubts(found, bodies))))
     print("| pictures | number | selfie network | pose network | both | people right |\n|---|---|---|---|---|---|")
     for name in ("all", *KINDS):
         chosen = [row for row in rows if name in ("all", row[0])]
@@ -123,6 +126,10 @@ def main() -> None:
         cells = [f"{column.mean():.3f}, {column.min():.3f}, {(column < 0.9).mean():.0%}" for column in columns]
         right = np.mean([count == found for _, count, found, *_ in chosen])
         print(f"| {name} | {len(chosen)} | {' | '.join(cells)} | {right:.0%} |")
+    wrong, doubtful = np.array(judged).T
+    print(
+        f"{wrong.sum()} wrong, {(wrong & doubtful).sum()} of them doubtful, and {(~wrong & doubtful).sum()} right ones"
+    )
     print(f"{np.median(seconds):.2f} CPU-seconds each")
 
 

@@ -91,8 +91,8 @@ class Scene:
         if picture.coverage is None or mask is not None:
             picture = masked(picture, mask, mask_model)
         picture = picture.downscaled(size) if size else picture
-        assert picture.coverage is not None  # it is `masked`
         network = network or read_network()
+        assert picture.coverage is not None  # it is `masked`
         parts = split_people(picture.coverage, picture.bodies) if split else [(picture.coverage, None)]
         people = [infer_person(network, picture.pixels, coverage, body=body) for coverage, body in parts]
         notes: list[str] = []

@@ -1,6 +1,7 @@
 """People one by one, by networks that know the truth; and by MediaPipe's, where they are set up, against its Python."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from PIL import Image, ImageDraw
 
 import relight
 from relight.photos.mask import networks, pose, selfie
-from relight.photos.mask.people import split_people
+from relight.photos.mask.people import mask_doubts, split_people
 
 HAS_NETWORKS = networks.is_set_up()  # of the user, before a fixture hides them
 DATA = os.environ.get("RELIGHT_DATA")
@@ -126,6 +127,30 @@ def test_people_who_touch_are_two_and_a_ball_is_none():
     first, second, third = (part > 0 for part, _ in parts)
     assert first[128, 121] and second[128, 130] and (third == stranger).all() and first[230, 20]
     assert len(split_people(coverage)) == 2
+
+
+def test_doubts_name_limbs_and_places():
+    """A mask that lacks a leg and holds a pillar; joints that are out of the photo, or not seen, raise no doubt."""
+    y, x = np.mgrid[:256, :256]
+    trunk, legs = (abs(x - 128) < 30) & (y > 40) & (y < 150), (abs(abs(x - 128) - 18) < 10) & (y >= 150) & (y < 250)
+    pillar = (x > 170) & (x < 200) & (y > 40) & (y < 120)
+    joints = np.zeros((33, 3), np.float32)
+    joints[:, :2], joints[:, 2] = (128, 90), 0.9
+    joints[27, :2], joints[28, :2], joints[15, :2], joints[16] = (146, 240), (110, 240), (128, 300), (10, 10, 0.3)
+    joints[:, :2] /= 256
+    body = replace(body_of(trunk | legs), joints=joints)
+
+    def said(mask, scale=1):
+        return mask_doubts(np.where(mask.repeat(scale, 0).repeat(scale, 1), np.uint8(255), np.uint8(0)), [body])
+
+    assert said(trunk | legs) == said(trunk | legs, 4) == []
+    assert said(trunk | legs & (x > 128)) == [
+        "the right foot is not in the mask", "the networks disagree about the mask, mostly at the lower left"
+    ]  # fmt: skip
+    (one,) = said(trunk | legs | pillar | (abs(y - 80) < 3) & (x > 128) & (x < 180))
+    assert "mostly at the upper right" in one
+    strangers = said(trunk | legs | (x > 220) & (y > 60) & (y < 200))
+    assert strangers == ["person 2: no joints were found in this part of the mask: it may be a thing, or background"]
 
 
 @pytest.mark.skipif(not HAS_NETWORKS, reason="relight mask setup")

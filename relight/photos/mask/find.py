@@ -13,17 +13,14 @@ from relight.maps.square import MASK_THRESHOLD
 from relight.photos.mask import networks, selfie, u2net
 from relight.photos.mask.coverage import WANTED, coverage_of
 from relight.photos.mask.edge import fit_edge
-from relight.photos.mask.people import NobodyFound, is_inverted
+from relight.photos.mask.people import NobodyFound, is_inverted, mask_doubts
 from relight.photos.mask.pose import Body
 from relight.pictures.codes import as_codes, convert_alpha
 from relight.pictures.deep import is_exr
 from relight.pictures.opening import decoding_errors, mask_beside, open_picture, orientation_of, require_still, upright
 from relight.pictures.picture import Given, Picture
 
-AUTOMATIC = (
-    "the mask is automatic: at times it misses hands and hats, takes in what is behind, or takes a thing for a person; "
-    "`relight mask draw` writes it for correction"
-)
+AUTOMATIC = "the mask is automatic; `relight mask draw` writes it for correction"
 BY_HAND = "draw a mask, white on the person ({}_mask.png beside it), or give a PNG that is transparent elsewhere"
 NO_OUTLINE = "its alpha channel is no outline of people, and was not taken for their mask"
 
@@ -75,6 +72,8 @@ def masked(picture: Picture, mask: Given | None = None, model: Path | str | None
         notes = [*notes, *[NO_OUTLINE] * (alpha is not None), AUTOMATIC]
         coverage, bodies = automatic_mask(picture, model)
     coverage = coverage if alpha is None else np.minimum(coverage, alpha)
+    if mask is None and model is None:
+        notes += mask_doubts(coverage, bodies)
     return replace(picture, coverage=coverage, notes=notes, bodies=bodies)
 
 

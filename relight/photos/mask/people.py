@@ -3,13 +3,22 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, label
+from PIL import Image
+from scipy.ndimage import distance_transform_edt, label, maximum_filter, minimum_filter
 
 from relight.core.errors import UserError
 from relight.maps.square import MASK_THRESHOLD, extent
 from relight.photos.mask.pose import Body
 
 MIN_SIZE = 8  # pixels; a person smaller than this in both directions is dirt
+LOOK = 256  # pixels of a person's longer side at which doubts are looked for
+SLACK = 0.02  # of it: how far a joint may be outside, and half the thickness of what networks may disagree about
+SURE = 0.8  # that a joint is seen
+APART = 0.05  # least share of a mask about which they disagree
+LIMBS = {
+    0: "head", 13: "left elbow", 14: "right elbow", 15: "left hand", 16: "right hand", 25: "left knee",
+    26: "right knee", 27: "left foot", 28: "right foot",
+}  # fmt: skip
 KNOWN = 0.1  # least share of a part that the mask of a body covers
 HEAD_WIDTH, HEAD_HEIGHT = 0.085, 0.06  # least, of a person's height; a raised arm is thinner
 SIDES: dict[str, tuple[int | slice, ...]] = {
@@ -95,6 +104,46 @@ def mask_warnings(coverages: Sequence[np.ndarray]) -> list[str]:
                 "whole figures are inferred best"
             )
     return warnings
+
+
+def mask_doubts(coverage: np.ndarray, bodies: Sequence[Body]) -> list[str]:
+    """Returns why the automatic mask of a photo may be wrong, as sentences; none if all is well.
+
+    Args:
+        coverage: (H,W) uint8.
+        bodies: the people whom networks found.
+    """
+    parts = split_people(coverage, bodies)
+    return [
+        f"{f'person {number}: ' if len(parts) > 1 else ''}{doubt}"
+        for number, part in enumerate(parts, 1)
+        for doubt in _doubts(*part)
+    ]
+
+
+def _doubts(coverage: np.ndarray, body: Body | None) -> list[str]:
+    if body is None:
+        return ["no joints were found in this part of the mask: it may be a thing, or background"]
+    rows, columns = extent(coverage >= MASK_THRESHOLD)
+    part, shape = coverage[slice(*rows), slice(*columns)], np.array(coverage.shape)
+    scale = min(LOOK / max(part.shape), 1)
+    size = max(round(part.shape[1] * scale), 1), max(round(part.shape[0] * scale), 1)
+    solid = np.asarray(Image.fromarray(part).resize(size, Image.Resampling.BOX)) >= MASK_THRESHOLD
+    slack = max(round(SLACK * max(size)), 1)
+    known = np.pad(maximum_filter(np.pad(solid, slack), 2 * slack + 1), 1)
+    places = ((body.joints[:, 1::-1] * shape - [rows[0], columns[0]]) * scale).astype(int) + slack + 1
+    lost = ~known[tuple(places.clip(0, np.array(known.shape) - 1).T)] & (body.joints[:, 2] > SURE)
+    lost &= ((body.joints[:, :2] > 0) & (body.joints[:, :2] < 1)).all(1)
+    doubts = [f"the {name} is not in the mask" for joint, name in LIMBS.items() if lost[joint]]
+    other = (
+        body.mask(size, [columns[0] / shape[1], rows[0] / shape[0], columns[1] / shape[1], rows[1] / shape[0]]) > 0.5
+    )
+    apart = maximum_filter(minimum_filter(solid ^ other, 2 * slack + 1), 2 * slack + 1)
+    if apart.sum() > APART * solid.sum():
+        y, x = np.argwhere(apart).mean(0) / solid.shape
+        where = f"{'upper' if y < 0.5 else 'lower'} {'left' if x < 0.5 else 'right'}"
+        doubts.append(f"the networks disagree about the mask, mostly at the {where}")
+    return doubts
 
 
 def is_inverted(solid: np.ndarray) -> bool:
