@@ -57,7 +57,7 @@ class Relighter:
         Args:
             image: as `scene` takes it.
             mask: likewise.
-            split: whether people who do not touch are inferred one by one.
+            split: whether people are inferred one by one.
             white_balance: `keep` takes the photo's light to be white on average (relight.photos.person.balanced),
                 `scene` to have the color that the network infers.
         """

@@ -214,7 +214,7 @@ def photo(
     except NoMaskNetwork:
         if not at_terminal():
             raise
-        print(f"{path.name} has no mask. A network that finds people can be fetched, once (a download of 36 MB).")
+        print(f"{path.name} has no mask. Networks that find people can be fetched, once (a download of 36 MB).")
         if not typer.confirm("Fetch it now?", default=True):
             raise
         mask_setup()
@@ -266,11 +266,11 @@ def mask_setup(
         Path | None, typer.Option("--from", help="A wheel of mediapipe 0.10.21 that you have, instead of a download.")
     ] = None,
 ) -> None:
-    """Fetch the built-in network for masks, once: 249 KB of the package mediapipe (Apache-2.0), with the licence."""
-    from relight.photos.mask.selfie import setup
+    """Fetch the built-in networks for masks, once: 25 MB of the package mediapipe (Apache-2.0), with the licence."""
+    from relight.photos.mask.networks import setup
 
     if wheel is None:
-        print("downloading mediapipe 0.10.21 (36 MB), of which 249 KB are kept", flush=True)
+        print("downloading mediapipe 0.10.21 (36 MB), of which 25 MB are kept", flush=True)
     print(f"{setup(wheel)}: photos without a mask get one from now on")
 
 
@@ -294,7 +294,7 @@ def mask_draw(
     if out.exists():  # it may have been corrected, or be the photo
         raise UserError(f"{out} exists: delete it for a new one, or give another --out")
     out = writable_file(out, "--out")
-    write_picture(out, automatic_mask(Picture.of(path), mask_model))
+    write_picture(out, automatic_mask(Picture.of(path), mask_model)[0])
     print(out)
 
 

@@ -18,6 +18,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, label
 
 from relight.maps.square import MASK_THRESHOLD, extent
 from relight.photos.backdrop import focal_length
+from relight.photos.mask.pose import Body
 from relight.sh import basis
 from relight.transport.sampling import vogel_directions
 
@@ -28,6 +29,8 @@ MAX_BALLS, MIN_RADIUS = 200, 1.4  # number of balls, and least radius in those p
 SPACING = 0.9  # distance of the centres of two balls, in radii
 FEET, LEGS = 0.12, 0.45  # of the height: where feet are separated, and up to where each leg stands over its foot
 SUNK = 1.0  # of those pixels: how deep soles are in the ground, since balls leave a gap under what is flat
+FOOT_JOINTS = slice(27, 33)  # ankles, heels and toes among the joints of a body
+SEEN, SOLE = 0.5, 0.05  # how sure a joint is seen; from the lowest one to the ground, of the height, at most
 RISE = 0.35  # of the height: least height of the horizon above the feet
 REACH = 1.6  # heights from the feet at which the shadow has faded
 AMBIENT = 0.1  # of the mean irradiance: what reaches the deepest shadow by further bounces
@@ -94,20 +97,38 @@ class Ground:
         return out
 
 
-def ground_under(coverages: Sequence[np.ndarray], order: int = 2) -> Ground | None:
+def standing_box(coverage: np.ndarray, body: Body | None = None) -> tuple[int, int, int, int] | None:
+    """Returns the box (top, bottom, left, right) of a person down to the ground; None if no foot is in the picture.
+
+    Args:
+        coverage: (H,W) uint8 of the person.
+        body: what networks found of them. Without it, feet are seen where the mask ends above the lower edge.
+    """
+    (top, bottom), columns = extent(coverage >= MASK_THRESHOLD)
+    if body is None:
+        return (top, bottom, *columns) if bottom < len(coverage) else None
+    x, y, seen = body.joints.T
+    shown = (seen > SEEN) & (x > 0) & (x < 1) & (y < 1)
+    if not shown[FOOT_JOINTS].any():
+        return None
+    ground = int(y[shown].max() * len(coverage) + SOLE * (bottom - top))  # what is below is a reflection, or floor
+    return (top, min(bottom, ground), *columns) if ground > top else None
+
+
+def ground_under(coverages: Sequence[np.ndarray], order: int = 2, bodies: Sequence[Body | None] = ()) -> Ground | None:
     """Computes the ground under people.
 
     Args:
         coverages: (H,W) uint8 of each person.
         order: of the spherical harmonics.
+        bodies: what networks found of each person.
 
     Returns:
-        The ground, or None if nobody's feet are in the picture.
+        The ground, or None if nobody's feet are in the picture (`standing_box`).
     """
     height, width = coverages[0].shape
-    extents = (extent(coverage >= MASK_THRESHOLD) for coverage in coverages)
-    boxes = [(*rows, *columns) for rows, columns in extents]  # top, bottom, left, right
-    standing = [(coverage, box) for coverage, box in zip(coverages, boxes) if box[1] < height]
+    boxes = map(standing_box, coverages, bodies or [None] * len(coverages))
+    standing = [(coverage, box) for coverage, box in zip(coverages, boxes) if box]
     if not standing:
         return None
     tops, bottoms, lefts, rights = zip(*(box for _, box in standing))

@@ -10,6 +10,7 @@ from relight.core.srgb import decode, encode, to_linear
 from relight.maps.square import MASK_THRESHOLD, Crop, Window, crop_around
 from relight.panoramas import luminance
 from relight.photos.guide import FittedMap, Guide, fit_map, luma, square_root
+from relight.photos.mask.pose import Body
 from relight.photos.network import PhotoNetwork
 from relight.photos.shading import exposure_factor, gain, shade, steady
 from relight.photos.tone import chroma
@@ -35,6 +36,7 @@ class Person:
         gamma: 1, or PAPER_GAMMA for networks of coded values.
         white: (3,) color that `balanced` moved from the inferred light to the albedo; 1 without it.
         exposure: factor on `image` for the network, below 1 for linear photos whose values exceed white.
+        body: what networks found of them, if the mask is automatic.
     """
 
     crop: Crop
@@ -47,6 +49,7 @@ class Person:
     gamma: float = 1.0
     white: np.ndarray = field(default_factory=lambda: np.ones(3, np.float32))
     exposure: float = 1.0
+    body: Body | None = None
 
     def __repr__(self) -> str:
         height, width = self.coverage.shape
@@ -123,7 +126,13 @@ class Person:
         return values if self.gamma == 1 else decode(values).astype(np.float32)
 
 
-def infer_person(network: PhotoNetwork, pixels: np.ndarray, coverage: np.ndarray, crop: Crop | None = None) -> Person:
+def infer_person(
+    network: PhotoNetwork,
+    pixels: np.ndarray,
+    coverage: np.ndarray,
+    crop: Crop | None = None,
+    body: Body | None = None,
+) -> Person:
     """Infers the light, albedo and transport of one person.
 
     Args:
@@ -131,6 +140,7 @@ def infer_person(network: PhotoNetwork, pixels: np.ndarray, coverage: np.ndarray
         pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
         coverage: (H,W) uint8 of the person.
         crop: the square to use; by default the one around the coverage.
+        body: of the person, if networks found it.
 
     Raises:
         UserError: if the coverage is empty.
@@ -154,6 +164,7 @@ def infer_person(network: PhotoNetwork, pixels: np.ndarray, coverage: np.ndarray
         light=light / np.float32(exposure),
         exposure=exposure,
         gamma=PAPER_GAMMA if paper else 1.0,
+        body=body,
     )
 
 

@@ -107,7 +107,8 @@ def frames(
     shown = coverage if transparent else alpha if background.kind == "keep" else None
     ground = None
     if background.replaced and background.shadow:
-        ground = ground_under([person.coverage for person in people], order_of(people[0].transport.shape[-1]))
+        coverages, bodies = zip(*((person.coverage, person.body) for person in people))
+        ground = ground_under(coverages, order_of(people[0].transport.shape[-1]), bodies)
     still = background.linear(shape, stops=stops) if background.replaced and not background.turns else None
     parts = list(tiles((0, shape[0]), (0, shape[1])))
     layers: Iterable[_Layers | None] = (

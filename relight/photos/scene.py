@@ -13,6 +13,7 @@ from relight.lights import Light, load_light
 from relight.lights.place import PREFIX, is_of_person
 from relight.panoramas import luminance
 from relight.photos.background import Background
+from relight.photos.ground import standing_box
 from relight.photos.look import AUTO, Look
 from relight.photos.mask.find import AUTOMATIC, masked
 from relight.photos.mask.people import NobodyFound, mask_warnings, split_people
@@ -76,7 +77,7 @@ class Scene:
             mask: as `masked` takes it; by default it is found.
             network: by default the one that comes with the package.
             mask_model: ONNX network for automatic masks.
-            split: whether people who do not touch are inferred one by one.
+            split: whether people are inferred one by one (`split_people`).
             white_balance: `keep` takes the light to be white on average (`balanced`), `scene` to have the color that
                 the network infers.
             size: pixels that the longer side is scaled down to, with 8 bits; None keeps the picture as it is.
@@ -91,10 +92,10 @@ class Scene:
         if picture.coverage is None or mask is not None:
             picture = masked(picture, mask, mask_model)
         picture = picture.downscaled(size) if size else picture
-        assert picture.coverage is not None  # it is `masked`
         network = network or read_network()
-        coverages = split_people(picture.coverage) if split else [picture.coverage]
-        people = [infer_person(network, picture.pixels, coverage) for coverage in coverages]
+        assert picture.coverage is not None  # it is `masked`
+        parts = split_people(picture.coverage, picture.bodies) if split else [(picture.coverage, None)]
+        people = [infer_person(network, picture.pixels, coverage, body=body) for coverage, body in parts]
         notes: list[str] = []
         if light := known_light(network, lit_by, mask_model, white_balance):
             known = deringed(light.at_order(network.order).coefficients).astype(np.float32)
@@ -157,13 +158,20 @@ class Scene:
         return light, look.background.matched(light, factor, factor / needed)
 
     def notes_on(self, look: Look) -> list[str]:
-        """What a user should know about the light of a look: its notes, and whether it comes from behind or below."""
+        """What a user should know about a look: who casts no shadow, and notes on its light, from behind or below."""
+        shadows = []
+        if look.background.replaced and look.background.shadow:
+            for number, person in enumerate(self.people, 1):
+                if standing_box(person.coverage, person.body) is None:
+                    who = "the figure" if len(self.people) == 1 else f"person {number}"
+                    why = "no feet are seen" if person.body else "its mask reaches the photo's lower edge"
+                    shadows.append(f"{who} casts no shadow on the new ground: {why}")
         if look.light is None:
-            return []
+            return shadows
         level, y, z, x = luminance(look.light.at_order(1).coefficients)
         heading = np.degrees(np.arctan2(x, z))
         turned = abs((heading + look.turn + 180) % 360 - 180)
-        notes = list(look.light.notes)
+        notes = [*shadows, *look.light.notes]
         if turned >= BEHIND and np.hypot(x, z) >= DIRECTED * level:
             turn = f"a turn of {-heading:.0f} brings it to the front"
             notes.append(f"most of this light comes from behind: faces suffer; {turn}")

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Union
+from typing import Any, Union
 
 import numpy as np
 from PIL import Image, TiffImagePlugin
@@ -37,6 +37,7 @@ class Picture:
         name: of the file, without its suffix.
         notes: what was chosen where a file can mean two things, one sentence each.
         coverage: (H,W) uint8 of its people, once they are found (relight.photos.mask.find).
+        bodies: those whom networks found one by one (relight.photos.mask.pose.Body).
         suffix: of pictures that are written in kind: .png, .tif or .exr.
         file: that it was read from, or None.
         what: its name in errors, such as "photo me.jpg".
@@ -47,6 +48,7 @@ class Picture:
     name: str = "image"
     notes: list[str] = field(default_factory=list)
     coverage: np.ndarray | None = None
+    bodies: list[Any] = field(default_factory=list)
     suffix: str = ".png"
     file: Path | None = None
     what: str = "the image"

@@ -10,7 +10,7 @@ import numpy as np
 
 from relight.core.errors import UserError
 from relight.core.files import atomic_folder, file_hash
-from relight.photos.mask import selfie
+from relight.photos.mask.networks import SELFIE, license_file, network_file
 from relight.viewer import runtime
 from relight.viewer.build import Additions, build_viewer
 from relight.viewer.bundle import bundle
@@ -59,9 +59,9 @@ def build_site(
     with atomic_folder(out) as folder:
         shutil.copyfile(network, folder / "network.onnx")
         files = [*runtime.unpack(folder), folder / "network.onnx"]
-        if selfie.network_file().is_file():
-            shutil.copyfile(selfie.network_file(), folder / "mask.onnx")
-            shutil.copyfile(selfie.license_file(), folder / "mask.LICENSE.txt")
+        if network_file(SELFIE).is_file():
+            shutil.copyfile(network_file(SELFIE), folder / "mask.onnx")
+            shutil.copyfile(license_file(), folder / "mask.LICENSE.txt")
             files.append(folder / "mask.onnx")
         known = [{"name": path.name, "bytes": path.stat().st_size, "sha256": file_hash(path)} for path in files]
         additions = Additions(

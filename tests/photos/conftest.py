@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from relight.photos.mask import selfie
+from relight.photos.mask import networks
 
 
 @pytest.fixture(scope="session")
@@ -38,7 +38,7 @@ def drawing():
 def own_data(tmp_path, monkeypatch):
     """No test sees or changes the networks that the user has set up."""
     monkeypatch.setenv("RELIGHT_DATA", str(tmp_path / "data"))
-    selfie.load_network.cache_clear()
+    networks.load_network.cache_clear()
 
 
 def draw(height=180, width=140, seed=0):
@@ -76,9 +76,18 @@ class Writer:
     def __init__(self):
         self.tensors, self.operations, self.codes = [], [], []
 
-    def tensor(self, values=None, shape=None):
-        self.tensors.append((None if values is None else np.ascontiguousarray(values), shape))
+    def tensor(self, values=None, shape=None, sparsity=None):
+        """values: held by the file, of that shape if `sparsity`, the fields of a table, says which are left out."""
+        self.tensors.append((None if values is None else np.ascontiguousarray(values), shape, sparsity))
         return len(self.tensors) - 1
+
+    def sparse(self, values):
+        """A tensor whose rows along its last axis hold their numbers that are not 0, with their columns."""
+        rows = values.reshape(-1, values.shape[-1])
+        ends = np.concatenate([[0], np.cumsum((rows != 0).sum(1))]).astype(np.uint16)
+        columns = {2: ("Uint8", 2), 3: {0: ends}, 4: ("Uint8", 3), 5: {0: np.nonzero(rows)[1].astype(np.uint8)}}
+        dense = [{1: ("Int32", n)} for n in values.shape[:-1]]
+        return self.tensor(rows[rows != 0], values.shape, {2: [*dense, {0: ("Int8", 1)} | columns]})
 
     def operation(self, code, inputs, options=()):
         """options: (field, "Int8" | "Int32", value); code: a number, or the name of a custom operation."""
@@ -88,14 +97,15 @@ class Writer:
         self.operations.append((self.codes.index(code), inputs, [out], options))
         return out
 
-    def bytes(self, first, last):
+    def bytes(self, first, *lasts):
         tensors, buffers = [], [{}]
-        for values, shape in self.tensors:
+        for values, shape, sparsity in self.tensors:
             if values is None:
                 tensors.append({0: np.array(shape, np.int32)})
             else:
                 kind, place = ("Int8", TENSORS[values.dtype]), ("Uint32", len(buffers))
-                tensors.append({0: np.array(values.shape, np.int32), 1: kind, 2: place})
+                fields = {0: np.array(shape or values.shape, np.int32), 1: kind, 2: place}
+                tensors.append(fields | ({6: sparsity} if sparsity else {}))
                 buffers.append({0: values.tobytes()})
         codes, operations = [], []
         for code in self.codes:
@@ -105,7 +115,7 @@ class Writer:
             fields = {0: ("Uint32", code), 1: np.array(inputs, np.int32), 2: np.array(outputs, np.int32)}
             chosen = {field: (kind, value) for field, kind, value in options}
             operations.append(fields | ({3: ("Uint8", 1), 4: chosen} if options else {}))
-        ends = {1: np.array([first], np.int32), 2: np.array([last], np.int32)}
+        ends = {1: np.array([first], np.int32), 2: np.array(lasts, np.int32)}
         b = flatbuffers.Builder(1024)
         b.Finish(put(b, {1: codes, 2: [{0: tensors, **ends, 3: operations}], 4: buffers}), file_identifier=b"TFL3")
         return bytes(b.Output())

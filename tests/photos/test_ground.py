@@ -10,8 +10,9 @@ from relight.lights import Light, load_light
 from relight.maps.square import extent
 from relight.panoramas import Panorama
 from relight.photos.background import Background, estimate_white, read_background
-from relight.photos.ground import Camera, _fill_with_balls, _transport, ground_under
+from relight.photos.ground import Camera, _fill_with_balls, _transport, ground_under, standing_box
 from relight.photos.look import Look
+from relight.photos.mask.pose import Body
 from relight.photos.render import render
 from relight.pictures.codes import to_srgb8
 from relight.sh import basis, rotate_y, unoccluded
@@ -139,6 +140,34 @@ def test_nobody_stands_in_a_portrait():
     both = ground_under([coverage, standing(middle=60)])
     alone = ground_under([standing(middle=60)])
     assert np.array_equal(both.occluded, alone.occluded)
+
+
+def body_with_feet(row, seen=0.9, height=300, width=260):
+    """A body whose joints are all at its hips, but for the feet, which are in a row of the picture."""
+    joints = np.tile(np.array([130 / width, 150 / height, 0.9], np.float32), (33, 1))
+    joints[27:33] = 130 / width, row / height, seen
+    return Body(joints, np.zeros((256, 256), np.float32), np.eye(2, 3) / 256)
+
+
+def test_feet_are_where_joints_are(relighter):
+    """A reflection on the floor, down to the lower edge, takes no shadow away; feet that are out of the photo do."""
+    coverage = standing()
+    mirrored = np.maximum(coverage, np.pad(coverage[:280][::-1], ((280, 0), (0, 0)))[:300])
+    assert mirrored[299].any() and standing_box(mirrored) is None
+    top, bottom, *columns = standing_box(mirrored, body_with_feet(275))
+    assert (top, *columns) == standing_box(coverage)[:1] + standing_box(coverage)[2:] and abs(bottom - 280) <= 9
+    for body in (body_with_feet(320), body_with_feet(275, seen=0.2)):
+        assert standing_box(coverage, body) is None and ground_under([coverage], bodies=[body]) is None
+    close, right = ground_under([mirrored], bodies=[body_with_feet(272)]), ground_under([coverage])
+    light = lamp(70, 35)
+    assert abs(close.shadows(light).mean() - right.shadows(light).mean()) < 0.05 and close.shadows(light).min() < 0.8
+    scene = relighter.scene(np.full((300, 260, 3), 90, np.uint8), mirrored)
+    look = Look("room:2", background="#445566")
+    assert "no shadow on the new ground: its mask reaches" in scene.notes_on(look)[0]
+    scene.people = [replace(scene.people[0], body=body_with_feet(320))]
+    assert "no shadow on the new ground: no feet are seen" in scene.notes_on(look)[0]
+    scene.people = [replace(scene.people[0], body=body_with_feet(275))]
+    assert scene.notes_on(look) == scene.notes_on(Look("room:2")) == []
 
 
 @pytest.mark.parametrize("kind", ["color", "picture", "panorama"])

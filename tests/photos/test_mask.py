@@ -1,4 +1,4 @@
-"""Automatic masks: the built-in network is set up whole or not at all, and others may be named."""
+"""Automatic masks: the built-in networks are set up whole or not at all, and others may be named."""
 
 import hashlib
 import subprocess
@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from relight.cli import app
 from relight.core.errors import UserError
-from relight.photos.mask import selfie, u2net
+from relight.photos.mask import networks, selfie, u2net
 from relight.photos.mask.find import AUTOMATIC, NO_OUTLINE, automatic_model, masked
 from relight.photos.mask.tflite import convert
 from relight.pictures.picture import Picture
@@ -19,13 +19,30 @@ from relight.pictures.picture import Picture
 
 @pytest.fixture
 def bright(tflite, monkeypatch):
-    """The bytes of a network that calls bright things people, which is taken for MediaPipe's."""
-    writer = tflite()
-    first = writer.tensor(shape=[1, 256, 256, 3])
-    weight, bias = (writer.tensor(np.array(each, np.float32)) for each in ([[[[20.0] * 3]]], [-30.0]))
-    grey = writer.operation(3, [first, weight, bias], [(0, "Int8", 0), (1, "Int32", 1), (2, "Int32", 1)])
-    data = writer.bytes(first, writer.operation(14, [grey]))
-    monkeypatch.setattr(selfie, "SHA256", hashlib.sha256(data).hexdigest())
+    """Networks as .tflite that are taken for MediaPipe's: one calls bright things people, the others find nobody."""
+
+    def grey(writer, first, stride, slope, offset, channels=1):
+        weight, bias = (
+            np.full(shape, value, np.float32) for shape, value in (((channels, 1, 1, 3), slope), (channels, offset))
+        )
+        window = [(0, "Int8", 1), (1, "Int32", stride), (2, "Int32", stride)]
+        return writer.operation(3, [first, writer.tensor(weight), writer.tensor(bias)], window)
+
+    def shaped(writer, values, *shape):
+        return writer.operation(22, [values, writer.tensor(np.array([1, *shape], np.int32))])
+
+    finds, detects, looks = tflite(), tflite(), tflite()
+    first = finds.tensor(shape=[1, 256, 256, 3])
+    data = {networks.SELFIE: finds.bytes(first, finds.operation(14, [grey(finds, first, 1, 20, -30)]))}
+    first = detects.tensor(shape=[1, 224, 224, 3])
+    boxes, scores = grey(detects, first, 32, 0, 0, 46 * 12), grey(detects, first, 32, 0, -9, 46)
+    data[networks.DETECTOR] = detects.bytes(first, shaped(detects, boxes, 2254, 12), shaped(detects, scores, 2254, 1))
+    first = looks.tensor(shape=[1, 256, 256, 3])
+    points = [shaped(looks, grey(looks, first, 256, 0, 0, count), count) for count in (195, 1)]
+    data[networks.LANDMARKS] = looks.bytes(first, *points, grey(looks, first, 1, 0, 0))
+    for name, each in data.items():
+        known = networks.NETWORKS[name]._replace(digest=hashlib.sha256(each).hexdigest())
+        monkeypatch.setitem(networks.NETWORKS, name, known)
     return data
 
 
@@ -34,14 +51,15 @@ def wheel(bright, tmp_path):
     return packed(tmp_path / "mediapipe-0.10.21-py3-none-any.whl", bright)
 
 
-def packed(path, network):
+def packed(path, data):
     """A wheel as far as pip and `setup` look at it."""
     about = "mediapipe-0.10.21.dist-info"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr(f"{about}/METADATA", "Metadata-Version: 2.1\nName: mediapipe\nVersion: 0.10.21\n")
         archive.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
         archive.writestr(f"{about}/LICENSE", "Apache License")
-        archive.writestr(selfie.MEMBER, network)
+        for name, each in data.items():
+            archive.writestr(f"mediapipe/modules/{networks.NETWORKS[name].folder}/{name}.tflite", each)
     return path
 
 
@@ -58,11 +76,12 @@ def overlap(a, b):
 
 
 def test_what_is_no_such_wheel_changes_nothing(run, wheel, bright, tmp_path):
-    selfie.setup(wheel)
+    networks.setup(wheel)
+    before = [networks.network_file(name).read_bytes() for name in bright]
     (tmp_path / "text.whl").write_text("no wheel")
     with zipfile.ZipFile(tmp_path / "other.whl", "w") as archive:
         archive.writestr("numpy/__init__.py", "")
-    packed(tmp_path / "changed.whl", bright[:-1] + b"?")
+    packed(tmp_path / "changed.whl", bright | {networks.LANDMARKS: bright[networks.LANDMARKS][:-1] + b"?"})
     for name, says in {
         "text.whl": "is no wheel of mediapipe",
         "other.whl": "is no wheel of mediapipe",
@@ -72,7 +91,7 @@ def test_what_is_no_such_wheel_changes_nothing(run, wheel, bright, tmp_path):
         with pytest.raises(UserError, match=says) as error:
             run("mask", "setup", "--from", tmp_path / name)
         assert "\n" not in str(error.value)
-    assert selfie.network_file().read_bytes() == convert(bright)
+    assert [networks.network_file(name).read_bytes() for name in bright] == before
 
 
 def test_setup_by_pip(run, wheel, bright, monkeypatch):
@@ -80,26 +99,27 @@ def test_setup_by_pip(run, wheel, bright, monkeypatch):
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(wheel.parent))
     assert "36 MB" in run("mask", "setup")
-    network = selfie.network_file()
-    assert {path.name for path in network.parent.iterdir()} == {network.name, f"{network.name}.LICENSE"}
-    assert network.read_bytes() == convert(bright)
-    assert network.with_name(f"{network.name}.LICENSE").read_text() == "Apache License"
+    files = {networks.network_file(name) for name in bright}
+    assert set(networks.license_file().parent.iterdir()) == {*files, networks.license_file()}
+    assert networks.network_file(networks.SELFIE).read_bytes() == convert(bright[networks.SELFIE])
+    assert networks.license_file().read_text() == "Apache License"
     failed = subprocess.CompletedProcess([], 1, "", "WARNING: slow\nERROR: no route to the index")
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: failed)
     with pytest.raises(UserError, match=r"\(no route to the index\): run `pip download --no-deps .*--from FILE.whl`"):
-        selfie.setup()
+        networks.setup()
 
 
 def test_the_built_in_mask(wheel):
     """It has the figure's gaps, is as exact as the photo, and leaves out what is small and apart; nobody is said."""
-    selfie.setup(wheel)
+    networks.setup(wheel)
     pixels, figure = scene()
     pixels[20:30, 20:30] = 255
-    found = selfie.segment(pixels)
+    found, bodies = selfie.segment(pixels)
     assert found.shape == figure.shape and found.dtype == np.uint8
     assert overlap(found > 127, figure) > 0.97
     assert not found[15:35, 15:35].any() and not found[190:260, 118:123].any()
-    assert np.abs(found[:, ::-1].astype(int) - selfie.segment(np.ascontiguousarray(pixels[:, ::-1]))).max() <= 8
+    assert np.abs(found[:, ::-1].astype(int) - selfie.segment(np.ascontiguousarray(pixels[:, ::-1]))[0]).max() <= 8
+    assert not bodies
     with pytest.raises(UserError, match=r"found nobody in photo dark\.jpg: draw a mask"):
         masked(Picture(pixels // 8, what="photo dark.jpg"))
 
@@ -142,7 +162,8 @@ def test_photo_without_a_mask(run, wheel, weights, tmp_path):
     with pytest.raises(UserError, match=r"me\.png has no mask: .* run `relight mask setup` once; or draw"):
         run(*words)
     run("mask", "setup", "--from", wheel)
-    assert "takes a thing for a person" in run(*words)
+    said = run(*words)
+    assert "mask draw` writes it for correction" in said and "no joints were found" in said
     alpha = np.asarray(Image.open(tmp_path / "me_relit" / "albedo.png"))[..., 3]
     assert overlap(alpha > 127, figure) > 0.97
     assert run("mask", "draw", tmp_path / "me.png").strip() == str(tmp_path / "me_mask.png")
@@ -155,8 +176,8 @@ def test_photo_without_a_mask(run, wheel, weights, tmp_path):
     with pytest.raises(UserError, match=r"me\.png exists"):
         run("mask", "draw", tmp_path / "me.png", "--out", tmp_path / "me.png")
     assert np.array_equal(np.asarray(Image.open(tmp_path / "me_mask.png")), alpha // 2)
-    selfie.network_file().write_bytes(b"cut short")
-    selfie.load_network.cache_clear()
+    networks.network_file(networks.SELFIE).write_bytes(b"cut short")
+    networks.load_network.cache_clear()
     with pytest.raises(UserError, match="is damaged: run `relight mask setup` again"):
         run("mask", "draw", tmp_path / "me.png", "--out", tmp_path / "b.png")
 
@@ -171,7 +192,7 @@ def test_photo_at_a_terminal_asks_whether_to_fetch_the_network(answer, wheel, we
     words = ["photo", str(tmp_path / "me.png"), "--weights", str(weights)]
     result = CliRunner().invoke(app, words, input=f"{answer}\n")
     assert "Fetch it now? [Y/n]" in result.output
-    assert (tmp_path / "me_relit" / "relit.png").is_file() == selfie.network_file().is_file() == (answer != "n")
+    assert (tmp_path / "me_relit" / "relit.png").is_file() == networks.is_set_up() == (answer != "n")
     assert isinstance(result.exception, UserError) == (answer == "n")
 
 

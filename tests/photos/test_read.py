@@ -67,7 +67,7 @@ def test_people_are_split_left_to_right():
     coverage[20:50, 10:30] = 255
     coverage[5:8, 98:101] = 255  # a crumb of the right one
     coverage[20:50, 30:33] = 90  # a soft edge of the left one
-    left, right = split_people(coverage)
+    left, right = (part for part, _ in split_people(coverage))
     assert np.array_equal(left + right, coverage) and not (left.astype(bool) & right.astype(bool)).any()
     assert left[30, 20] and left[30, 31] == 90 and right[6, 99] == 255
     assert len(split_people(right)) == 1

@@ -11,6 +11,7 @@ from relight.photos.mask.tflite import convert
 # Numbers of the schema, as in schema.fbs: operations, types of options and of tensors.
 ADD, POOL, CONV, DEPTHWISE, DEQUANTIZE, LOGISTIC, MUL, RELU = 0, 1, 3, 4, 6, 14, 18, 19
 RESIZE, HARD_SWISH = 23, 117
+CONCATENATE, TO_SPACE, MAX_POOL, RESHAPE, PAD, DENSIFY = 2, 5, 17, 22, 34, 124
 
 
 def window(padding=0, stride=1):
@@ -72,6 +73,44 @@ def test_convert_of_every_operation(tflite):
     expected = (by_torch(given) + by_torch(given.flip(-1)).flip(-1)) / 2
     assert mask.shape == (1, 2, 10, 8)
     assert np.abs(mask - expected.numpy()).max() < 1e-5
+
+
+def test_convert_of_networks_of_poses(tflite):
+    """Weights that are sparse, padding, activations within operations, and two outputs whose layers are joined."""
+    rng = np.random.default_rng(0)
+    w = rng.normal(0, 1, (8, 3, 3, 4)) * (rng.uniform(size=(8, 3, 3, 4)) < 0.3)
+    narrow, bias = rng.normal(0, 1, (1, 3, 3, 8)), rng.normal(0, 1, 8)
+    w, narrow, bias = (each.astype(np.float32) for each in (w, narrow, bias))
+    writer = tflite()
+    first = writer.tensor(shape=[1, 7, 5, 3])
+    pads = np.array([[0, 0], [1, 2], [3, 0], [0, 1]], np.int32)  # of B, H, W and C, before and after
+    padded = writer.operation(PAD, [first, writer.tensor(pads)])
+    kernel = writer.operation(DENSIFY, [writer.sparse(w)])
+    conv = writer.operation(CONV, [padded, kernel, writer.tensor(bias)], [*window(1), (3, "Int8", 3)])
+    sizes = [(3, "Int32", 2), (4, "Int32", 3)]  # width before height
+    pooled = writer.operation(MAX_POOL, [conv], [*window(0, 2), *sizes])
+    depth = writer.operation(
+        DEPTHWISE, [pooled, writer.tensor(narrow), writer.tensor(bias)], [*window(), (4, "Int8", 1)]
+    )
+    total = writer.operation(ADD, [depth, pooled], [(0, "Int8", 1)])
+    spread = writer.operation(TO_SPACE, [total], [(0, "Int32", 2)])
+    rows = [
+        writer.operation(RESHAPE, [each, writer.tensor(np.array([1, -1, 2], np.int32))]) for each in (total, spread)
+    ]
+    joined = writer.operation(CONCATENATE, rows, [(0, "Int32", 1)])
+    data = convert(writer.bytes(first, joined, total), ["rows", "grid"], mirrored=False)
+    image = rng.normal(0, 1, (1, 3, 7, 5)).astype(np.float32)
+    found, grid = onnxruntime.InferenceSession(data).run(["rows", "grid"], {"image": image})
+
+    x = F.pad(torch.tensor(image), (3, 0, 1, 2, 0, 1))
+    x = F.conv2d(x, torch.tensor(w).permute(0, 3, 1, 2), torch.tensor(bias)).clamp(0, 6)
+    assert x.shape == (1, 8, 8, 6) and x.max() == 6
+    x = F.max_pool2d(F.pad(x, (0, 0, 0, 1), value=-np.inf), (3, 2), 2)
+    x = F.relu(F.relu(slid(x, torch.tensor(narrow).permute(3, 0, 1, 2), torch.tensor(bias), 1)) + x)
+    np.testing.assert_allclose(grid, x, atol=1e-5)
+    last = x.permute(0, 2, 3, 1).numpy()  # as the format has it
+    blocks = last.reshape(1, 4, 3, 2, 2, 2).transpose(0, 1, 3, 2, 4, 5)
+    np.testing.assert_allclose(found, np.concatenate([each.reshape(1, -1, 2) for each in (last, blocks)], 1), atol=1e-5)
 
 
 @pytest.mark.parametrize(("code", "says"), [(25, "operation 25"), ("Nobody", "operation Nobody")])

@@ -52,7 +52,7 @@ def exported(exported_network):
 def site(tmp_path_factory, exported, maps, lights):
     folder = tmp_path_factory.mktemp("site") / "site"
     with pytest.MonkeyPatch.context() as patch:  # the user's network for masks would find somebody, or not
-        patch.setattr("relight.photos.mask.selfie.network_file", lambda: folder / "none")
+        patch.setattr("relight.viewer.site.network_file", lambda _: folder / "none")
         build_site(folder, exported, SIDE, [Figure("Balls", maps)], lights)
     return folder
 

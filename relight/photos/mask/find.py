@@ -10,19 +10,17 @@ from PIL import Image
 from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.maps.square import MASK_THRESHOLD
-from relight.photos.mask import selfie, u2net
+from relight.photos.mask import networks, selfie, u2net
 from relight.photos.mask.coverage import WANTED, coverage_of
 from relight.photos.mask.edge import fit_edge
-from relight.photos.mask.people import NobodyFound, is_inverted
+from relight.photos.mask.people import NobodyFound, is_inverted, mask_doubts
+from relight.photos.mask.pose import Body
 from relight.pictures.codes import as_codes, convert_alpha
 from relight.pictures.deep import is_exr
 from relight.pictures.opening import decoding_errors, mask_beside, open_picture, orientation_of, require_still, upright
 from relight.pictures.picture import Given, Picture
 
-AUTOMATIC = (
-    "the mask is automatic: at times it misses hands and hats, takes in what is behind, or takes a thing for a person; "
-    "`relight mask draw` writes it for correction"
-)
+AUTOMATIC = "the mask is automatic; `relight mask draw` writes it for correction"
 BY_HAND = "draw a mask, white on the person ({}_mask.png beside it), or give a PNG that is transparent elsewhere"
 NO_OUTLINE = "its alpha channel is no outline of people, and was not taken for their mask"
 
@@ -41,8 +39,8 @@ def masked(picture: Picture, mask: Given | None = None, model: Path | str | None
         model: ONNX network for automatic masks, instead of `automatic_model`'s choice.
 
     Returns:
-        The picture with its `coverage`, and notes on the mask. Its edge is fitted to the picture
-        (relight.photos.mask.edge), unless it is the picture's alpha: colors where that is 0 mean nothing. What is
+        The picture with its `coverage`, its `bodies` if the mask is automatic, and notes on the mask. Its edge is
+        fitted to the picture, unless it is the picture's alpha: colors where that is 0 mean nothing. What is
         transparent is not covered.
 
     Raises:
@@ -52,6 +50,7 @@ def masked(picture: Picture, mask: Given | None = None, model: Path | str | None
     if mask is None and picture.file is not None:
         mask = mask_beside(picture.file)
     notes = picture.notes
+    bodies: list[Body] = []
     if mask is not None:
         what = f"mask {mask}" if isinstance(mask, str | Path) else "the mask"
         coverage, said = read_mask(mask, picture.shape)
@@ -71,8 +70,11 @@ def masked(picture: Picture, mask: Given | None = None, model: Path | str | None
                 coverage, said = coverage_of(alpha, "its alpha channel")
                 return replace(picture, coverage=coverage, notes=[*notes, "its alpha channel is its mask", *said])
         notes = [*notes, *[NO_OUTLINE] * (alpha is not None), AUTOMATIC]
-        coverage = automatic_mask(picture, model)
-    return replace(picture, coverage=coverage if alpha is None else np.minimum(coverage, alpha), notes=notes)
+        coverage, bodies = automatic_mask(picture, model)
+    coverage = coverage if alpha is None else np.minimum(coverage, alpha)
+    if mask is None and model is None:
+        notes += mask_doubts(coverage, bodies)
+    return replace(picture, coverage=coverage, notes=notes, bodies=bodies)
 
 
 def has_outline(alpha: np.ndarray) -> bool:
@@ -129,15 +131,15 @@ def _values(image: Image.Image, what: str) -> np.ndarray:
     return rgba[..., 3] if has_outline(rgba[..., 3]) else rgba[..., :3]
 
 
-def automatic_mask(picture: Picture, model: Path | str | None = None) -> np.ndarray:
-    """Segments the people of a picture with the network that `automatic_model` chooses.
+def automatic_mask(picture: Picture, model: Path | str | None = None) -> tuple[np.ndarray, list[Body]]:
+    """Segments the people of a picture with the built-in networks, or another one.
 
     Args:
         picture: of any size.
-        model: an ONNX segmentation model, as `u2net.segment` takes it; None for the built-in one.
+        model: an ONNX segmentation model, as `u2net.segment` takes it; None for the built-in ones.
 
     Returns:
-        Coverage (H,W) uint8, its edge fitted to the picture.
+        Coverage (H,W) uint8, its edge fitted to the picture; and the people whom the built-in networks find.
 
     Raises:
         UserError: if there is no such network (NoMaskNetwork), or it finds nobody (NobodyFound).
@@ -147,17 +149,17 @@ def automatic_mask(picture: Picture, model: Path | str | None = None) -> np.ndar
             f"{picture.what} has no mask: for automatic masks run `relight mask setup` once; or "
             + BY_HAND.format(picture.name)
         )
-    mask = selfie.segment(picture.codes) if model is None else u2net.segment(picture.codes, model)
+    mask, bodies = selfie.segment(picture.codes) if model is None else (u2net.segment(picture.codes, model), [])
     if not (mask >= MASK_THRESHOLD).any() or (mask >= MASK_THRESHOLD).all():
         raise NobodyFound(f"the automatic mask found nobody in {picture.what}: {BY_HAND.format(picture.name)}")
-    return fit_edge(picture.pixels, mask, automatic=True)
+    return (mask if model is None else fit_edge(picture.pixels, mask, automatic=True)), bodies
 
 
 def automatic_model(model: Path | str | None = None) -> Path | None:
-    """Returns the file of the network for automatic masks: `model`, else the built-in one where it is set up."""
+    """Returns the file of a network for automatic masks: `model`, else a built-in one where they are set up."""
     if model is not None:
         return u2net.named_model(model)[0]
-    return selfie.network_file() if selfie.network_file().is_file() else None
+    return networks.network_file(networks.LANDMARKS) if networks.is_set_up() else None
 
 
 def _is_the_photo(mask: np.ndarray, pixels: np.ndarray) -> bool:

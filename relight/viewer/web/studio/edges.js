@@ -7,13 +7,10 @@ import { extent } from "./regions.js";
 const CELLS = 400, SURE = 13, WINDOW = 7, PRIOR = 0.3, NOISE = 0.02, SPREAD = 5, STEEP = 1.1, ENOUGH = 1 / 30;
 const HALF = 77, SOFT = 0.025;
 
-// Coverage, a byte per pixel, of the people in a photo of three planes of linear values. A soft mask that was given, and
-// not made by a network, is the user's word.
-function fitEdge(image, coverage, width, isAutomatic = false) {
-  if (!isAutomatic) {
-    if (isSoft(coverage, width)) return coverage;
-    coverage = coverage.map((v) => (v >= MASK_THRESHOLD ? 255 : 0));
-  }
+// Coverage, a byte per pixel, of the people in a photo of three planes of linear values. A soft mask is the user's word.
+function fitEdge(image, coverage, width) {
+  if (isSoft(coverage, width)) return coverage;
+  coverage = coverage.map((v) => (v >= MASK_THRESHOLD ? 255 : 0));
   const height = coverage.length / width, box = extent(coverage.map((v) => (v > SURE ? 1 : 0)), width);
   if (!box) return coverage;
   const side = Math.max(Math.round(Math.max(box.rows[1] - box.rows[0], box.columns[1] - box.columns[0]) / CELLS), 2);

@@ -1,7 +1,7 @@
 // What takes seconds, apart from the page's thread. `ort` is onnxruntime-web, imported by what starts this (studio.js).
 
 import { linearPlanes } from "./colors.js";
-import { fitEdge, hasOutline } from "./edges.js";
+import { hasOutline } from "./edges.js";
 import { inferFigure } from "./infer.js";
 import { lanczos, resample } from "../page/resample.js";
 import { findPeople } from "./finder.js";
@@ -40,7 +40,7 @@ const tasks = {
       const { mask } = await sessions.mask.run({ image: new ort.Tensor("float32", image, [1, 3, 256, 256]) });
       return mask.data;
     });
-    return fitEdge(linearPlanes(photo), found, photo.width, true).map((v, i) => Math.min(v, photo.pixels[4 * i + 3]));
+    return found.map((v, i) => Math.min(v, photo.pixels[4 * i + 3]));
   },
 
   infer({ photo, coverage, isExact, size }) {

@@ -1,0 +1,137 @@
+"""People one by one, by MediaPipe's pose networks: where each is, their joints, and a mask of each.
+
+The first network sees a part of the photo, with bars, and gives for each person a box, the middle of the hips and a
+point of a circle around the body. The second sees the square around that circle, turned so that the body is upright.
+Both come with that of relight.photos.mask.selfie; constants are those of MediaPipe's graphs (pose_detection_cpu,
+pose_landmarks_to_roi).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image
+
+from relight.photos.mask.networks import DETECTOR, LANDMARKS, load_network
+
+SEEN, LOOKED_AT = 224, 256  # sides of what the two networks see, pixels
+ANCHORS = (28, 2), (14, 2), (7, 6)  # cells along a side of each layer of the first, and boxes of each cell
+FOUND, SAME = 0.5, 0.3  # least score of a person; intersection over union of two boxes of one person
+ROOM = 1.25  # side of the square over the circle's diameter
+LARGEST = 1.5  # radius of a circle over the photo's longer side; larger ones are in blurred crowds
+WINDOW = 0.6  # width over height of the windows in which a wide photo is searched
+CLOSE, ALIKE = 0.25, 2  # two people with hips that near, in radii of their circles, and radii that alike, are one
+NEAR = 0.15  # median distance of the joints of two people, over the diagonal of their box, below which they are one
+JOINTS = 33
+Place = tuple[np.ndarray, np.ndarray]  # the middle of the hips and the point of the circle, (2,) in pixels
+
+
+@dataclass(frozen=True, repr=False)
+class Body:
+    """A person as the networks see them. Lengths are shares of the photo's width and height.
+
+    Attributes:
+        joints: (33,3) x, y, and in [0,1] how sure it is that the joint is seen; in the order of MediaPipe.
+        seen: (256,256) float32 in [0,1], the mask in the square.
+        square: (2,3) from x, y and 1 in pixels of the square to the photo.
+    """
+
+    joints: np.ndarray
+    seen: np.ndarray
+    square: np.ndarray
+
+    def mask(self, size: tuple[int, int], part: Sequence[float] = (0, 0, 1, 1)) -> np.ndarray:
+        """Returns the mask (height,width) in [0,1] of a part (left, upper, right, lower), `size` (width, height)."""
+        back = np.linalg.inv(self.square[:, :2])
+        corner, other = np.reshape(part, (2, 2))
+        axes, start = back * (other - corner) / size, back @ (corner - self.square[:, 2])
+        return np.asarray(_transformed(Image.fromarray(self.seen), axes, start, size))
+
+
+def find_bodies(pixels: np.ndarray) -> list[Body]:
+    """Finds the people of a photo (H,W,3) uint8, the surest first."""
+    height, width = pixels.shape[:2]
+    window = min(round(WINDOW * height), width)
+    count = 1 + int(np.ceil((width - window) / (window / 2)))
+    starts = np.linspace(0, width - window, count).astype(int)
+    found: list[tuple[float, Place]] = []
+    for left, right in sorted({(0, width), *((start, start + window) for start in starts)}):
+        found += [(score, (hips + [left, 0], top + [left, 0])) for score, (hips, top) in _detect(pixels[:, left:right])]
+    bodies: list[Body] = []
+    places: list[tuple[np.ndarray, float]] = []
+    for _, (hips, top) in sorted(found, key=lambda each: -each[0]):
+        radius = float(np.hypot(*(top - hips)))
+        is_known = any(
+            np.hypot(*(hips - other)) < CLOSE * max(radius, size) and 1 / ALIKE < radius / size < ALIKE
+            for other, size in places
+        )
+        if is_known or radius > LARGEST * max(height, width):
+            continue
+        places.append((hips, radius))
+        body = _look_at(pixels, hips, top)
+        if body and not any(_are_one(body, other) for other in bodies):
+            bodies.append(body)
+    return bodies
+
+
+def _are_one(body: Body, other: Body) -> bool:
+    one, two = body.joints[:, :2], other.joints[:, :2]
+    return bool(np.median(np.hypot(*(one - two).T)) < NEAR * np.hypot(*np.ptp(two, axis=0)))
+
+
+def _detect(pixels: np.ndarray) -> Iterator[tuple[float, Place]]:
+    """Yields the score and the place of each person in a part of a photo (h,w,3) uint8."""
+    height, width = pixels.shape[:2]
+    scale = SEEN / max(height, width)
+    size = max(round(width * scale), 1), max(round(height * scale), 1)
+    corner = (SEEN - size[0]) // 2, (SEEN - size[1]) // 2
+    image = Image.new("RGB", (SEEN, SEEN))
+    image.paste(Image.fromarray(pixels).resize(size, Image.Resampling.BILINEAR, reducing_gap=3), corner)
+    given = np.asarray(image, np.float32).transpose(2, 0, 1)[None] / np.float32(127.5) - 1
+    boxes, scores = load_network(DETECTOR).run(["boxes", "scores"], {"image": given})
+    scores = _sigmoid(scores[0, :, 0])
+    cells = [np.repeat(np.indices((n, n)).reshape(2, -1).T[:, ::-1] + 0.5, count, 0) / n for n, count in ANCHORS]
+    points = boxes[0].reshape(-1, 6, 2) / SEEN  # middle, size and four points of each box
+    points[:, [0, 2, 3, 4, 5]] += np.concatenate(cells)[:, None]
+    left = np.flatnonzero(scores >= FOUND)
+    left = left[np.argsort(-scores[left])]
+    while len(left):
+        same = _overlap(points[left[0]], points[left]) > SAME
+        group, left = left[same], left[~same]
+        hips, top = (np.average(points[group, 2:4], 0, scores[group]) * SEEN - corner) / scale
+        yield float(scores[group[0]]), (hips, top)
+
+
+def _overlap(one: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Returns the intersection over union (N,) of a box (6,2), its middle and its size first, with others (N,6,2)."""
+    low = np.maximum(others[:, 0] - others[:, 1] / 2, one[0] - one[1] / 2)
+    high = np.minimum(others[:, 0] + others[:, 1] / 2, one[0] + one[1] / 2)
+    both = np.prod(np.maximum(high - low, 0), -1)
+    return both / (np.prod(others[:, 1], -1) + np.prod(one[1]) - both)
+
+
+def _look_at(pixels: np.ndarray, hips: np.ndarray, top: np.ndarray) -> Body | None:
+    """Returns the person in the square around a circle of a photo (H,W,3) uint8; None if nobody is there."""
+    x, y = ROOM * 2 / LOOKED_AT * (top - hips)
+    axes = np.array([[-y, -x], [x, -y]])  # of the square in the photo, a pixel long
+    corner = hips - axes @ [LOOKED_AT / 2, LOOKED_AT / 2]
+    step = max(int(np.hypot(x, y)), 1)
+    image = _transformed(Image.fromarray(pixels).reduce(step), axes / step, corner / step, (LOOKED_AT, LOOKED_AT))
+    given = np.asarray(image, np.float32).transpose(2, 0, 1)[None] / np.float32(255)
+    points, presence, mask = load_network(LANDMARKS).run(["points", "presence", "mask"], {"image": given})
+    if presence[0, 0] < FOUND:
+        return None
+    points = points.reshape(-1, 5)[:JOINTS]
+    square = np.column_stack([axes, corner]) / [[pixels.shape[1]], [pixels.shape[0]]]
+    joints = np.column_stack([points[:, :2] @ square[:, :2].T + square[:, 2], _sigmoid(points[:, 3])])
+    return Body(joints.astype(np.float32), _sigmoid(mask[0, 0]), square)
+
+
+def _transformed(image: Image.Image, axes: np.ndarray, corner: np.ndarray, size: tuple[int, int]) -> Image.Image:
+    """Samples an image at `axes @ [x, y] + corner` for each pixel of the result."""
+    coefficients = (*axes[0], corner[0], *axes[1], corner[1])
+    return image.transform(size, Image.Transform.AFFINE, coefficients, Image.Resampling.BILINEAR)
+
+
+def _sigmoid(values: np.ndarray) -> np.ndarray:
+    return 1 / (1 + np.exp(-values.clip(-80, 80)))
