@@ -45,8 +45,8 @@ class Constraints:
             for name in chosen:
                 check_name(kind, name, known)
         if self.sitting in (0, 1) and {poses()[name].sitting for name in self.poses} == {not self.sitting}:
-            chosen = ", ".join(map(repr, self.poses))
-            raise UserError(f"sitting={self.sitting:g} contradicts the poses {chosen}: omit one of them")
+            listed = ", ".join(map(repr, self.poses))
+            raise UserError(f"sitting={self.sitting:g} contradicts the poses {listed}: omit one of them")
 
     def sample_person(self, rng: np.random.Generator) -> Person:
         """Draws people until one can have the hair and wear the garments.
