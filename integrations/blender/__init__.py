@@ -21,7 +21,8 @@ def update(scene, depsgraph=None, force=False):
     Objects whose rotation and light did not change are left alone, unless `force` is set: then all is rendered again.
     """
     depsgraph = depsgraph or bpy.context.evaluated_depsgraph_get()
-    items = [item for item in depsgraph.ids if isinstance(item, bpy.types.Object) and transport.PROPERTY in item]
+    items = [item for item in depsgraph.ids if isinstance(item, bpy.types.Object) and transport.AXES in item]
+    items = [item for item in items if item.type == "MESH" and item.mode != "EDIT"]
     if not items or not BUSY.acquire(blocking=False):  # a render has a thread of its own
         return
     try:
@@ -34,11 +35,13 @@ def update(scene, depsgraph=None, force=False):
         shown = shown and shown.evaluated_get(depsgraph)
         key = world.state(shown, scene.frame_current)
         for item in items:
-            axes = transport.axes(item)
-            signature = f"{key} {np.round(axes, 6).tolist()}"
+            turned, same = transport.turned(item, items)
+            if not same and depsgraph.mode == "VIEWPORT":
+                WARNINGS.append(f"{item.name}: its shape, or what is beside it, is not as at its bake: bake it again")
+            signature = f"{key} {np.round(turned, 6).tolist()}"
             item = item.original if depsgraph.mode == "VIEWPORT" else item  # renders have a copy
             if force or item.get(SIGNATURE) != signature:
-                shader.set_light(item, light.rotation(axes) @ world.light(scene, shown, key))
+                shader.set_light(item, light.rotation(turned.T) @ world.light(scene, shown, key))
                 item[SIGNATURE] = signature
                 if depsgraph.mode == "VIEWPORT":
                     item.update_tag(refresh={"OBJECT"})
@@ -60,9 +63,15 @@ HANDLERS = (depsgraph_update_post, frame_change_post, load_post)
 
 
 def attempt(operator, context, task, *given):
-    """Runs a task of an operator, and reports the sentences that it returns. Returns the operator's result."""
+    """Runs a task of an operator, and reports the sentences that it returns. Returns the operator's result.
+
+    A task that returns a text, which tells how far it is, has to go on.
+    """
     try:
-        for note in task(*given):
+        if isinstance(notes := task(*given), str):
+            context.workspace.status_text_set(f"{notes or 'relight'} (Esc ends it)")
+            return {"RUNNING_MODAL"}
+        for note in notes:
             operator.report({"WARNING"}, note)
         update(context.scene, force=True)
     except light.Problem as problem:
@@ -91,11 +100,30 @@ class BakeTransport(bpy.types.Operator):
     def poll(cls, context):
         return context.mode == "OBJECT" and any(item.type == "MESH" for item in context.selected_editable_objects)
 
-    def execute(self, context):
+    def start(self, context):
         addon = context.preferences.addons.get(__package__)
         program = addon.preferences.program if addon else "relight"
         items = [item for item in context.selected_editable_objects if item.type == "MESH"]
-        return attempt(self, context, transport.bake, items, context.evaluated_depsgraph_get(), program, self.rays)
+        return transport.bake(items, program, self.rays)
+
+    def execute(self, context):
+        return attempt(self, context, lambda: [*self.start(context)][-1])
+
+    def invoke(self, context, event):
+        self.work = self.start(context)
+        self.timer = context.window_manager.event_timer_add(0.2, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type not in {"ESC", "TIMER"}:
+            return {"PASS_THROUGH"}
+        result = {"CANCELLED"} if event.type == "ESC" else attempt(self, context, next, self.work)
+        if result != {"RUNNING_MODAL"}:
+            self.work.close()
+            context.window_manager.event_timer_remove(self.timer)
+            context.workspace.status_text_set(None)
+        return result
 
 
 class ImportMaps(bpy.types.Operator, ImportHelper):

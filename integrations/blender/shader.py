@@ -7,6 +7,7 @@ GROUP = "relight"
 TRANSPORT = ("Transport 0", "Transport 1", "Transport 2")  # coefficients 0 to 2, 3 to 5 and 6 to 8 of a pixel or vertex
 # Properties of an object: colors of coefficients 0 to 6, with those of 7 and 8 as fourths, for Eevee reads only eight.
 LIGHT = [f"relight_light_{i}" for i in range(7)]
+NOT_MATTE = ("Metallic", "Transmission Weight", "Subsurface Weight", "Emission Strength")
 ORIGIN = "relight_origin"  # property of a material: the user's own, of which it is a copy
 
 
@@ -52,13 +53,15 @@ def node_group():
     total = node("VectorMath", total, (0, 0, 0), operation="MAXIMUM")[0]
     total = node("VectorMath", total, given["Albedo"], operation="MULTIPLY")[0]
     strength = node("Math", given["Strength"], 1 / np.pi, operation="MULTIPLY")[0]
-    mixed = node("MixShader", given["Alpha"], node("BsdfTransparent")[0], node("Emission", total, strength)[0])
+    behind = node("NewGeometry")["Backfacing"]  # of an open mesh, or one that is inside out: there it is matte
+    lit = node("MixShader", behind, node("Emission", total, strength)[0], node("BsdfDiffuse", given["Albedo"])[0])[0]
+    mixed = node("MixShader", given["Alpha"], node("BsdfTransparent")[0], lit)
     group.links.new(mixed[0], nodes.new("NodeGroupOutput").inputs["Shader"])
     return group
 
 
 def lit_copy(material, name, sources):
-    """Copies a user's material so that it shines with `node_group`, its base color as albedo; without one, it is white.
+    """Copies a user's material so that its matte shaders shine with `node_group`, their color as albedo; none is white.
 
     A copy that this function made is copied from its origin again. `sources` adds nodes and yields pairs of an output
     and the input of the group for it. Returns the copy, and what the user should know.
@@ -69,29 +72,23 @@ def lit_copy(material, name, sources):
     copy.name = f"relight {origin.name if origin else name}"
     if origin:
         copy[ORIGIN] = origin
-    else:
-        nodes.clear()
-    output = copy.node_tree.get_output_node("ALL") or nodes.new("ShaderNodeOutputMaterial")
-    surface, group = base_color(output.inputs["Surface"]), nodes.new("ShaderNodeGroup")
-    group.node_tree, group.name = node_group(), GROUP
-    for source, target in sources(nodes):
-        link(source, group.inputs[target])
-    for given, target in (("Color", "Albedo"), ("Base Color", "Albedo"), ("Alpha", "Alpha")):
-        if surface and given in surface.inputs:
-            socket = surface.inputs[given]
-            group.inputs[target].default_value = socket.default_value
-            for source in [each.from_socket for each in socket.links]:
-                link(source, group.inputs[target])
-    for node in nodes:
-        if node.type == "OUTPUT_MATERIAL":
-            link(group.outputs["Shader"], node.inputs["Surface"])
-    return copy, [f"{origin.name} has no base color: it is white here"] if origin and not surface else []
-
-
-def base_color(socket):
-    """Returns the first node that feeds a shader's input and has a color, or None."""
-    for node in (link.from_node for link in socket.links):
-        if {"Base Color", "Color"} & set(node.inputs.keys()):
-            return node
-        shaders = (base_color(part) for part in node.inputs if part.type == "SHADER")
-        return next(filter(None, shaders), None)
+    matte = [node for node in nodes if node.type in {"BSDF_DIFFUSE", "BSDF_PRINCIPLED"}]
+    given, notes = list(sources(nodes)) if matte else [], []
+    for node in matte:
+        group = nodes.new("ShaderNodeGroup")
+        group.node_tree, group.name = node_group(), GROUP
+        for source, target in given:
+            link(source, group.inputs[target])
+        for name, target in (("Color", "Albedo"), ("Base Color", "Albedo"), ("Alpha", "Alpha")) if origin else ():
+            if socket := node.inputs.get(name):
+                group.inputs[target].default_value = socket.default_value
+                for source in [each.from_socket for each in socket.links]:
+                    link(source, group.inputs[target])
+        for target in [each.to_socket for each in node.outputs[0].links]:
+            link(group.outputs["Shader"], target)
+        others = [node.inputs[name] for name in NOT_MATTE if name in node.inputs]
+        if any(other.is_linked or other.default_value for other in others):
+            notes.append(f"{origin.name} is more than matte: of its Principled BSDF, base color and alpha are kept")
+    return copy, notes if matte else [
+        f"{origin.name} has no Diffuse or Principled BSDF, but in groups: it stays as it is"
+    ]

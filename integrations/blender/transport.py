@@ -2,46 +2,63 @@
 
 import subprocess
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import bpy
 import numpy as np
-from mathutils.kdtree import KDTree
 
 from . import shader
 from .light import Problem, rotation
 
 NAMES = [f"transport.{name}.Y" for name in "L0M0 L1Mn1 L1M0 L1M1 L2Mn2 L2Mn1 L2M0 L2M1 L2M2".split()]
-MESH, PLANE = "mesh", "plane"  # values of the property by which objects that follow the world are known
-PROPERTY = "relight"
-REST = "relight_rest"  # attribute by which a vertex is found again behind modifiers
+AXES = "relight_axes"  # property of an object that follows the world: its axes (3,3) when its transport was made
+POINTS, BESIDE = "relight_points", "relight_beside"  # and of a baked one: points of it (N,3), and the next one's name
+MANY = 500  # of these points at most
+SAME = 0.01  # of the size: what points may be off in the same shape
+MARK = "relight_mark"  # attribute of a bake, by which vertices are known behind modifiers
 FEW = 100  # vertices of a mesh that is too coarse for light per vertex
 
 
-def bake(items, depsgraph, program, rays):
+def bake(items, program, rays):
     """Bakes objects that shade each other: three color attributes each, and copies of their materials that use them.
 
-    Meshes are taken behind modifiers and shape keys. Returns what the user should know, or raises Problem.
+    Meshes are taken behind modifiers and shape keys. Yields what the program says, as long as it runs, and at last a
+    list of what the user should know, or raises Problem.
     """
     if len({item.data for item in items}) < len(items):
         raise Problem("some of the objects share a mesh: make it their own (Object > Relations > Make Single User)")
-    lines, count, kept, notes = [], 0, [], []
+    lines, count, parts, notes, depsgraph = [], 0, {}, [], bpy.context.evaluated_depsgraph_get()
     for item in items:
-        vertices, faces, own = evaluated(item, depsgraph)
+        vertices, faces = evaluated(item, depsgraph)
         lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
         lines += [f"f {a} {b} {c}" for a, b, c in faces + count + 1]
-        kept.append(own + count)
+        shown = item.evaluated_get(depsgraph)
+        parts[item.name] = slice(count, count + len(item.data.vertices)), axes(shown), sample(shown)
         count += len(vertices)
-    with tempfile.TemporaryDirectory() as folder:
+        if (few := len(item.data.vertices)) < FEW:
+            notes.append(f"{item.name} has {few} vertices: subdivide it, for light is kept per vertex")
+    with tempfile.TemporaryDirectory() as folder, open(Path(folder) / "said", "w+") as said:
         path, out = Path(folder) / "mesh.obj", Path(folder) / "mesh.npz"
         path.write_text("\n".join(lines) + "\n")
         words = [program, "bake", path, "--out", out, "--rays", str(rays)]
         try:
-            subprocess.run(words, capture_output=True, text=True, check=True)
+            run = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=said)
         except OSError as error:
             raise Problem(f"{program} does not start ({error.strerror}): name the program in the preferences") from None
-        except subprocess.CalledProcessError as error:
-            raise Problem(f"relight: {(error.stderr.strip().splitlines() or ['it failed'])[-1]}") from None
+        try:
+            while run.poll() is None:
+                yield (Path(said.name).read_text().strip().splitlines() or [""])[-1]
+                with suppress(subprocess.TimeoutExpired):
+                    run.wait(0.05)
+            last = (Path(said.name).read_text().strip().splitlines() or [f"{program} wrote nothing: is it relight?"])[
+                -1
+            ]
+        finally:
+            run.kill()
+            run.wait()
+        if run.returncode or not out.exists():
+            raise Problem(f"relight: {last.splitlines()[-1]}")
         transport = np.load(out)["transport"]
 
     def sources(nodes):
@@ -50,54 +67,86 @@ def bake(items, depsgraph, program, rays):
             node.attribute_name = name
             yield node.outputs["Vector"], name
 
-    for item, own in zip(items, kept):
-        item[PROPERTY] = MESH
-        in_frame = transport[own] @ rotation(axes(item)).T
-        for name, third in zip(shader.TRANSPORT, np.split(in_frame, 3, axis=1)):
+    found = [bpy.data.objects.get(name) for name in parts]  # the user goes on to work, and may undo
+    for name, item in zip(parts, found):
+        if not item or item.mode == "EDIT" or len(item.data.vertices) != parts[name][0].stop - parts[name][0].start:
+            raise Problem(f"{name} was changed in the meantime: bake it again")
+    for item, (part, way, points), beside in zip(found, parts.values(), [*parts][1:] + [*parts][:1]):
+        item[AXES], item[POINTS], item[BESIDE] = way.ravel().tolist(), points.ravel().tolist(), beside
+        for name, third in zip(shader.TRANSPORT, np.split(transport[part], 3, axis=1)):
             if name in item.data.color_attributes:
                 item.data.color_attributes.remove(item.data.color_attributes[name])
             values = np.pad(third, ((0, 0), (0, 1)), constant_values=1).astype(np.float32)
             item.data.color_attributes.new(name, "FLOAT_COLOR", "POINT").data.foreach_set("color", values.ravel())
-        if len(own) < FEW:
-            notes.append(f"{item.name} has {len(own)} vertices: subdivide it, for light is kept per vertex")
         if not item.material_slots:
             item.data.materials.append(None)
         for slot in item.material_slots:
             material, slot.link = slot.material, "OBJECT"  # the mesh keeps its own
-            slot.material, said = shader.lit_copy(material, item.name, sources)
-            notes += said
-    return notes
+            slot.material, told = shader.lit_copy(material, item.name, sources)
+            notes += told
+    yield notes
 
 
 def evaluated(item, depsgraph):
-    """Returns a mesh behind modifiers: vertices (V,3) in the scene's frame, triangles (F,3), and its own of V (N,)."""
-    count, attributes = len(item.data.vertices), item.data.attributes
-    rest = np.empty(3 * count, np.float32)
-    item.data.vertices.foreach_get("co", rest)
-    attributes.new(REST, "FLOAT_VECTOR", "POINT").data.foreach_set("vector", rest)
+    """Returns a mesh behind modifiers, its own vertices first: vertices (V,3) in the scene, and triangles (F,3)."""
+    attributes, marks = item.data.attributes, np.random.default_rng(0).random((len(item.data.vertices), 3), np.float32)
+    attributes.new(MARK, "FLOAT_VECTOR", "POINT").data.foreach_set("vector", marks.ravel())
     depsgraph.update()
     shown = item.evaluated_get(depsgraph)
-    mesh = shown.to_mesh()
+    vertices, mesh = placed(shown), shown.data
     mesh.calc_loop_triangles()
-    vertices, faces = np.empty(3 * len(mesh.vertices), np.float32), np.empty(3 * len(mesh.loop_triangles), np.int32)
-    mesh.vertices.foreach_get("co", vertices)
-    mesh.loop_triangles.foreach_get("vertices", faces)
-    own, problem = np.arange(count), None if len(faces) else "has no faces"
-    if len(mesh.vertices) != count and REST not in mesh.attributes:
-        problem = "has a modifier that makes a new mesh: apply it"
-    elif len(mesh.vertices) != count:
-        tree = KDTree(len(mesh.vertices))
-        for i, point in enumerate(mesh.attributes[REST].data):
-            tree.insert(point.vector, i)
-        tree.balance()
-        own = np.array([tree.find(point)[1] for point in rest.reshape(-1, 3)])
-    shown.to_mesh_clear()
-    attributes.remove(attributes[REST])
-    if problem:
-        raise Problem(f"{item.name} {problem}")
-    matrix, faces = np.array(shown.matrix_world), faces.reshape(-1, 3)
-    outward = faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else faces
-    return vertices.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3], outward, own
+    faces, found = np.empty((len(mesh.loop_triangles), 3), np.int32), np.zeros_like(vertices, np.float32)
+    mesh.loop_triangles.foreach_get("vertices", faces.ravel())
+    if MARK in mesh.attributes:
+        mesh.attributes[MARK].data.foreach_get("vector", found.ravel())
+    attributes.remove(attributes[MARK])
+    if not len(faces):
+        raise Problem(f"{item.name} has no faces")
+    if not np.array_equal(found[: len(marks)], marks) or len(np.unique(found, axis=0)) < len(found):
+        raise Problem(f"{item.name} has a modifier that makes, copies or merges vertices: apply it")
+    return vertices, faces[:, ::-1] if np.linalg.det(np.array(shown.matrix_world)[:3, :3]) < 0 else faces
+
+
+def placed(item, chosen=slice(None)):
+    """Returns the vertices (V,3) of an evaluated mesh, or chosen ones, in the scene."""
+    values, matrix = np.empty((len(item.data.vertices), 3), np.float32), np.array(item.matrix_world)
+    item.data.vertices.foreach_get("co", values.ravel())
+    return values[chosen] @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def sample(item):
+    """Returns points (N,3) in the scene, on an evaluated mesh: vertices that no modifier made."""
+    count = min(len(item.data.vertices), len(item.original.data.vertices))
+    return placed(item, np.linspace(0, count - 1, min(count, MANY)).astype(int))
+
+
+def axes(item):
+    """Returns the axes (3,3) of an object, as columns in the scene's frame; those of a mirror image are one."""
+    left, _, right = np.linalg.svd(np.array(item.matrix_world)[:3, :3])
+    return left @ right
+
+
+def turned(item, items):
+    """Returns how an evaluated object is turned since its transport was made (3,3), and if all is as it was then.
+
+    A rotation may be applied to a mesh, or be that of bones, so its points tell it (Kabsch 1976, and a change of size);
+    if they have changed, or lie in a plane, its axes do. The next of the objects baked with it has to turn as it does.
+    """
+    by_axes = axes(item) @ np.reshape(item[AXES], (3, 3)).T
+    if POINTS not in item:
+        return by_axes, True
+    pairs = [(np.reshape(each[POINTS], (-1, 3)), sample(each)) for each in items if each.name == item.name]
+    pairs += [(np.reshape(each[POINTS], (-1, 3)), sample(each)) for each in items if each.name == item[BESIDE]]
+    if len(pairs) < 2 or any(then.shape != now.shape for then, now in pairs):
+        return by_axes, False
+    (then, now), _ = pairs
+    across = (now - now.mean(0)).T @ (then - then.mean(0))
+    left, sizes, right = np.linalg.svd(across)
+    found = left @ right if sizes[2] > 1e-6 * sizes[0] else by_axes
+    found = found * np.sum(found * across) / np.square(then - then.mean(0)).sum()
+    limit = SAME * np.abs(now - now.mean(0)).max()
+    same = [np.abs(b - now.mean(0) - (a - then.mean(0)) @ found.T).max() < limit for a, b in pairs]
+    return left @ right if same[0] and sizes[2] > 1e-6 * sizes[0] else by_axes, all(same)
 
 
 def read_maps(path):
@@ -121,19 +170,17 @@ def read_maps(path):
     whole = np.zeros((spec.full_height, spec.full_width, len(needed)), np.float32)
     top, left = spec.y - spec.full_y, spec.x - spec.full_x
     whole[top : top + spec.height, left : left + spec.width] = pixels[..., [place[name] for name in needed]]
-    filled = grown(whole[..., :12], whole[..., 3] > 0)
-    return filled[..., :3], filled[..., 3:], whole[..., 12]
+    known = whole[..., 3:4] > 0
+    filled = grown(np.dstack([whole[..., :12] * known, known]))
+    return filled[..., :3], filled[..., 3:12], whole[..., 12]
 
 
-def grown(values, known, steps=4):
-    """Fills values (H,W,C) near the known pixels (H,W) by means of neighbors: renders interpolate across the edge."""
-    values = np.where(known[..., None], values, 0)
+def grown(values, steps=4):
+    """Fills values (H,W,C) whose last is 0 by means of neighbors where it is 1: renders interpolate across the edge."""
     for _ in range(steps):
-        padded = np.pad(np.dstack([values, known]), ((1, 1), (1, 1), (0, 0)))
-        around = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
-        new = ~known & (around[..., -1] > 0)
-        values[new] = around[new, :-1] / around[new, -1:]
-        known = known | new
+        around = sum(np.roll(values, step, axis) for step in (-1, 1) for axis in (0, 1))
+        new = (values[..., -1] == 0) & (around[..., -1] > 0)
+        values[new] = around[new] / around[new, -1:]
     return values
 
 
@@ -146,7 +193,8 @@ def add_plane(path, context):
     mesh.from_pydata([(-right, 0, -1), (right, 0, -1), (right, 0, 1), (-right, 0, 1)], [], [(0, 1, 2, 3)])
     mesh.uv_layers.new().data.foreach_set("uv", [0, 0, 1, 0, 1, 1, 0, 1])
     layers = {"Albedo": np.dstack([albedo, coverage])}
-    for target, third in zip(shader.TRANSPORT, np.split(transport, 3, axis=2)):
+    upright = rotation([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # maps have y up, and z toward the viewer
+    for target, third in zip(shader.TRANSPORT, np.split(transport @ upright, 3, axis=2)):
         layers[target] = np.dstack([third, np.ones_like(coverage)])
 
     def sources(nodes):
@@ -164,13 +212,6 @@ def add_plane(path, context):
     mesh.materials.append(shader.lit_copy(None, name, sources)[0])
     item = bpy.data.objects.new(name, mesh)
     context.collection.objects.link(item)
-    item[PROPERTY] = PLANE
+    item[AXES] = np.eye(3).ravel().tolist()
     context.view_layer.objects.active = item
     return []
-
-
-def axes(item):
-    """Returns the axes (3,3) of the frame of an evaluated object's transport, as rows in the scene's frame."""
-    left, _, right = np.linalg.svd(np.array(item.matrix_world)[:3, :3])  # a mirror stays one
-    x, y, z = (left @ right).T
-    return np.stack([x, y, z] if item[PROPERTY] == MESH else [x, z, -y])  # of a plane: right, up, toward the viewer

@@ -69,20 +69,19 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> tu
 
 
 def flat_side(mesh: Mesh) -> str | None:
-    """Returns the side, named in AXES, at which a flat part covers more than FLOOR, as a floor or a plinth does.
+    """Returns the side, named in AXES, at which a flat part covers most, and more than FLOOR, as of a floor or plinth.
 
     None if there is no such side.
     """
     area = face_areas(mesh.vertices, mesh.faces)
     points = mesh.vertices[mesh.faces].mean(axis=1, dtype=np.float64)
     limit = FLOOR * max(np.ptp(mesh.vertices, axis=0).max(), 1e-30) ** 2
+    covered: dict[str | None, float] = {None: FLOOR}
     for name, axis in AXES.items():
         height = points @ axis
-        if area[height >= height.max() - LOWEST * np.ptp(height)].sum() < limit:  # at least what they cover
-            continue
-        if _sole_area(mesh, points, -axis) > FLOOR:
-            return name
-    return None
+        if area[height >= height.max() - LOWEST * np.ptp(height)].sum() >= limit:  # at least what they cover
+            covered[name] = _sole_area(mesh, points, -axis)
+    return max(covered, key=covered.__getitem__)  # the walls of a plinth are smaller than what it stands on
 
 
 def _in_band(points: np.ndarray, up: np.ndarray, band: Band) -> tuple[np.ndarray, float]:

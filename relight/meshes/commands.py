@@ -63,7 +63,8 @@ def _check(mesh: Path, name: str, up: str, front: str, table: str | None = None)
     axes = result.info["align"]
     print(f"  axes       {axes['up']} up, facing {axes['front']}")
     for what, count in result.info["repairs"].items():
-        print(f"  {what}: {count}")
+        left = ", left as they are" if count and what in ("holes", "boundary edges", "parts") else ""
+        print(f"  {what}: {count}{left}")
     for warning in result.info["warnings"]:
         print(f"  warning: {warning}")
     view = ["--up", axes["up"], "--front", axes["front"], *(["--yaw", f"{axes['turn']:g}"] if axes["turn"] else [])]

@@ -11,6 +11,7 @@ import sys
 import tomllib
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -63,7 +64,7 @@ def test_manifest_has_what_blender_requires():
     assert [key for key in required if not manifest.get(key)] == []
     assert len(manifest["tagline"]) <= 64 and manifest["tagline"][-1].isalnum()
     assert all(len(reason) <= 64 and reason[-1].isalnum() for reason in manifest["permissions"].values())
-    assert manifest["license"] == ["SPDX:Apache-2.0"] and manifest["type"] == "add-on"
+    assert manifest["license"] == ["SPDX:GPL-3.0-or-later"] and manifest["type"] == "add-on"
 
 
 @pytest.fixture(scope="module")
@@ -257,8 +258,8 @@ def test_baking_keeps_materials_and_undo_restores_all(addon, scene, tmp_path):
     bpy.ops.ed.undo()
     item = bpy.data.objects["Suzanne"]
     assert [slot.material.name for slot in item.material_slots] == ["red", "painted"]
-    assert not item.data.color_attributes and not {"relight", *addon.shader.LIGHT} & set(item.keys())
-    assert "relight_rest" not in item.data.attributes
+    assert not item.data.color_attributes and not {addon.transport.AXES, *addon.shader.LIGHT} & set(item.keys())
+    assert "relight_mark" not in item.data.attributes
 
 
 def sky(nodes, link, source):
@@ -470,6 +471,193 @@ def test_modifiers_and_shape_keys_are_baked_and_objects_shade_each_other(addon, 
     assert np.mean(open_side) < 0.9 * np.mean(other_side), "the head takes light from the ball"
 
 
+def told(addon) -> list[str]:
+    """What the panel tells of objects, by their names."""
+    bpy.context.view_layer.update()
+    return [
+        warning.partition(": its shape, or what is beside it, is not as at its bake")[0] for warning in addon.WARNINGS
+    ]
+
+
+def rig(item):
+    """Moves an object by two bones, of its lower and its upper part. Returns their poses."""
+    armature = bpy.data.armatures.new("rig")
+    holder = bpy.data.objects.new("rig", armature)
+    bpy.context.collection.objects.link(holder)
+    bpy.context.view_layer.objects.active = holder
+    bpy.ops.object.mode_set(mode="EDIT")
+    bones = [armature.edit_bones.new(name) for name in ("root", "top")]
+    for bone, low in zip(bones, (-1, 0)):
+        bone.head, bone.tail = (0, 0, low), (0, 0, low + 1)
+        item.vertex_groups.new(name=bone.name).add(
+            [v.index for v in item.data.vertices if (v.co.z > 0.2) == (low == 0)], 1, "REPLACE"
+        )
+    bones[1].parent = bones[0]
+    bpy.ops.object.mode_set(mode="OBJECT")
+    item.modifiers.new("rig", "ARMATURE").object = holder
+    bpy.context.view_layer.objects.active = item
+    for bone in holder.pose.bones:
+        bone.rotation_mode = "XYZ"
+    return holder.pose.bones
+
+
+def test_a_bake_knows_its_shape(addon, scene, tmp_path):
+    """Rotations that are applied, or of all bones, are followed; another shape is told until it is baked again."""
+    item = head()
+    item.data.materials.append(white())
+    poses = rig(item)
+    item.rotation_euler = (0.3, 0.5, 2)
+    assert bpy.ops.relight.bake_transport(rays=256) == {"FINISHED"}
+    bpy.ops.object.transform_apply(rotation=True)
+    poses["root"].rotation_euler.y, item.scale = 1.2, (0.7, 0.7, -0.7)
+    assert told(addon) == []
+    mine, item.material_slots[0].link = rendered(scene, tmp_path / "mine.exr", 16), "DATA"
+    agree(mine, rendered(scene, tmp_path / "truth.exr", 128))
+    item.material_slots[0].link = "OBJECT"
+    poses["top"].rotation_euler.x = 0.6
+    assert told(addon) == [item.name]
+    bpy.ops.relight.bake_transport(rays=16)
+    assert told(addon) == []
+
+
+def test_a_bake_knows_what_stood_beside_it(addon, scene):
+    items = [head() for _ in range(2)]
+    items[0].location.x, items[0].name = 1.5, "other"
+    for item in items:
+        item.select_set(True)
+    bpy.ops.relight.bake_transport(rays=16)
+    empty = bpy.data.objects.new("empty", None)
+    for item in items:
+        item.parent = empty
+    scene.collection.objects.link(empty)
+    empty.rotation_euler = (0, 1, 0.5)
+    assert told(addon) == []
+    items[0].location.x = 2
+    assert sorted(told(addon)) == sorted(item.name for item in items)
+    items[0].location.x = 1.5
+    assert told(addon) == []
+    bpy.data.objects.remove(items[0])
+    assert told(addon) == [items[1].name]
+
+
+def test_modifiers_whose_vertices_have_no_light_of_their_own_are_refused(addon, scene):
+    item = head()
+    for kind in ("SOLIDIFY", "MIRROR", "DECIMATE", "REMESH"):
+        modifier = item.modifiers.new("new", kind)
+        if kind == "DECIMATE":
+            modifier.ratio = 0.5
+        with pytest.raises(RuntimeError, match="a modifier that makes, copies or merges vertices: apply it"):
+            bpy.ops.relight.bake_transport(rays=16)
+        item.modifiers.remove(modifier)
+    assert not item.data.color_attributes and "relight_mark" not in item.data.attributes
+
+
+@pytest.mark.parametrize("part", ["inside out", "open", "half"])
+def test_the_back_of_faces_is_as_cycles_shows_it(addon, scene, tmp_path, part):
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=64, ring_count=32, rotation=(1, 0, 0))
+    item = bpy.context.active_object
+    item.data.materials.append(white())
+    bpy.ops.object.shade_smooth()
+    import bmesh
+
+    mesh = bmesh.new()
+    mesh.from_mesh(item.data)
+    if part == "open":
+        bmesh.ops.delete(mesh, geom=[face for face in mesh.faces if face.normal.z > 0.2], context="FACES")
+    else:
+        faces = [face for face in mesh.faces if part == "inside out" or face.calc_center_median().x > 0]
+        bmesh.ops.reverse_faces(mesh, faces=faces)
+    mesh.to_mesh(item.data)
+    mesh.free()
+    bpy.ops.relight.bake_transport(rays=256)
+    mine, item.material_slots[0].link = rendered(scene, tmp_path / "mine.exr", 64), "DATA"
+    agree(mine, rendered(scene, tmp_path / "truth.exr", 128))
+
+
+@pytest.mark.parametrize("other", ["BsdfTransparent", "Emission", "BsdfGlossy"])
+def test_what_is_mixed_with_matte_shaders_stays(addon, scene, tmp_path, other):
+    """By half, or added; so the render is that of the user's material, cut-outs included."""
+    item, material = head(), white()
+    nodes, link = material.node_tree.nodes, material.node_tree.links.new
+    first, mix = (
+        nodes.new(f"ShaderNode{other}"),
+        nodes.new("ShaderNodeAddShader" if other == "Emission" else "ShaderNodeMixShader"),
+    )
+    first.inputs["Color"].default_value = (0.3, 0.9, 0.6, 1)
+    matte = nodes["Diffuse BSDF"]
+    matte.inputs["Color"].default_value = (0.8, 0.3, 0.2, 1)
+    link(first.outputs[0], mix.inputs[-2])
+    link(matte.outputs[0], mix.inputs[-1])
+    link(mix.outputs[0], nodes["Material Output"].inputs["Surface"])
+    item.data.materials.append(material)
+    bpy.ops.relight.bake_transport(rays=256)
+    mine, item.material_slots[0].link = rendered(scene, tmp_path / "mine.exr", 64), "DATA"
+    truth = rendered(scene, tmp_path / "truth.exr", 256)
+    np.testing.assert_allclose(mine[..., 3].mean(), truth[..., 3].mean(), rtol=0.02)
+    inside = truth[..., 3] > 0.2
+    np.testing.assert_allclose(mine[inside].mean(0), truth[inside].mean(0), rtol=0.05)
+
+
+def test_materials_that_are_not_matte_are_told(addon, scene, capfd):
+    item = head()
+    for name in ("metal", "glass"):
+        item.data.materials.append(bpy.data.materials.new(name))
+    metal, glass = item.data.materials
+    metal.node_tree.nodes["Principled BSDF"].inputs["Metallic"].default_value = 1
+    nodes = glass.node_tree.nodes
+    glass.node_tree.links.new(nodes.new("ShaderNodeBsdfGlass").outputs[0], nodes["Material Output"].inputs["Surface"])
+    nodes.remove(nodes["Principled BSDF"])
+    bpy.ops.relight.bake_transport(rays=16)
+    out = capfd.readouterr().out
+    assert "metal is more than matte: of its Principled BSDF, base color and alpha are kept" in out
+    assert "glass has no Diffuse or Principled BSDF, but in groups: it stays as it is" in out
+
+
+def test_a_bake_goes_on_in_the_background_and_ends_at_escape(addon, scene, monkeypatch, tmp_path):
+    """Blender without windows sends no events, so they are sent here."""
+    item, shown, runs = head(), [], []
+    workspace = SimpleNamespace(status_text_set=shown.append)
+    manager = SimpleNamespace(event_timer_remove=shown.append)
+    context = SimpleNamespace(workspace=workspace, window_manager=manager, scene=scene)
+    start = subprocess.Popen
+    monkeypatch.setattr(addon.transport.subprocess, "Popen", lambda *a, **k: runs.append(start(*a, **k)) or runs[-1])
+
+    def send(operator, *kinds):
+        return [addon.BakeTransport.modal(operator, context, SimpleNamespace(type=kind)) for kind in kinds]
+
+    program = tmp_path / "program"
+    program.write_text('#!/bin/sh\necho "casting rays 1/9, 8 s left" >&2; sleep 1; exec relight "$@"\n')
+    program.chmod(0o700)
+
+    def operator(rays):
+        work = addon.transport.bake([item], str(program), rays)
+        return SimpleNamespace(work=work, timer="timer", report=lambda *_: None)
+
+    one = operator(65536)
+    assert send(one, "TIMER", "MOUSEMOVE") == [{"RUNNING_MODAL"}, {"PASS_THROUGH"}] and runs[0].poll() is None
+    assert send(one, "ESC") == [{"CANCELLED"}] and runs[0].poll() is not None and shown[-2:] == ["timer", None]
+    assert addon.transport.AXES not in item and "relight_mark" not in item.data.attributes
+    two = operator(64)
+    while (result := send(two, "TIMER")[0]) == {"RUNNING_MODAL"}:
+        pass
+    assert (
+        result == {"FINISHED"} and any("casting rays" in str(text) for text in shown) and addon.transport.AXES in item
+    )
+    three = operator(64)
+    send(three, "TIMER")
+    bpy.ops.object.mode_set(mode="EDIT")
+    while (result := send(three, "TIMER")[0]) == {"RUNNING_MODAL"}:
+        pass
+    assert result == {"CANCELLED"}
+
+
+def test_disabling_works_after_others_cleared_the_handlers(addon, scene):
+    bpy.app.handlers.frame_change_post.clear()
+    addon.unregister()
+    addon.register()
+    assert all(handlers.count(addon.follow) == 1 for handlers in addon.HANDLERS)
+
+
 def test_saved_file_keeps_plane_and_light(addon, scene, tmp_path):
     maps = tmp_path / "ball.exr"
     bpy.ops.mesh.primitive_uv_sphere_add(radius=0.9)
@@ -489,6 +677,9 @@ def test_problems_are_told_in_one_sentence(addon, scene, tmp_path, monkeypatch):
     head()
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(RuntimeError, match=r"relight does not start .*: name the program in the preferences"):
+        bpy.ops.relight.bake_transport()
+    (tmp_path / "relight").symlink_to("/bin/true")
+    with pytest.raises(RuntimeError, match="relight: relight wrote nothing: is it relight"):
         bpy.ops.relight.bake_transport()
     with pytest.raises(RuntimeError, match="is not a readable OpenEXR file"):
         bpy.ops.relight.import_maps(filepath=str(tmp_path / "none.exr"))

@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+import trimesh
 from samples import mesh_of
 
 from relight.core.errors import UserError
@@ -226,3 +227,13 @@ def test_align_warns_of_a_piece_of_floor(person, size, up):
     assert bool(told) == bool(size)
     given = align(mesh, Align(up=f"+{up}", front="+z" if up == "y" else "+x"))
     assert given.info["warnings"] == told
+
+
+def test_align_warns_of_what_a_plinth_stands_on(person):
+    """Its walls are flat, too."""
+    mesh, box = person(), trimesh.creation.box((1.2, 0.3, 1.2))
+    box.apply_translation([0, mesh.vertices[:, 1].min() - 0.15, 0])
+    mesh = mesh_of(
+        np.concatenate([mesh.vertices, box.vertices]), np.concatenate([mesh.faces, len(mesh.vertices) + box.faces])
+    )
+    assert "its -y side is flat" in align(mesh, Align(up="auto", front="auto")).info["warnings"][0]

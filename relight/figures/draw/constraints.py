@@ -45,7 +45,8 @@ class Constraints:
             for name in chosen:
                 check_name(kind, name, known)
         if self.sitting in (0, 1) and {poses()[name].sitting for name in self.poses} == {not self.sitting}:
-            raise UserError(f"sitting={self.sitting:g} contradicts the poses {', '.join(self.poses)}: omit one of them")
+            listed = ", ".join(map(repr, self.poses))
+            raise UserError(f"sitting={self.sitting:g} contradicts the poses {listed}: omit one of them")
 
     def sample_person(self, rng: np.random.Generator) -> Person:
         """Draws people until one can have the hair and wear the garments.
@@ -117,4 +118,4 @@ def check_name(kind: str, name: str, known: Collection[str]) -> None:
     if name not in known:
         close = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean {close[0]!r}? " if close else ""
-        raise UserError(f"no {kind} is called {name!r}; {hint}there are {', '.join(known)}")
+        raise UserError(f"no {kind} is called {name!r}; {hint}there are {', '.join(map(repr, known))}")
