@@ -14,6 +14,7 @@ import yaml
 from relight.core.errors import UserError
 from relight.core.files import PHOTO_SUFFIXES, is_unsafe_name, write_text
 from relight.core.processes import git
+from relight.core.text import without_passwords
 from relight.lab.made import is_made
 from relight.lab.record import Record
 from relight.learning.training_name import TrainingName
@@ -200,7 +201,7 @@ class Plan:
         Returns:
             `track`: the settings of the group `track`. `tags`: text by name. `rows`: the overrides of each row.
         """
-        settings = shlex.join(self.record["overrides"])[:MAX_TAG]
+        settings = without_passwords(shlex.join(self.record["overrides"]))[:MAX_TAG]
         tags = {"workflow": self.shared["name"], "experiment": ", ".join(self.experiments), "settings": settings}
         tags["clone"] = f"{platform.node()}:{ROOT}"
         if commit := git(ROOT, "rev-parse", "HEAD"):
