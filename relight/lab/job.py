@@ -1,6 +1,7 @@
 """What every job of the workflow does: it writes its log, says errors in a sentence, and ends with its Snakemake."""
 
 import os
+import pdb
 import platform
 import resource
 import select
@@ -89,12 +90,21 @@ def copied_output(log: str, prefix: str) -> Iterator[None]:
     for number in (1, 2):
         os.dup2(writing, number)
     os.close(writing)
-    try:
-        yield
-    finally:
+
+    def restore() -> None:
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
             os.dup2(console, stream.fileno())
+
+    def debug() -> None:
+        restore()
+        pdb.Pdb().set_trace(sys._getframe(1))
+
+    sys.breakpointhook = debug
+    try:
+        yield
+    finally:
+        restore()
         copying.join(timeout=5)  # a process that was left behind may still hold the pipe
 
 
