@@ -85,6 +85,7 @@ def begin(outputs: list[str], job: Record) -> set[str]:
         The names of the figures that stay.
     """
     before, files = {output: read(output) for output in outputs}, {output: content(output) for output in outputs}
+    code_of(job["rule"])  # which keeps the hashes for `finish`, whoever edits a file meanwhile
     same_code = not any(map(changed_code, before.values()))
     if same_code and all({**before[output], **job, "files": files[output]} == before[output] for output in outputs):
         for output, record in before.items():
