@@ -23,6 +23,15 @@ START = 4096  # bytes at the start of a file from which its code and its line en
 Table = tuple[list[str], list[dict[str, str]]]  # names of the columns, and the rows: column -> cell
 
 
+def without_passwords(text: str) -> str:
+    """Returns a text without the passwords in its addresses.
+
+    >>> without_passwords("track.uri=postgresql://me:secret@host/runs")
+    'track.uri=postgresql://me@host/runs'
+    """
+    return re.sub(r"(://[^\s:/@]*):[^\s/@]*@", r"\1@", text)
+
+
 def spellings(name: bytes) -> list[str]:
     """Returns what the bytes of a file's name may say, the likeliest first, each once.
 

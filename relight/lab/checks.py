@@ -1,31 +1,33 @@
 """Checks a plan before anything runs, so that what would make the workflow fail later is said at once."""
 
+import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.core.text import read_table
+from relight.lab.made import outdated, read, records_of
 from relight.lab.plan import DATA, Plan
-from relight.lab.record import read_record
 from relight.meshes.alignment import read_align_table
 from relight.meshes.scans import TABLE, one_subject
+from relight.settings import flat
 
 MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead
 
 
-def check(plan: Plan, folder: Path) -> None:
+def check(plan: Plan) -> None:
     """Checks the settings of all rows, and the user's folders and files.
 
     Args:
         plan: of the run.
-        folder: the working directory.
 
     Raises:
         UserError: if a row, a folder or a file would make the workflow fail later.
     """
-    for sentence in (*_files(plan), *_data(plan, folder), *_rows(plan)):
+    for sentence in (*_files(plan), *_data(plan), *_rows(plan)):
         raise UserError(sentence)
 
 
@@ -65,18 +67,34 @@ def _files(plan: Plan) -> Iterator[str]:
             yield f"{path} is dated in the future: correct this machine's clock, or `touch` the file"
 
 
-def _data(plan: Plan, folder: Path) -> Iterator[str]:
+def _data(plan: Plan) -> Iterator[str]:
     """Yields messages about the run whose data are taken."""
     if plan.data == plan.out:
         return
-    name, folder = plan.shared["data"], folder / plan.data
-    if not all((folder / file).exists() for file in DATA):
+    name, taken = plan.shared["data"], [f"{plan.data}/{file}" for file in DATA]
+    if not all(map(os.path.exists, taken)):
         yield f"data={name}: {plan.data} has no data set yet: relight run name={name} makes it"
-    for groups in DATA.values():
-        for key, (made, value) in plan.changed(read_record(folder), groups).items():
-            yield f"data={name} has {key}={made}, and this run asks for {value}: leave out one of the two"
-    for file in plan.outdated(folder.parents[1]):
-        yield f"{plan.data}/{file} was made with other settings: relight run name={name} makes it anew"
+    for output, record in records_of(taken):
+        if os.path.exists(output) and (reason := outdated(output, record)):
+            yield f"data={name}: {reason}; relight run name={name} makes it anew"
+    for key, (made, value) in changed(plan, taken).items():
+        yield f"data={name} has {key}={made}, and this run asks for {value}: leave out one of the two"
+    if not (record := read(taken[0])):
+        yield f"{taken[0]} has no record of how it was made: remove it, and relight run name={name} makes it anew"
+    elif record["params"]["names"] != plan.map_names:
+        yield f"{taken[0]} has other figures: leave out figures.count, or let relight run name={name} make them"
+
+
+def changed(plan: Plan, outputs: Iterable[str]) -> dict[str, tuple[Any, Any]]:
+    """Returns the settings of which outputs, or what they were made of, have other values: key -> theirs, planned."""
+    found: dict[str, tuple[Any, Any]] = {}
+    for output, record in records_of(outputs):
+        training = Path(output).stem if record["rule"] == "train" else ""
+        asked = plan.settings(training) if training in plan.trainings else plan.shared
+        made = record["params"].get("settings", record["params"])
+        then, now = flat({group: made[group] for group in made.keys() & asked}), flat(asked)
+        found |= {key: (value, now[key]) for key, value in then.items() if now.get(key, value) != value}
+    return found
 
 
 def _rows(plan: Plan) -> Iterator[str]:

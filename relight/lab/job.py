@@ -1,41 +1,58 @@
 """What every job of the workflow does: it writes its log, says errors in a sentence, and ends with its Snakemake."""
 
 import os
+import pdb
 import platform
+import resource
 import select
 import signal
 import sys
 import threading
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 from relight.core.errors import sentence_of
 from relight.core.version import __version__
+from relight.lab.made import begin, describe, finish
 
 PACKAGES = ("numpy", "scipy", "torch", "mlflow", "open3d-cpu", "pymeshlab", "warp-lang")  # whose versions logs have
 
 
 @contextmanager
-def job(snakemake: Any) -> Iterator[None]:
-    """Runs a script of the workflow: what it prints goes to its log and, behind its name, to the console.
+def job(snakemake: Any) -> Iterator[set[str]]:
+    """Runs a script of the workflow, unless its outputs are already what it would make (`relight.lab.made`).
+
+    What it prints goes to its log and, behind its name, to the console. Yields the figures in a folder that stay.
 
     Args:
         snakemake: the object that Snakemake gives to scripts.
     """
-    end_with(snakemake.config["process"])
+    end_with(snakemake.config["job"]["process"])
     name = " ".join([snakemake.rule, *filter(None, snakemake.wildcards)])
     with copied_output(snakemake.log[0], f"{name}: "):
         try:
-            yield
+            outputs, params = [*snakemake.output], dict(snakemake.params.items())
+            record = describe(snakemake.rule, params, snakemake.input, outputs[0])
+            yield begin(outputs, record)
+            finish(outputs, record)
         except KeyboardInterrupt:
             os._exit(130)
         except Exception as error:
             print(sentence_of(error) or traceback.format_exc(), file=sys.stderr)
             sys.exit(1)
+    with open(snakemake.log[0], "a", encoding="utf-8") as log:
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        log.write(f"# {used.ru_utime + used.ru_stime:.1f} s of CPU, {used.ru_maxrss / 1e6:.2f} GB at most\n")
+
+
+def map_files(batches: Iterable[str], names: Iterable[Iterable[str]]) -> list[Path]:
+    """Returns the files of maps in the folders of batches by the names of each."""
+    return [Path(batch, f"{name}.exr") for batch, of_batch in zip(batches, names) for name in of_batch]
 
 
 def end_with(process: int) -> None:
@@ -73,12 +90,21 @@ def copied_output(log: str, prefix: str) -> Iterator[None]:
     for number in (1, 2):
         os.dup2(writing, number)
     os.close(writing)
-    try:
-        yield
-    finally:
+
+    def restore() -> None:
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
             os.dup2(console, stream.fileno())
+
+    def debug() -> None:
+        restore()
+        pdb.Pdb().set_trace(sys._getframe(1))
+
+    sys.breakpointhook = debug
+    try:
+        yield
+    finally:
+        restore()
         copying.join(timeout=5)  # a process that was left behind may still hold the pipe
 
 

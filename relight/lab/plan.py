@@ -1,6 +1,5 @@
 """Plans a workflow for the Snakefile: names of figures, trainings and experiments, and the files of each."""
 
-import json
 import os
 import platform
 import shlex
@@ -13,20 +12,21 @@ from typing import Any
 import yaml
 
 from relight.core.errors import UserError
-from relight.core.files import PHOTO_SUFFIXES, is_unsafe_name, write_json, write_text
+from relight.core.files import PHOTO_SUFFIXES, is_unsafe_name, write_text
 from relight.core.processes import git
-from relight.lab.record import Record, read_record
+from relight.core.text import without_passwords
+from relight.lab.made import is_made
+from relight.lab.record import Record
 from relight.learning.training_name import TrainingName
 from relight.meshes.scans import TABLE, Scan, list_scans
-from relight.settings import ROOT, Experiment, flat
+from relight.settings import ROOT, Experiment
 from relight.settings.scores import label
 
 BATCH = 10  # generated figures that share a process, since one takes as long to start as to draw a figure
-# What other runs take of a run -> the groups of settings that decide it.
-DATA = {"packed.safetensors": ("figures", "align", "bake"), "lights/lights.npz": ("panoramas", "lights")}
+DATA = ("packed.safetensors", "lights/lights.npz")  # what other runs take of a run
 BESIDE = (*PHOTO_SUFFIXES, ".mtl", ".bin", ".dds", ".tga")  # suffixes of what meshes refer to
 MAX_TAG = 5000  # characters of a tag in MLflow
-Stamp = tuple[str, int, int]  # path, bytes and date of a file, nanoseconds
+Stamp = list[str | int]  # path, bytes and date of a file, nanoseconds
 
 
 class Plan:
@@ -143,19 +143,9 @@ class Plan:
         return [name for outfit in outfits for name in (outfit, *view_names(outfit, self.shared["bake"]["views"]))]
 
     @property
-    def map_files(self) -> list[str]:
-        """The maps of all figures and their views, in the order of the packed set."""
-        return [
-            f"{self.data}/maps/{batch}/{name}.exr"
-            for batch, figures in self.batches.items()
-            for figure in figures
-            for name in self.maps(figure)
-        ]
-
-    @property
-    def frontal_maps(self) -> list[str]:
-        """The frontal maps of all figures in their first outfit."""
-        return [f"{self.data}/maps/{batch}/{figure}.exr" for batch, names in self.batches.items() for figure in names]
+    def map_names(self) -> list[list[str]]:
+        """The maps of all figures and their views by batch, in the order of the packed set."""
+        return [[name for figure in figures for name in self.maps(figure)] for figures in self.batches.values()]
 
     @property
     def panoramas(self) -> list[str]:
@@ -172,8 +162,6 @@ class Plan:
     def settings(self, training: str) -> dict[str, Any]:
         """Returns the settings of a training: those of its row, with its seed, without the device.
 
-        If `train.start` names a row, the network of that row with the same seed takes its place.
-
         Args:
             training: name, a key of `trainings`.
 
@@ -182,21 +170,18 @@ class Plan:
         """
         name = self.trainings[training]
         groups = self.record["rows"][name.row]
-        start = groups["train"]["start"]
-        if start in self.rows:
-            start = self.network(f"{start}.s{name.seed}")
-        train = {**groups["train"], "seed": name.seed, "start": start}
-        del train["device"]
-        return {**groups, "train": train}
+        train = {key: value for key, value in groups["train"].items() if key != "device"}
+        return {**groups, "train": {**train, "seed": name.seed}}
 
     def device(self, training: str) -> str:
         """Returns the setting `train.device` of a training, which does not decide its result."""
         return str(self.record["rows"][self.trainings[training].row]["train"]["device"])
 
-    def start_stamps(self, training: str) -> dict[str, list[Stamp]]:
-        """Returns {"start": `stamps`} of the file that a training starts from, if the user gave one, and else {}."""
-        start = self.record["rows"][self.trainings[training].row]["train"]["start"]
-        return {} if start in (None, *self.rows) else {"start": stamps([start])}
+    def start(self, training: str) -> list[str]:
+        """Returns the file that a training starts from, if any; for a row, its network with the same seed."""
+        name = self.trainings[training]
+        start = self.record["rows"][name.row]["train"]["start"]
+        return [self.network(f"{start}.s{name.seed}") if start in self.rows else start] if start else []
 
     def network(self, training: str) -> str:
         """Returns the file of a trained network."""
@@ -210,18 +195,13 @@ class Plan:
         """Returns the first training of each row of an experiment, by row."""
         return {row: self.trainings_of(row)[0] for row in self.experiments[experiment].rows}
 
-    def extensions(self, training: str) -> list[str]:
-        """Returns what a training names where extensions may be named: its network and losses."""
-        settings = self.settings(training)
-        return [settings["model"]["name"], *settings["loss"]["extra"]]
-
     def tracking(self) -> dict[str, Any]:
         """Returns what MLflow records of the workflow with each training.
 
         Returns:
             `track`: the settings of the group `track`. `tags`: text by name. `rows`: the overrides of each row.
         """
-        settings = shlex.join(self.record["overrides"])[:MAX_TAG]
+        settings = without_passwords(shlex.join(self.record["overrides"]))[:MAX_TAG]
         tags = {"workflow": self.shared["name"], "experiment": ", ".join(self.experiments), "settings": settings}
         tags["clone"] = f"{platform.node()}:{ROOT}"
         if commit := git(ROOT, "rev-parse", "HEAD"):
@@ -295,65 +275,31 @@ class Plan:
                 described[name] |= {"scores": self.scores(name), "usual": self.scores(name, usual=True)}
         return described
 
-    def missing_results(self, folder: Path) -> dict[str, list[str]]:
-        """Returns the files that each experiment lacks after a workflow that failed.
-
-        Args:
-            folder: the working directory.
+    def missing_results(self) -> dict[str, list[str]]:
+        """Returns the files that each experiment lacks after a workflow that failed, or that are left of an older one.
 
         Returns:
             experiment -> files; empty if no experiment is complete, since then there is nothing to report.
         """
         files = {name: [*self.networks(name).values(), *self.results_of(name)] for name in self.experiments}
-        lacking = {name: [path for path in paths if not (folder / path).exists()] for name, paths in files.items()}
+        lacking = {name: [path for path in paths if not is_made(path)] for name, paths in files.items()}
         return {} if all(lacking.values()) else {name: paths for name, paths in lacking.items() if paths}
 
-    def changed(self, before: Record, groups: Iterable[str]) -> dict[str, tuple[Any, Any]]:
-        """Returns the settings of groups that another record has otherwise, by their keys: its value, and this one."""
-        then, now = flat(before["settings"]), flat({group: self.shared[group] for group in groups})
-        return {key: (then[key], value) for key, value in now.items() if then.get(key, value) != value}
-
     def write_record(self, folder: Path) -> Path:
-        """Writes the record to run.yaml in the results, and returns the file.
-
-        It is not touched if it holds this record already. Beside data of other settings, it writes these, so that no
-        other run takes the data until they are made anew (`outdated`), however this one ends.
+        """Writes the record to run.yaml in the results, unless it holds it already, and returns the file.
 
         Args:
             folder: the working directory.
         """
         file = folder / self.out / "run.yaml"
         if not file.exists() or file.read_text(encoding="utf-8") != self.text:
-            before = read_record(folder / self.out)
-            for data, groups in DATA.items():
-                made = folder / self.out / data
-                if self.changed(before, groups) and made.exists() and not newer(mark_of(made), made):
-                    write_json(mark_of(made), {"settings": {group: before["settings"][group] for group in groups}})
             write_text(file, self.text)
         return file
-
-    def outdated(self, folder: Path) -> list[str]:
-        """Returns the DATA that were made with other settings than this run's, and were not made anew since."""
-        files = {data: folder / self.data / data for data in DATA}
-        marked = {
-            data: json.loads(mark_of(file).read_text()) for data, file in files.items() if newer(mark_of(file), file)
-        }
-        return [data for data, made in marked.items() if self.changed(made, DATA[data])]
 
     @property
     def text(self) -> str:
         """The record as YAML."""
         return yaml.safe_dump(self.record, sort_keys=False)
-
-
-def mark_of(data: Path) -> Path:
-    """Returns the file that says, as long as it is newer than data, with what settings these were made."""
-    return data.with_suffix(".outdated.json")
-
-
-def newer(file: Path, other: Path) -> bool:
-    """Returns whether both files exist, and the first is not the older one."""
-    return file.exists() and other.exists() and file.stat().st_mtime_ns >= other.stat().st_mtime_ns
 
 
 def safe(paths: Iterable[Path | str]) -> list[str]:
@@ -366,4 +312,4 @@ def stamps(paths: Iterable[Path | str | None]) -> list[Stamp]:
 
     They are params of rules: by dates alone, a file replaced by one that is older than the results would go unseen.
     """
-    return [(str(path), (stat := os.stat(path)).st_size, stat.st_mtime_ns) for path in paths if path]
+    return [[str(path), (stat := os.stat(path)).st_size, stat.st_mtime_ns] for path in paths if path]

@@ -19,7 +19,7 @@ from relight.settings.composition import quoted
 
 ROW_GROUPS = ("model", "loss", "train", "augment")  # that rows may change
 Record = dict[str, Any]
-PARTS = ("overrides", "settings", "rows", "code", "failed")  # of a record
+PARTS = ("overrides", "settings", "rows", "failed")  # of a record
 
 
 def compose_run(overrides: list[str], rows: Mapping[str, list[str]] | None = None) -> Record:
@@ -59,7 +59,7 @@ def from_config(config: dict[str, Any]) -> Record:
         UserError: if a setting is invalid, or given beside a record.
     """
     if "settings" in config:
-        for key in config.keys() - {*PARTS, "process", "tracking", "least"}:  # which the Snakefile adds for jobs
+        for key in config.keys() - {*PARTS, "job"}:  # which the Snakefile adds for jobs
             raise UserError(f"{key} is given beside the record of a run, which has all settings: give one of the two")
         return {key: config[key] for key in PARTS if key in config}
     if sum(word.startswith("hydra=") for word in sys.argv) > 1:
@@ -74,7 +74,7 @@ def from_config(config: dict[str, Any]) -> Record:
 
 def read_record(folder: Path) -> Record:
     """Reads the record of a run (run.yaml) in its results; without one, all parts are empty."""
-    nothing: Record = {"overrides": [], "settings": {}, "rows": {}, "code": {}}
+    nothing: Record = {"overrides": [], "settings": {}, "rows": {}}
     try:
         return {**nothing, **yaml.safe_load((folder / "run.yaml").read_text(encoding="utf-8"))}
     except (OSError, TypeError, ValueError, yaml.YAMLError):

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-from base64 import urlsafe_b64encode
 from collections.abc import Iterator
 from contextlib import suppress
 from importlib import import_module
@@ -17,8 +16,8 @@ from shutil import which
 
 from relight.core.errors import UserError
 from relight.core.processes import end_with_parent
-from relight.lab.checks import check, check_figures
-from relight.lab.code import SCRIPTS, code_hash
+from relight.lab.checks import changed, check, check_figures
+from relight.lab.code import SCRIPTS
 from relight.lab.plan import DATA, Plan
 from relight.lab.record import compose_run, expand_sweep, read_record
 from relight.settings import ROOT, flat
@@ -58,7 +57,7 @@ def run(
         for row, words in rows.items():
             print(f"{row}: {' '.join(words)}")
     plan = Plan(compose_run(fixed, rows))
-    check(plan, ROOT)
+    check(plan)
     for word in given:
         key = word.partition("=")[0]
         has_own = [any(own.startswith(f"{key}=") for own in words) for words in plan.rows.values()]
@@ -95,7 +94,6 @@ def run(
         print(first, *tables[-1:], sep="Job stats:\n", end="")
         return ran.returncode
     os.close(hold(ROOT / plan.out))
-    require_known(plan)
     if plan.data != plan.out:
         os.close(hold(ROOT / plan.data, shared=True))
     # In a file, since jobs on a cluster break quotes within quotes.
@@ -105,7 +103,7 @@ def run(
         print("interrupted; the same command goes on", file=sys.stderr)
     elif targets == ["all"] and code == 0:
         print(f"the report: {ROOT / plan.out / 'report' / 'report.html'}")
-    elif targets == ["all"] and (failed := plan.missing_results(ROOT)):
+    elif targets == ["all"] and (failed := plan.missing_results()):
         print(f"failed: {', '.join(failed)}; the report of the others follows", file=sys.stderr)
         plan.record["failed"] = failed
         plan.write_record(ROOT)
@@ -136,50 +134,25 @@ def rows_of_sweep(given: list[str]) -> dict[str, list[str]] | None:
 
 
 def change_lines(plan: Plan) -> Iterator[str]:
-    """Yields what to say before existing results are made again: which settings and whose code have changed.
+    """Yields what to say before existing results are made again: with which other settings they were made.
 
     Raises:
         UserError: if the results are of other people or panoramas.
     """
-    plan.record["code"] = {path.stem: code_hash(path.stem) for path in sorted(SCRIPTS.glob("*.py"))}
-    before = read_record(ROOT / plan.out)
-    then, now = (flat({key: record[key] for key in ("settings", "rows")}) for record in (before, plan.record))
+    before, now = flat(read_record(ROOT / plan.out)["settings"]), flat(plan.shared)
     for key in ("figures.source", "figures.folder", "panoramas.source", "panoramas.folder"):
-        if (old := then.get(f"settings.{key}", now[f"settings.{key}"])) != now[f"settings.{key}"]:
+        if before.get(key, now[key]) != now[key]:
             raise UserError(
-                f"{plan.out} was made with {key}={old}: give this run a name of its own, name=NAME, or remove the "
-                f"folder {plan.out}"
+                f"{plan.out} was made with {key}={before[key]}: give this run a name of its own, name=NAME, or remove "
+                f"the folder {plan.out}"
             )
-    settings = sorted(key for key in then.keys() & now.keys() if then[key] != now[key] and ".track." not in key)
-    code = [rule for rule, digest in before["code"].items() if plan.record["code"].get(rule) != digest]
-    if settings:
-        shown = ", ".join(key.removeprefix("settings.") for key in settings[:4])
+    outputs = [f"{plan.out}/{name}" for name in (*DATA, "split.json")]
+    if settings := sorted(changed(plan, [*outputs, *map(plan.network, plan.trainings)])):
         more = f" and {len(settings) - 4} more" if len(settings) > 4 else ""
         yield (
-            f"{plan.out} was made with other settings ({shown}{more}): what depends on them is made again; to keep "
-            "both, give this run a name, name=NAME"
+            f"{plan.out} was made with other settings ({', '.join(settings[:4])}{more}): what depends on them is made "
+            "again; to keep both, give this run a name, name=NAME"
         )
-    if code:
-        yield f"the code of {', '.join(code)} has changed since {plan.out} was made: they run again"
-
-
-def require_known(plan: Plan) -> None:
-    """Raises UserError where other settings would be overlooked: in results that Snakemake has no metadata of.
-
-    Such are copies, and those whose .snakemake is lost. Snakemake keeps them, whatever they were made with.
-    """
-    groups = ("figures", "align", "bake", "split", "panoramas", "lights")
-    before = read_record(ROOT / plan.out)
-    rows, then = flat(plan.record["rows"]), flat(before["rows"])
-    changed = [*plan.changed(before, groups), *(key for key, value in rows.items() if then.get(key, value) != value)]
-    files = [f"{plan.out}/{name}" for name in (*DATA, "split.json")] + [*map(plan.network, plan.trainings)]
-    known = ROOT / ".snakemake" / "metadata"
-    for file in files if changed else []:
-        if (ROOT / file).exists() and not (known / urlsafe_b64encode(file.encode()).decode()).exists():
-            raise UserError(
-                f"{file} was copied, or .snakemake was lost: Snakemake would keep it in spite of "
-                f"{', '.join(changed[:3])}; leave that out, or remove the files that are to be made again"
-            )
 
 
 def snakemake(command: list[str]) -> int:

@@ -1,10 +1,13 @@
 """The jobs of one network, trained and scored, with its run in MLflow."""
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from relight import extensions
+from relight.core.files import existing_file, file_hash
+from relight.lab.code import code_of
 from relight.lab.tracking.run import log_scores, training_run
 from relight.learning.train import Inputs, Recipe, fingerprint
 from relight.learning.train import train as train_network
@@ -27,6 +30,12 @@ def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, trac
     recipe = Recipe(
         Model(**settings["model"]), Loss(**settings["loss"]), Train(**settings["train"]), Augment(**settings["augment"])
     )
+    for part, names in (("network", [recipe.model.name]), ("loss", [*recipe.loss.extra])):
+        for name in {*names} & {*extensions.names()}:
+            extensions.extension(name, part)  # whose code counts, too
+    data = f"{inputs.packed.parent.name} {file_hash(existing_file(inputs.packed, 'training'))}"
+    tracking = {**tracking, "tags": {**tracking["tags"], "data": data}}
+    inputs = replace(inputs, code=repr(code_of("train")))
     with training_run(tracking, out.stem, fingerprint(recipe, inputs), asdict(recipe)) as run:
         state = out.parent / "state" / out.stem / "state.pt"
         train_network(recipe, inputs, out, state, curve, run.log if run else None)

@@ -169,7 +169,8 @@ def parallel_map(function: Callable[[str], Projected], items: list[str]) -> Iter
         yield from map(function, items)
         return
     with ProcessPoolExecutor(workers, initializer=start_worker, initargs=(os.getpid(),)) as pool:
-        yield from pool.map(function, items, chunksize=8)
+        yield function(items[0])  # here, so that this process imports all that it takes
+        yield from pool.map(function, items[1:], chunksize=8)
 
 
 def start_worker(parent: int) -> None:

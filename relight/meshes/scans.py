@@ -14,7 +14,6 @@ from relight.core.names import find_path
 from relight.core.text import Table, read_table
 from relight.meshes.left_out import save_mesh
 from relight.meshes.mesh import Mesh
-from relight.meshes.read import READERS, read_mesh, suffix_list
 
 TABLE = "scans.csv"
 YES, NO = ("", "1", "1.0", "y", "yes", "t", "true", "x", "on"), ("0", "0.0", "n", "no", "f", "false", "-", "off")
@@ -55,6 +54,8 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     Raises:
         UserError: if the folder is missing or holds no mesh, or if the table contradicts it.
     """
+    from relight.meshes.read import suffix_list  # here, since alignment takes the tables alone
+
     folder = Path(folder)
     if not folder.is_dir():
         raise UserError(f"figures.folder: there is no folder {folder.resolve()}; it should hold {suffix_list()} scans")
@@ -88,6 +89,8 @@ def read_scan(path: Path, name: str, subject: str, out: Path) -> None:
         subject: name of the person.
         out: the mesh record (.npz).
     """
+
+    from relight.meshes.read import read_mesh
 
     def make() -> Mesh:
         require_safe_name(path)
@@ -149,6 +152,8 @@ def one_subject(scans: dict[str, Scan]) -> str:
 
 def _mesh_files(folder: Path) -> list[Path]:
     """Returns the meshes in a folder and its subfolders, also linked ones, each once; none that are hidden."""
+    from relight.meshes.read import READERS
+
     files: list[Path] = []
     seen: set[str] = set()  # a link may lead to a folder around it
     for root, folders, names in os.walk(folder, followlinks=True):

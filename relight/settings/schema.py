@@ -256,8 +256,7 @@ class Track:
 class Config:
     """All settings.
 
-    A group has its values in conf/<group>/. `relight.lab.record.ROW_GROUPS` names those that rows may change,
-    `relight.lab.plan.DATA` those that decide a data set.
+    A group has its values in conf/<group>/. `relight.lab.record.ROW_GROUPS` names those that rows may change.
     """
 
     name: str = setting("name of the folder in results/")

@@ -56,15 +56,11 @@ def relight(repo: Path, *words: str) -> subprocess.CompletedProcess:
 
 # Dry runs of Snakemake itself; they fork from one process, which has imported Snakemake.
 DRY_RUNS = """
-import json, os, sys
+import importlib, json, os, sys
 from pathlib import Path
 import relight.lab.plan
-from relight.lab import code
 from snakemake.cli import main
 runs = json.loads(sys.argv[1])
-if not any(edit for _, edit in runs):
-    for script in code.SCRIPTS.glob("*.py"):
-        code.code_hash(script.stem)  # once for all runs
 for words, edit in runs:
     if edit:
         file, text = Path(edit[0]), edit[1]
@@ -92,10 +88,10 @@ def planned(repo: Path, *runs: Sequence[str], edits: Sequence[tuple[str, str] | 
 
 
 def outputs(repo: Path) -> list[Path]:
-    """The results that the settings decide: logs, benchmarks and pages tell when and how long they were made."""
+    """The results that the settings decide: logs and pages tell when they were made."""
     out = repo / OUT
     found = [path.relative_to(out) for path in out.rglob("*") if path.is_file() and path.suffix != ".html"]
-    apart = ("log", "benchmark", "lock", "run.yaml")
+    apart = ("log", "made", "lock", "run.yaml")
     return sorted(path for path in found if path.parts[0] not in apart and path.name != ".snakemake_timestamp")
 
 

@@ -1,13 +1,15 @@
 """The whole workflow at its smallest, from seeds to the report, and what re-runs."""
 
 import csv
+import json
 import math
+import re
 import runpy
 import shutil
 import sys
 
 import pytest
-from repo import OUT, ROOT, WORDS, output, planned, relight
+from repo import OUT, ROOT, WORDS, hashes, output, planned, relight
 
 from relight.photos.network import read_network
 
@@ -97,10 +99,77 @@ EDITS = {
 }
 
 
+# Rule -> packages of relight on which its results depend.
+PACKAGES = {
+    "figure": "core figures meshes",
+    "clean": "core meshes",
+    "align": "core maps meshes sh",
+    "bake": "core maps meshes sh transport",
+    "pack": "core maps sh",
+    "split": "core learning maps sh",
+    "lights": "core lights panoramas pictures sh",
+    "train": "core lab learning lights maps panoramas photos sh",
+    "evaluate": "core evaluation lab learning lights maps panoramas photos sh",
+    "baselines": "core evaluation learning lights maps panoramas photos sh",
+}
+
+
+def test_a_rule_depends_on_its_packages_alone(done):
+    """By the modules that its jobs have imported, as the records name them."""
+    found = {}
+    for file in (done / OUT / "made").rglob("*.json"):
+        record = json.loads(file.read_text())
+        assert f"workflow.scripts.{record['rule']}" in record["code"] and "relight.meshes.read" not in record["code"]
+        packages = {name.split(".")[1] for name in record["code"] if name.startswith("relight.")}
+        found[record["rule"]] = " ".join(sorted(packages))
+    assert {rule: found[rule] for rule in PACKAGES} == PACKAGES
+
+
 def test_changed_code_runs_what_it_touches(done, tmp_path):
     repo = tmp_path / "repo"
     shutil.copytree(done, repo, ignore=shutil.ignore_patterns("mlruns"))
     assert dict(zip(EDITS, planned(repo, *[WORDS] * len(EDITS), edits=[*EDITS]))) == EDITS
+
+
+# What is done to a copy of results in a clone elsewhere, without .snakemake; a setting -> what is made again.
+MADE_AGAIN = {"bake": 1, **AFTER_BAKING}
+COPIES = {
+    ("true", ""): {"report": 1, "viewer": 1},  # which show the name
+    ("true", "train.lr=0.5"): {"train": 2, **AFTER_TRAINING},
+    ("true", "bake.rays=8"): MADE_AGAIN,
+    ("true", "figures.count=4"): {"figure": 1, "clean": 1, "align": 1, **MADE_AGAIN},
+    ("rm maps/*/g0001.exr", ""): MADE_AGAIN,
+    ("cp maps/*/g0001.exr maps/*/g0002.exr", ""): MADE_AGAIN,
+    ("rm -r maps/*", ""): MADE_AGAIN,
+    ("rm figures/*/g0001.npz", ""): {"figure": 1, "clean": 1, "align": 1, **MADE_AGAIN},
+    ("rm split.json", ""): {"split": 1, "train": 2, "baselines": 1, **AFTER_TRAINING},
+    ("rm train/*.csv", ""): {"train": 2, **AFTER_TRAINING},
+    ("cp train/self_all.s0.safetensors train/ours_full.s0.safetensors", ""): {"train": 2, **AFTER_TRAINING},
+    ("rm -r made/maps", "bake.rays=8"): {"report": 1, "viewer": 1},
+}
+
+
+def test_results_know_how_they_were_made(done, tmp_path):
+    """Wherever they lie, and whatever Snakemake has forgotten; equal bytes train nothing again."""
+    repo = tmp_path / "repo"
+    shutil.copytree(done, repo, ignore=shutil.ignore_patterns("mlruns", ".snakemake"))
+    words = []
+    for number, (command, word) in enumerate(COPIES):
+        results = shutil.copytree(repo / OUT, repo / "results" / f"copy{number}")
+        assert output(results, ["sh", "-c", command]).returncode == 0
+        words.append([*WORDS, f"name=copy{number}", *word.split()])
+    assert dict(zip(COPIES, planned(repo, *words))) == COPIES
+    kept = relight(repo, "run", *WORDS, "bake.rays=8", "--snakemake", "--rerun-triggers mtime")
+    assert "(bake.rays): what depends on them" in kept.stdout and "Nothing to be done" in kept.stdout, kept.stdout
+    assert hashes(repo) == hashes(done)
+    maps = sorted((repo / OUT / "maps").rglob("*.exr"))
+    dates = [path.stat().st_mtime_ns for path in maps]
+    maps[1].unlink()
+    run = relight(repo, "run", *WORDS)
+    assert run.returncode == 0 and f"{maps[1].relative_to(repo)} is missing" in run.stdout, run.stdout
+    assert [path.stat().st_mtime_ns == date for path, date in zip(maps, dates)] == [True, False, True]
+    kept = re.findall(r"^(\w+) ?\S*: kept: it was made", run.stdout, re.M)
+    assert kept.count("train") == 2 and kept.count("evaluate") == 2 and hashes(repo) == hashes(done)
 
 
 def test_errors_are_one_line(done):

@@ -3,19 +3,22 @@
 import json
 import os
 import re
+import shutil
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import yaml
 
 from relight.core.errors import UserError
 from relight.lab.checks import check
-from relight.lab.plan import Plan
+from relight.lab.made import describe, finish
+from relight.lab.plan import DATA, Plan, stamps
 from relight.lab.record import compose_run, expand_sweep, from_config
 from relight.learning.train import learning_rate
-from relight.settings import CONF, ROOT, Train
+from relight.settings import CONF, Train
 
 
 def plan_of(words: str, **rows: list[str]) -> Plan:
@@ -47,7 +50,7 @@ def test_settings_that_snakemake_would_drop_are_refused(monkeypatch):
     with pytest.raises(UserError, match="--config is given twice, and Snakemake drops the first"):
         from_config({"name": "x"})
     record = compose_run(["scale=smoke"])
-    assert from_config({**record, "process": 1}) == record
+    assert from_config({**record, "job": {}}) == record
     with pytest.raises(UserError, match="hydra is given beside the record of a run, which has all settings"):
         from_config({**record, "hydra": "name=x"})
 
@@ -67,7 +70,7 @@ def test_batches_are_tens_of_seeds():
     plan = plan_of("scale=smoke figures.first=8 figures.count=14")
     assert list(plan.batches) == ["g0000-g0009", "g0010-g0019", "g0020-g0029"]
     assert plan.batches["g0000-g0009"] == ["g0008", "g0009"] and len(plan.figures) == 14
-    assert plan.frontal_maps[-1] == "results/smoke/maps/g0020-g0029/g0021.exr"
+    assert plan.map_names[2] == ["g0020", "g0021"]
 
 
 def test_a_row_means_the_same_in_every_preset():
@@ -104,8 +107,8 @@ def test_experiments_share_runs_and_keep_their_conditions():
 
 def test_a_run_goes_on_from_another_of_its_seed():
     plan = plan_of("scale=smoke experiment=self_supervised sweep.seeds=[0,3] sweep.only=[self_all]")
-    assert plan.settings("self_all.s3")["train"]["start"] == "results/smoke/train/ours_full.s3.safetensors"
-    assert plan.settings("ours_full.s0")["train"]["start"] is None
+    assert plan.start("self_all.s3") == ["results/smoke/train/ours_full.s3.safetensors"]
+    assert plan.start("ours_full.s0") == []
     assert plan.scored == ["self_all.s0", "self_all.s3"]
 
 
@@ -113,10 +116,10 @@ def test_the_weights_for_photos_are_trained_at_half_the_size_and_then_at_the_ful
     """One cosine goes over both; else they differ in size, steps and start alone."""
     plan = plan_of("experiment=photo")
     assert list(plan.trainings) == ["photo_half.s0", "photo.s0"] and plan.scored == ["photo.s0"]
-    assert len(plan.figures) == 345 and len(plan.map_files) == 345 * 2 * 2  # outfits, views
+    assert len(plan.figures) == 345 and sum(map(len, plan.map_names)) == 345 * 2 * 2  # outfits, views
     groups = [plan.settings(run) for run in plan.trainings]
-    half, full = (Train(**group.pop("train")) for group in groups)
-    assert groups[0] == groups[1] and full.start == "results/photo/train/photo_half.s0.safetensors"
+    half, full = (Train(**group.pop("train"), device="cpu") for group in groups)
+    assert groups[0] == groups[1] and plan.start("photo.s0") == ["results/photo/train/photo_half.s0.safetensors"]
     assert vars(half) == vars(full) | {"size": 128, "steps": half.steps, "span": half.span, "start": None}
     last, first = learning_rate(half, half.steps - 1), learning_rate(replace(full, warmup=0), 0)
     assert last == pytest.approx(first, rel=1e-3) and learning_rate(full, full.steps - 1) < 0.03 * full.lr
@@ -203,7 +206,7 @@ def test_folders_of_scans_are_checked(tmp_path, folder):
 @pytest.mark.slow
 def test_what_a_run_would_miss_later_is_told_before(words, row, message):
     with pytest.raises(UserError, match=message):
-        check(plan_of(f"scale=smoke {words}", **({"a": [], "b": [row]} if row else {})), ROOT)
+        check(plan_of(f"scale=smoke {words}", **({"a": [], "b": [row]} if row else {})))
 
 
 @pytest.mark.slow
@@ -213,14 +216,14 @@ def test_axes_beside_the_names_of_scans_are_asked_for(tmp_path):
     (tmp_path / "scans.csv").write_text("path,up\na.obj,+z\nb.obj,+z\n")
     words = ["scale=smoke", "figures=scans", f"figures.folder={tmp_path}"]
     with pytest.raises(UserError, match=r"scans\.csv has a column `up`.*give align\.table="):
-        check(Plan(compose_run(words)), ROOT)
+        check(Plan(compose_run(words)))
     words.append(f"align.table={tmp_path}/scans.csv")
-    check(Plan(compose_run(words)), ROOT)
+    check(Plan(compose_run(words)))
     (tmp_path / "scans.csv").write_text("path,up,use\na.obj,+z,\nb.obj,+z,\nc.obj,+z,no\n")
-    check(Plan(compose_run(words)), ROOT)
+    check(Plan(compose_run(words)))
     (tmp_path / "axes.csv").write_text("name,up\nA,+z\n")
     with pytest.raises(UserError, match=r"axes\.csv names A, and no figure is called so"):
-        check(Plan(compose_run([*words[:-1], f"align.table={tmp_path}/axes.csv"])), ROOT)
+        check(Plan(compose_run([*words[:-1], f"align.table={tmp_path}/axes.csv"])))
 
 
 @pytest.mark.parametrize("kind", ["figures=scans figures", "panoramas=folder panoramas"])
@@ -230,38 +233,58 @@ def test_files_of_the_future_are_told(tmp_path, kind):
     file = tmp_path / ("a.obj" if "scans" in kind else "a.hdr")
     file.write_text("v 0 0 0\n")
     plan = Plan(compose_run([*f"scale=smoke {kind}.folder={tmp_path}".split()]))
-    check(plan, ROOT)
+    check(plan)
     os.utime(file, (time.time() + 3600,) * 2)
     with pytest.raises(UserError, match=f"{file.name} is dated in the future: correct this machine's clock"):
-        check(plan, ROOT)
+        check(plan)
 
 
-def test_data_of_another_run(tmp_path):
+def test_data_of_another_run(tmp_path, monkeypatch):
     """They are inputs: what made them is not planned, and settings that would change them are refused."""
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(UserError, match="data=a: results/a has no data set yet: relight run name=a makes it"):
-        check(plan_of("scale=smoke data=a name=b"), tmp_path)
+        check(plan_of("scale=smoke data=a name=b"))
     first, plan = plan_of("scale=smoke name=a"), plan_of("scale=smoke data=a name=b train.lr=0.1")
-    out = first.write_record(tmp_path).parent
-    (out / "lights").mkdir()
-    files = [out / "packed.safetensors", out / "lights" / "lights.npz"]
-    for file in files:
-        file.touch()
-    check(plan, tmp_path)
-    assert plan.map_files == first.map_files and plan.network("x") == "results/b/train/x.safetensors"
-    with pytest.raises(UserError, match=r"data=a has figures\.count=\d+, and this run asks for 3: leave out one"):
-        check(plan_of("scale=smoke data=a name=b figures.count=3"), tmp_path)
-    plan_of("scale=smoke name=a train.steps=7").write_record(tmp_path)
-    assert all(file.exists() for file in files)
-    plan_of("scale=smoke name=a bake.rays=33").write_record(tmp_path)  # and is interrupted
-    assert all(file.exists() for file in files)
-    with pytest.raises(UserError, match=r"results/a/packed\.safetensors was made with other settings: .* name=a makes"):
-        check(plan_of("scale=smoke data=a name=b bake.rays=33"), tmp_path)
-    plan_of("scale=smoke name=a bake.rays=34").write_record(tmp_path)
-    first.write_record(tmp_path)  # back again
-    check(plan, tmp_path)
-    plan_of("scale=smoke name=a bake.rays=33").write_record(tmp_path)
-    os.utime(files[0], (time.time() + 9,) * 2)  # is made anew
-    check(plan_of("scale=smoke data=a name=b bake.rays=33"), tmp_path)
+    first.write_record(tmp_path)
+    maps, packed, lights = (f"results/a/{name}" for name in ("maps/g0000-g0009", *DATA))
+
+    def make(output: str, inputs: list[str], **params: object) -> None:
+        file = Path(output, "x.exr") if "maps" in output else Path(output)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(params))
+        finish([output], describe("rule", params, inputs, output))
+
+    def make_all(rays: int) -> None:
+        make(maps, [], bake={**first.shared["bake"], "rays": rays})
+        make(packed, [maps], names=first.map_names)
+
+    make_all(rays=32)
+    make(lights, [], lights=first.shared["lights"])
+    check(plan)
+    assert plan.map_names == first.map_names and plan.network("x") == "results/b/train/x.safetensors"
+    told = r"results/a/packed\.\w+ has other figures: leave out figures\.count, or let relight run name=a make them"
+    with pytest.raises(UserError, match=told):
+        check(plan_of("scale=smoke data=a name=b figures.count=3"))
+    plan_of("scale=smoke name=a bake.rays=33").write_record(tmp_path)  # and is interrupted before anything is made
+    check(plan)
+    other = plan_of("scale=smoke data=a name=b bake.rays=33")
+    told = r"data=a has bake\.rays=32, and this run asks for 33: leave out one of the two"
+    with pytest.raises(UserError, match=told):
+        check(other)
+    make(maps, [], bake={**first.shared["bake"], "rays": 33})  # and is interrupted after that
+    told = r"data=a: results/a/packed\.\w+ was made of another maps/g0000-g0009; relight run name=a makes"
+    with pytest.raises(UserError, match=told):
+        check(other)
+    make_all(rays=33)
+    check(other)
+    Path(maps, "x.exr").unlink()
+    with pytest.raises(UserError, match=r"data=a: results/a/maps/g0000-g0009/x\.exr is missing; relight run name=a"):
+        check(other)
+    shutil.rmtree("results/a/made")
+    with pytest.raises(
+        UserError, match="has no record of how it was made: remove it, and relight run name=a makes it anew"
+    ):
+        check(other)
 
 
 def test_files_beside_a_mesh_are_of_the_meshes_whose_names_begin_like_theirs_or_of_its_folder(tmp_path):
@@ -274,14 +297,19 @@ def test_files_beside_a_mesh_are_of_the_meshes_whose_names_begin_like_theirs_or_
     assert found == {**shared, "b": "b.obj b.png"}
 
 
-def test_a_start_that_was_replaced_is_seen_and_that_of_a_row_is_the_business_of_its_rule(tmp_path):
+def test_a_start_is_a_file_or_the_network_of_a_row(tmp_path):
+    plan = plan_of("scale=smoke", a=[], b=["train.start=a"], c=[f"train.start={tmp_path}/x.onnx"])
+    starts = [plan.start(training) for training in ("a.s0", "b.s0", "c.s0")]
+    assert starts == [[], ["results/smoke/train/a.s0.safetensors"], [f"{tmp_path}/x.onnx"]]
+
+
+def test_a_file_that_was_replaced_is_seen(tmp_path):
+    """By one that is older than the results, too."""
     file = tmp_path / "start.safetensors"
     file.write_bytes(b"1")
-    plan = plan_of("scale=smoke", a=[], b=["train.start=a"], c=[f"train.start={file}"])
-    before = [plan.start_stamps(training) for training in ("a.s0", "b.s0", "c.s0")]
-    assert before[:2] == [{}, {}]
+    before = stamps([None, file])
     os.utime(file, (1e9, 1e9))
-    assert plan.start_stamps("c.s0") == {"start": [(str(file), 1, 10**18)]} != before[2]
+    assert stamps([None, file]) == [[str(file), 1, 10**18]] != before
 
 
 def test_a_table_of_scans_belongs_to_scans(tmp_path, monkeypatch):

@@ -22,12 +22,8 @@ pytestmark = pytest.mark.slow
 
 
 def names(repo: Path) -> set[str]:
-    """All that is in the repository's folder, and all files of its results except the times of its jobs.
-
-    A job that ends well while Snakemake is being stopped leaves its results, which stay, and no time.
-    """
-    found = {str(path.relative_to(repo)) for path in [*repo.iterdir(), *(repo / OUT).rglob("*")]}
-    return {name for name in found if not name.startswith(f"{OUT}/benchmark/")}
+    """All that is in the folder of the repository, and all files of its results."""
+    return {str(path.relative_to(repo)) for path in [*repo.iterdir(), *(repo / OUT).rglob("*")]}
 
 
 def kill(kind: str, command: subprocess.Popen, repo: Path) -> bool:

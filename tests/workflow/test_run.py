@@ -12,9 +12,9 @@ import yaml
 
 from relight import cli
 from relight.core.errors import UserError
-from relight.evaluation.report.build import remove_outdated
 from relight.lab import run as module
 from relight.lab.checks import check_figures
+from relight.lab.made import describe, finish
 from relight.lab.plan import DATA, Plan
 from relight.lab.record import compose_run
 
@@ -36,6 +36,7 @@ def calls(tmp_path, monkeypatch) -> list:
     monkeypatch.setattr(module, "snakemake", snakemake)
     monkeypatch.setattr(module.subprocess, "run", dry)
     monkeypatch.setattr(module, "ROOT", tmp_path)
+    monkeypatch.chdir(tmp_path)
     return found
 
 
@@ -51,7 +52,7 @@ def test_a_dry_run_leaves_the_record_alone_and_has_one_table(calls, tmp_path, ca
     run("train.lr=0.1")
     assert calls[0][2] == record
     run("train.lr=0.2", dry=True)
-    assert capsys.readouterr().out.endswith("\nBuilding\nJob stats:\ntotal 22\n\nReasons:\n")
+    assert capsys.readouterr().out.endswith("Building\nJob stats:\ntotal 22\n\nReasons:\n")
     assert json.dumps(calls[1][1]["settings"]["figures"]) == json.dumps(calls[0][1]["settings"]["figures"])  # in order
     assert "--dry-run" in calls[1][0] and calls[1][1]["settings"]["train"]["lr"] == 0.2
     assert yaml.safe_load(record.read_text())["overrides"] == [*WORDS, "train.lr=0.1"]
@@ -76,9 +77,10 @@ def test_results_are_made_by_one_workflow(calls, tmp_path):
 def test_data_that_another_run_takes_are_not_made_meanwhile(calls, tmp_path):
     """Several runs may take them at once."""
     run("name=a")
-    for file in DATA:
-        (tmp_path / "results" / "a" / file).parent.mkdir(exist_ok=True)
-        (tmp_path / "results" / "a" / file).touch()
+    for file in [f"results/a/{name}" for name in DATA]:
+        Path(file).parent.mkdir(exist_ok=True)
+        Path(file).touch()
+        finish([file], describe("rule", {"names": Plan(compose_run(WORDS)).map_names}, [], file))
     handle = module.hold(tmp_path / "results" / "a")
     with pytest.raises(UserError, match=r"another workflow is making .*results/a: wait for it, or end it"):
         run("name=b", "data=a")
@@ -133,14 +135,24 @@ def test_a_gpu_trains_one_network_at_a_time(calls, monkeypatch, device):
 
 
 def test_changed_settings_are_told_with_the_way_to_keep_both(calls, capsys):
+    """Those that results were made with, whatever run.yaml says."""
     run()
+    plan = Plan(compose_run(WORDS))
+    for file, rule, params in (
+        (f"{plan.out}/{DATA[0]}", "bake", {"bake": plan.shared["bake"]}),
+        (plan.network("run.s0"), "train", {"settings": plan.settings("run.s0")}),
+    ):
+        (path := Path(file)).parent.mkdir(exist_ok=True)
+        path.touch()
+        finish([file], describe(rule, params, [], file))
     run()
     assert capsys.readouterr().out == ""
-    run("bake.rays=64")
-    (line,) = capsys.readouterr().out.splitlines()
-    assert line.startswith("results/smoke was made with other settings (bake.rays): what depends on them is made again")
-    assert line.endswith("to keep both, give this run a name, name=NAME")
-    run("bake.rays=64", "track.experiment=other")
+    for _ in range(2):
+        run("bake.rays=64", "train.lr=0.5", "train.device=cpu", "track.experiment=other")
+        (line,) = capsys.readouterr().out.splitlines()
+        assert line.startswith("results/smoke was made with other settings (bake.rays, train.lr): what depends on them")
+        assert line.endswith("is made again; to keep both, give this run a name, name=NAME")
+    run()
     assert capsys.readouterr().out == ""
 
 
@@ -197,50 +209,6 @@ def test_a_path_in_other_words_is_the_same(calls, tmp_path, monkeypatch, capsys)
         module.run([*WORDS, "name=mine", "figures=scans", f"figures.folder={folder}"], False, None, False, ["all"], [])
         before.append(calls[-1][1]["settings"]["figures"])
     assert before[0]["folder"] == "." and before == 3 * before[:1] and not capsys.readouterr().out
-
-
-def test_other_settings_for_a_copy_are_refused(calls, tmp_path):
-    """Snakemake has no metadata of it, and would say that there is nothing to be done."""
-    run("name=a")
-    network = tmp_path / "results" / "a" / "train" / "run.s0.safetensors"
-    network.parent.mkdir()
-    network.touch()
-    run("name=a")
-    with pytest.raises(UserError, match=r"a/train/run\.s0\.safetensors was copied, .* in spite of run\.train\.lr;"):
-        run("name=a", "train.lr=0.5")
-    record = yaml.safe_load((tmp_path / "results" / "a" / "run.yaml").read_text())
-    assert record["settings"]["train"]["lr"] != 0.5 and len(calls) == 2
-    known = tmp_path / ".snakemake" / "metadata"
-    known.mkdir(parents=True)
-    (known / "cmVzdWx0cy9hL3RyYWluL3J1bi5zMC5zYWZldGVuc29ycw==").touch()
-    run("name=a", "train.lr=0.5")
-    assert len(calls) == 3
-
-
-def test_changed_code_is_told(calls, capsys, tmp_path):
-    run()
-    record = tmp_path / "results" / "smoke" / "run.yaml"
-    record.write_text(record.read_text().replace("\n  bake: ", "\n  bake: x"))
-    run()
-    assert capsys.readouterr().out == "the code of bake has changed since results/smoke was made: they run again\n"
-
-
-@pytest.mark.parametrize("changed", [False, True])
-def test_remove_outdated_of_experiments_that_are_not_in_the_run(tmp_path, changed):
-    """As after a sweep under the name of earlier results: their tables stay unless the data set has changed since."""
-    report, ends = tmp_path / "report", (".csv", ".md")
-    report.mkdir()
-    planned = {f"{name}{end}" for name in ("table1", "sitting") for end in ends}
-    others = {"order_plates.png", *(f"order{end}" for end in ends)}
-    kept = planned | {"scores.csv", "notes.md", "table1_plates.png"}
-    for name in kept | others:
-        (report / name).write_text("")
-        os.utime(report / name, (1000, 1000))
-    (tmp_path / "packed.safetensors").write_text("")
-    os.utime(tmp_path / "packed.safetensors", (2000 if changed else 500,) * 2)
-    experiments = {"table1": {}, "sitting": {}}
-    remove_outdated(SimpleNamespace(data=tmp_path, report=report, experiments=experiments))
-    assert {path.name for path in report.iterdir()} == kept | (set() if changed else others)
 
 
 def test_what_failed_leaves_the_report_of_the_others(calls, tmp_path, capsys):

@@ -13,13 +13,14 @@ import urllib.request
 from contextlib import chdir
 from pathlib import Path
 
+import mlflow
 import psutil
 import pytest
 from mlflow import MlflowClient
 
 from relight.core.errors import UserError
 from relight.lab.tracking import store
-from relight.lab.tracking.run import log_report, log_scores, training_run
+from relight.lab.tracking.run import TrainingRun, log_report, log_scores, training_run
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
 from relight.learning.training_name import COLORS
@@ -132,17 +133,25 @@ def record(uri: str, losses: dict[str, float]) -> None:
             for days, shading in enumerate((0.6, 0.5 - loss)):  # is scored again by better code
                 os.utime(curve, (1e9 + days, 1e9 + days))
                 log_scores(tracking(uri), network, condition, {"shading_rmse": shading, "shading_ssim": 0.75}, curve)
+    Path("run.yaml").write_text("track: {uri: 'postgresql://me:secret@host/runs'}\n")
+    left = TrainingRun(tracking(uri), "left.s0", "1" * 64, {})
+    left.open()
+    mlflow.end_run("RUNNING")  # as a kill leaves it
     for _ in range(2):
-        log_report(tracking(uri), [Path(f"{name}.safetensors") for name in losses], [curve])
+        log_report(tracking(uri), [Path(f"{name}.safetensors") for name in losses], [curve], Path("run.yaml"))
 
 
 def check_record(address: str) -> None:
     """The runs of `record` ended, are complete, and are children of the one of their report."""
     store.select_store(address)
     client = MlflowClient()
-    report, *trainings = sorted(runs(client), key=lambda run: run.info.run_name != "report of demo")
+    names = ["report of demo", "left.s0"]
+    report, left, *trainings = sorted(runs(client), key=lambda run: [run.info.run_name != name for name in names])
+    assert left.info.status == "KILLED" and "mlflow.parentRunId" not in left.data.tags
     assert report.info.status == "FINISHED" and report.data.metrics == report.data.params == {}
-    assert [item.path for item in client.list_artifacts(report.info.run_id)] == ["sfsnet.s0.csv"]
+    assert [item.path for item in client.list_artifacts(report.info.run_id)] == ["run.yaml", "sfsnet.s0.csv"]
+    text = mlflow.artifacts.load_text(f"runs:/{report.info.run_id}/run.yaml")
+    assert text == "track: {uri: 'postgresql://me@host/runs'}\n"
     for run in trainings:
         assert run.data.tags["mlflow.parentRunId"] == report.info.run_id
         assert run.info.status == "FINISHED" and run.data.params == {"train.color": "paper"}
@@ -167,7 +176,7 @@ def test_training_run_is_recorded_in_another_folders_sqlite(tmp_path):
     folder.mkdir(parents=True)
     other.mkdir()
     in_folder(folder, record, f"sqlite:///{other}/o.db", LOSSES)
-    made = {path.name for path in folder.iterdir() if path.suffix not in (".csv", ".safetensors")}
+    made = {path.name for path in folder.iterdir() if path.suffix not in (".csv", ".safetensors", ".yaml")}
     assert made == {".mlflow.lock", "mlruns"}
     assert {path.name for path in folder.parent.iterdir()} == {"clone", "other"}
     check_record(f"sqlite:///{other}/o.db")
@@ -227,7 +236,7 @@ def test_without_an_address_nothing_is_tracked(tmp_path, monkeypatch, capsys):
     with training_run(tracking(None), "ours.s0", "1" * 64, {"lr": 1}) as run:
         assert run is None
     log_scores(tracking(None), network, "test", {"light_rmse": 1.0}, network)
-    log_report(tracking(None), [network], [network])
+    log_report(tracking(None), [network], [network], network)
     assert not list(tmp_path.iterdir()) and capsys.readouterr() == ("", "")
 
 

@@ -12,10 +12,11 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 )
 
 from snakemake.exceptions import WorkflowError
+from snakemake.logging import logger
 
 from relight.core.errors import UserError
 from relight.lab.checks import check
-from relight.lab.code import code_hash
+from relight.lab.made import read, restore
 from relight.lab.plan import Plan, safe, stamps
 from relight.lab.run import hold
 from relight.lab.record import from_config
@@ -23,18 +24,46 @@ from relight.settings.scores import BASELINES, QUANTITIES, READINGS, ROWS
 
 try:
     PLAN = Plan(from_config(config))
-    check(PLAN, Path())
+    check(PLAN)
 except UserError as error:
     raise WorkflowError(str(error)) from None
 OUT, DATA, SETTINGS = PLAN.out, PLAN.data, PLAN.shared
 LIGHTS, PACKED = f"{DATA}/lights/lights.npz", f"{DATA}/packed.safetensors"
 SPLIT = f"{OUT}/split.json"
 # The settings are no code: what of relight.settings.scores decides scores, and what decides the report.
-SCORED = [*((name, one.span) for name, one in QUANTITIES.items()), *READINGS]
+SCORED = repr([[(name, one.span) for name, one in QUANTITIES.items()], [*READINGS]])
 REPORTED = repr([QUANTITIES, READINGS, BASELINES, ROWS])
+if workflow.is_main_process:
+    for reason in restore(OUT)[:4]:
+        logger.warning(f"since {OUT} was made: {reason}")
+    for output in (PACKED, LIGHTS, *map(PLAN.network, PLAN.trainings)):
+        if Path(output).exists() and not read(output):
+            logger.warning(f"{output} has no record of how it was made, and is kept")
 # What jobs need to know, and what is no reason to run them again.
-config["process"], config["tracking"] = os.getpid(), PLAN.tracking()
-config["least"] = SETTINGS["split"]["least"]
+config["job"] = {
+    "process": os.getpid(),
+    "tracking": PLAN.tracking(),
+    "least": SETTINGS["split"]["least"],
+}
+EDGE = -(-SETTINGS["bake"]["size"] // 256)  # of pictures, in 256 pixels
+
+
+def memory(wildcards, attempt):
+    "MB of a job that works on pictures; more at the next attempt, after it was killed."
+    return 6000 * EDGE * attempt
+
+
+def minutes(wildcards, attempt):
+    "Minutes of a job that bakes or scores."
+    return 60 * EDGE**2 * attempt
+
+
+def shown(path, category, **labels):
+    "A file that `snakemake --report` shows, with the caption of its category."
+    caption = f"../report/{category.lower()}.rst"
+    return report(update(path), caption=caption, category=category, labels=labels)
+
+
 sys.executable = shlex.quote(
     sys.executable
 )  # Snakemake pastes it into the command of a script
@@ -42,6 +71,7 @@ sys.executable = shlex.quote(
 
 onstart:
     hold(OUT)
+    workflow.persistence.cleanup_backup(Path(OUT))  # of jobs that were killed
     if DATA != OUT:
         hold(DATA, shared=True)
     PLAN.write_record(Path())

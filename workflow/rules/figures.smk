@@ -8,18 +8,15 @@ if PLAN.scans:
             mesh=lambda wildcards: safe([PLAN.scans[wildcards.batch].path]),
             table=PLAN.table,
         output:
-            directory(f"{DATA}/figures/{{batch}}"),
+            update(directory(f"{DATA}/figures/{{batch}}")),
         log:
             f"{DATA}/log/scan/{{batch}}.log",
-        benchmark:
-            f"{DATA}/benchmark/scan/{{batch}}.tsv"
         group:
             "figures"
         params:
             mesh=lambda wildcards: str(PLAN.scans[wildcards.batch].path),
             subject=lambda wildcards: PLAN.scans[wildcards.batch].subject,
             stamps=lambda wildcards: PLAN.scan_stamps[wildcards.batch],
-            code=code_hash("scan"),
         script:
             "../scripts/scan.py"
 
@@ -28,11 +25,9 @@ else:
     rule figure:
         "Draws clothed people from their seeds."
         output:
-            directory(f"{DATA}/figures/{{batch}}"),
+            update(directory(f"{DATA}/figures/{{batch}}")),
         log:
             f"{DATA}/log/figure/{{batch}}.log",
-        benchmark:
-            f"{DATA}/benchmark/figure/{{batch}}.tsv"
         group:
             "figures"
         params:
@@ -42,7 +37,6 @@ else:
                 for key, value in SETTINGS["figures"].items()
                 if key not in ("first", "count")
             },
-            code=code_hash("figure", [SETTINGS["figures"]["source"]]),
         script:
             "../scripts/figure.py"
 
@@ -55,12 +49,8 @@ rule clean:
         temp(directory(f"{DATA}/clean/{{batch}}")),
     log:
         f"{DATA}/log/clean/{{batch}}.log",
-    benchmark:
-        f"{DATA}/benchmark/clean/{{batch}}.tsv"
     group:
         "figures"
-    params:
-        code=code_hash("clean"),
     script:
         "../scripts/clean.py"
 
@@ -71,17 +61,14 @@ rule align:
         f"{DATA}/clean/{{batch}}",
         table=SETTINGS["align"]["table"] or [],
     output:
-        directory(f"{DATA}/aligned/{{batch}}"),
+        update(directory(f"{DATA}/aligned/{{batch}}")),
     log:
         f"{DATA}/log/align/{{batch}}.log",
-    benchmark:
-        f"{DATA}/benchmark/align/{{batch}}.tsv"
     group:
         "figures"
     params:
-        *stamps([SETTINGS["align"]["table"]]),
+        stamps=stamps([SETTINGS["align"]["table"]]),
         align=SETTINGS["align"],
-        code=code_hash("align"),
     script:
         "../scripts/align.py"
 
@@ -91,16 +78,16 @@ rule bake:
     input:
         f"{DATA}/aligned/{{batch}}",
     output:
-        directory(f"{DATA}/maps/{{batch}}"),
+        update(directory(f"{DATA}/maps/{{batch}}")),
     log:
         f"{DATA}/log/bake/{{batch}}.log",
-    benchmark:
-        f"{DATA}/benchmark/bake/{{batch}}.tsv"
     group:
         "figures"
+    resources:
+        mem_mb=memory,
+        runtime=minutes,
     params:
         bake=SETTINGS["bake"],
-        code=code_hash("bake"),
     script:
         "../scripts/bake.py"
 
@@ -110,14 +97,11 @@ rule pack:
     input:
         expand(f"{DATA}/maps/{{batch}}", batch=PLAN.batches),
     output:
-        packed=PACKED,
-        record=f"{DATA}/figures.json",
+        packed=update(PACKED),
+        record=update(f"{DATA}/figures.json"),
     log:
         f"{DATA}/log/pack.log",
-    benchmark:
-        f"{DATA}/benchmark/pack/all.tsv"
     params:
-        maps=PLAN.map_files,
-        code=code_hash("pack"),
+        names=PLAN.map_names,
     script:
         "../scripts/pack.py"

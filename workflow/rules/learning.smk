@@ -4,15 +4,12 @@ rule split:
         packed=PACKED,
         record=f"{DATA}/figures.json",
     output:
-        SPLIT,
+        update(SPLIT),
     log:
         f"{OUT}/log/split.log",
-    benchmark:
-        f"{OUT}/benchmark/split/all.tsv"
     localrule: True
     params:
         split={key: value for key, value in SETTINGS["split"].items() if key != "least"},
-        code=code_hash("split"),
     script:
         "../scripts/split.py"
 
@@ -23,24 +20,24 @@ rule train:
         packed=PACKED,
         lights=LIGHTS,
         split=SPLIT,
-        start=lambda wildcards: PLAN.settings(wildcards.training)["train"]["start"]
-        or [],
+        start=lambda wildcards: PLAN.start(wildcards.training),
     output:
-        network=f"{OUT}/train/{{training}}.safetensors",
-        curve=f"{OUT}/train/{{training}}.csv",
+        network=update(f"{OUT}/train/{{training}}.safetensors"),
+        curve=update(f"{OUT}/train/{{training}}.csv"),
     log:
         f"{OUT}/log/train/{{training}}.log",
-    benchmark:
-        f"{OUT}/benchmark/train/{{training}}.tsv"
     resources:
-        mem_mb=8000,
-        runtime=1440,
+        mem_mb=memory,
+        runtime=lambda wildcards, attempt: 1440 * attempt,
         gpu=PLAN.gpus,
         device=lambda wildcards: PLAN.device(wildcards.training),
     params:
-        settings=lambda wildcards: PLAN.settings(wildcards.training)
-        | PLAN.start_stamps(wildcards.training),
-        code=lambda wildcards: code_hash("train", PLAN.extensions(wildcards.training)),
+        settings=lambda wildcards: PLAN.settings(wildcards.training),
+        stamps=lambda wildcards: stamps(
+            path
+            for path in PLAN.start(wildcards.training)
+            if not path.startswith(f"{OUT}/")
+        ),
     script:
         "../scripts/train.py"
 
@@ -53,19 +50,15 @@ rule evaluate:
         LIGHTS,
         SPLIT,
     output:
-        f"{OUT}/evaluate/{{on}}{{training}}.csv",
+        update(f"{OUT}/evaluate/{{on}}{{training}}.csv"),
     log:
         f"{OUT}/log/evaluate/{{on}}{{training}}.log",
-    benchmark:
-        f"{OUT}/benchmark/evaluate/{{on}}{{training}}.tsv"
     resources:
-        mem_mb=8000,
+        mem_mb=memory,
+        runtime=minutes,
         gpu=PLAN.gpus,
     params:
         scored=SCORED,
-        code=lambda wildcards: code_hash(
-            "evaluate", PLAN.extensions(wildcards.training)
-        ),
     script:
         "../scripts/evaluate.py"
 
@@ -77,17 +70,15 @@ rule baselines:
         LIGHTS,
         SPLIT,
     output:
-        f"{OUT}/evaluate/{{on}}baselines.csv",
+        update(f"{OUT}/evaluate/{{on}}baselines.csv"),
     log:
         f"{OUT}/log/evaluate/{{on}}baselines.log",
-    benchmark:
-        f"{OUT}/benchmark/baselines/{{on}}all.tsv"
     resources:
-        mem_mb=8000,
+        mem_mb=memory,
+        runtime=minutes,
     params:
         color=SETTINGS["train"]["color"],
         order=SETTINGS["bake"]["order"],
         scored=SCORED,
-        code=code_hash("baselines"),
     script:
         "../scripts/baselines.py"

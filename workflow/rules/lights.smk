@@ -3,18 +3,15 @@ rule lights:
     input:
         PLAN.panoramas,
     output:
-        lights=LIGHTS,
-        table=f"{DATA}/lights/lights.csv",
-        record=f"{DATA}/lights/chain.json",
+        lights=update(LIGHTS),
+        table=update(f"{DATA}/lights/lights.csv"),
+        record=update(f"{DATA}/lights/chain.json"),
     log:
         f"{DATA}/log/lights.log",
-    benchmark:
-        f"{DATA}/benchmark/lights/all.tsv"
     params:
-        *stamps(PLAN.panoramas),
+        stamps=stamps(PLAN.panoramas),
         panoramas=SETTINGS["panoramas"],
         lights=SETTINGS["lights"],
-        order=SETTINGS["bake"]["order"],
-        code=code_hash("lights", [SETTINGS["panoramas"]["source"]]),
+        bake={"order": SETTINGS["bake"]["order"]},
     script:
         "../scripts/lights.py"

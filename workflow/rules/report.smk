@@ -8,22 +8,17 @@ rule tables:
         record=f"{DATA}/figures.json",
     output:
         [
-            report(
-                f"{OUT}/report/{table}.{kind}",
-                category="Tables",
-                labels={"experiment": table, "format": kind},
+            shown(
+                f"{OUT}/report/{table}.{kind}", "Tables", experiment=table, format=kind
             )
             for table in PLAN.experiments
             for kind in ("csv", "md")
         ],
     log:
         f"{OUT}/log/tables.log",
-    benchmark:
-        f"{OUT}/benchmark/tables/all.tsv"
     params:
         experiments=PLAN.described(),
         reported=REPORTED,
-        code=code_hash("tables"),
     script:
         "../scripts/tables.py"
 
@@ -39,19 +34,16 @@ rule plates:
         lights=LIGHTS,
         split=SPLIT,
     output:
-        plates=f"{OUT}/report/{{experiment}}_plates.png",
-        relit=f"{OUT}/report/{{experiment}}_relit.png",
-        swapped=f"{OUT}/report/{{experiment}}_swapped.png",
-        overview=f"{OUT}/report/{{experiment}}_overview.png",
+        plates=shown(f"{OUT}/report/{{experiment}}_plates.png", "Plates"),
+        relit=shown(f"{OUT}/report/{{experiment}}_relit.png", "Plates"),
+        swapped=shown(f"{OUT}/report/{{experiment}}_swapped.png", "Plates"),
+        overview=shown(f"{OUT}/report/{{experiment}}_overview.png", "Plates"),
     log:
         f"{OUT}/log/plates/{{experiment}}.log",
-    benchmark:
-        f"{OUT}/benchmark/plates/{{experiment}}.tsv"
     params:
         labels=lambda wildcards: PLAN.labels(PLAN.first_trainings(wildcards.experiment)),
         condition=lambda wildcards: PLAN.condition(wildcards.experiment).strip("/")
         or "test",
-        code=code_hash("plates"),
     script:
         "../scripts/plates.py"
 
@@ -59,18 +51,15 @@ rule plates:
 rule sheets:
     "Draws figures and lights."
     input:
-        expand(f"{DATA}/maps/{{batch}}", batch=PLAN.batches),
+        maps=expand(f"{DATA}/maps/{{batch}}", batch=PLAN.batches),
         lights=LIGHTS,
     output:
-        figures=f"{OUT}/report/figures.png",
-        lights=f"{OUT}/report/lights.png",
+        figures=shown(f"{OUT}/report/figures.png", "Data"),
+        lights=shown(f"{OUT}/report/lights.png", "Data"),
     log:
         f"{OUT}/log/sheets.log",
-    benchmark:
-        f"{OUT}/benchmark/sheets/all.tsv"
     params:
-        maps=PLAN.frontal_maps,
-        code=code_hash("sheets"),
+        figures=list(PLAN.batches.values()),
     script:
         "../scripts/sheets.py"
 
@@ -90,15 +79,13 @@ rule report:
         chain=f"{DATA}/lights/chain.json",
         sheets=rules.sheets.output,
     output:
-        report(f"{OUT}/report/report.html", category="Report"),
+        shown(f"{OUT}/report/report.html", "Report"),
     log:
         f"{OUT}/log/report.log",
-    benchmark:
-        f"{OUT}/benchmark/report/all.tsv"
     params:
+        name=SETTINGS["name"],
         experiments=PLAN.described(),
         reported=REPORTED,
-        code=code_hash("report"),
     script:
         "../scripts/report.py"
 
@@ -106,21 +93,18 @@ rule report:
 rule viewer:
     "Writes the page with test figures under a light that turns with the mouse."
     input:
-        expand(f"{DATA}/maps/{{batch}}", batch=PLAN.batches),
+        maps=expand(f"{DATA}/maps/{{batch}}", batch=PLAN.batches),
         networks=[PLAN.network(first) for first in FIRST_TABLE.values()],
         packed=PACKED,
         split=SPLIT,
         lights=LIGHTS,
     output:
-        f"{OUT}/report/viewer.html",
+        shown(f"{OUT}/report/viewer.html", "Report"),
     log:
         f"{OUT}/log/viewer.log",
-    benchmark:
-        f"{OUT}/benchmark/viewer/all.tsv"
     params:
         name=SETTINGS["name"],
         labels=PLAN.labels(FIRST_TABLE),
-        maps=PLAN.frontal_maps,
-        code=code_hash("viewer"),
+        figures=list(PLAN.batches.values()),
     script:
         "../scripts/viewer.py"

@@ -8,6 +8,6 @@ from relight.settings import Lights, Panoramas
 
 with job(snakemake):
     given = snakemake.params
-    light_set, dropped = build_light_set(Panoramas(**given.panoramas), Lights(**given.lights), given.order)
+    light_set, dropped = build_light_set(Panoramas(**given.panoramas), Lights(**given.lights), given.bake["order"])
     write_text(snakemake.output.record, json.dumps(dropped, indent=1))
     write_light_set(light_set, Path(snakemake.output.lights))

@@ -9,4 +9,4 @@ with job(snakemake):
     page, data = Path(snakemake.output[0]), Path(snakemake.input.record).parent
     build_report(Results(page.parents[1], snakemake.params.experiments, data), page)
     networks, tables = map(Path, snakemake.input.networks), map(Path, snakemake.input.tables)
-    log_report(snakemake.config["tracking"], networks, [page, *tables])
+    log_report(snakemake.config["job"]["tracking"], networks, [page, *tables], page.parents[1] / "run.yaml")

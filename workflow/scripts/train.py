@@ -6,7 +6,7 @@ from relight.learning.train import Inputs
 
 with job(snakemake):
     given, settings = snakemake.input, snakemake.params.settings
-    settings["train"]["device"] = snakemake.resources.device
-    inputs = Inputs(Path(given.packed), Path(given.lights), Path(given.split), snakemake.params.code)
+    settings["train"] |= {"device": snakemake.resources.device, "start": str(given.start) or None}
+    inputs = Inputs(Path(given.packed), Path(given.lights), Path(given.split))
     out, curve = Path(snakemake.output.network), Path(snakemake.output.curve)
-    train(settings, inputs, out, curve, snakemake.config["tracking"])
+    train(settings, inputs, out, curve, snakemake.config["job"]["tracking"])

@@ -16,7 +16,6 @@ from relight.evaluation.scoring.statistics import MIN_SUBJECTS
 from relight.evaluation.scoring.tables import PRINTED_TABLES, Table
 
 TRUE_LIGHT = "shading_true_light_rmse"
-FILE_ENDS = (".csv", ".md", *(f"_{kind}.png" for kind in ("errors", "overview", *sections.PLATES)))  # of an experiment
 
 
 @dataclass
@@ -31,8 +30,7 @@ class Section:
 def build_report(results: Results, out: Path) -> None:
     """Writes the page of a run and its charts.
 
-    Tables and pictures of earlier runs with other experiments stay if the data set is still the same, and else are
-    removed. The section of an experiment that failed says which of its files were not made.
+    The section of an experiment that failed says which of its files were not made.
 
     Args:
         results: of the run, whose folder has its name.
@@ -41,7 +39,6 @@ def build_report(results: Results, out: Path) -> None:
     Raises:
         UserError: if a result is missing or broken.
     """
-    remove_outdated(results)
     outcome = sections.summary(results) if {*PRINTED_TABLES} & {*results.tables} else None
     parts = []
     if outcome:
@@ -53,17 +50,6 @@ def build_report(results: Results, out: Path) -> None:
     name = results.folder.name
     html = page.page("page.html", title=f"relight: {name}", head=head(name, results, outcome), sections=parts)
     write_text(out, html)
-
-
-def remove_outdated(results: Results) -> None:
-    """Removes the tables and pictures of earlier runs with other experiments if the data set has changed since."""
-    data = [results.data / name for name in ("packed.safetensors", "lights/lights.npz")]
-    changed = max((path.stat().st_mtime for path in data if path.exists()), default=0)
-    for table in results.report.glob("*.md"):
-        is_table = table.with_name(f"{table.stem}.csv").is_file()  # other files of a user stay
-        if is_table and table.stem not in results.experiments and table.stat().st_mtime < changed:
-            for end in FILE_ENDS:
-                table.with_name(f"{table.stem}{end}").unlink(missing_ok=True)
 
 
 def experiment(results: Results, name: str) -> Section:

@@ -8,6 +8,7 @@ from typing import Any
 import psutil
 
 from relight.core.processes import count_cores, git
+from relight.core.text import without_passwords
 from relight.core.version import __version__
 from relight.settings import ROOT
 
@@ -47,4 +48,4 @@ def command(name: str, run: dict[str, Any]) -> str:
     """Returns the command that repeats a run in a clone; a sweep is repeated from its record, run.yaml."""
     if list(run["settings"]["experiments"]) == ["sweep"]:
         return f"snakemake all --configfile results/{name}/run.yaml"
-    return shlex.join(["relight", "run", *run["overrides"]])
+    return without_passwords(shlex.join(["relight", "run", *run["overrides"]]))

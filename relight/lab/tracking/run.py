@@ -1,6 +1,7 @@
 """The run of a training in MLflow."""
 
 import hashlib
+import signal
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from relight.core.files import file_hash
+from relight.core.text import without_passwords
 from relight.core.version import __version__
 from relight.lab.tracking.store import connect
 from relight.learning.checkpoint import read_config
@@ -73,7 +75,7 @@ class TrainingRun:
         runs = client.search_runs([experiment], f"attributes.run_name = '{self.name}'")
         run: Any = next((found for found in runs if found.data.tags.get("fingerprint") == self.fingerprint), None)
         for old in () if run else runs:
-            if all(old.data.tags.get(key) == self.tags.get(key) for key in ("workflow", "clone")):
+            if self.is_of_workflow(old):
                 client.update_run(old.info.run_id, {"RUNNING": "KILLED"}.get(old.info.status), f"{self.name} (earlier)")
         self.is_finished = run is not None and run.info.status == "FINISHED"
         if not self.is_finished:
@@ -82,6 +84,10 @@ class TrainingRun:
             run = mlflow.start_run(**known, tags=self.tags, description=note, log_system_metrics=bool(self.settings))
             mlflow.log_params(self.settings)
         self.id = run.info.run_id
+
+    def is_of_workflow(self, run: Any) -> bool:
+        """Returns whether another run is of the same workflow in the same clone."""
+        return all(run.data.tags.get(key) == self.tags.get(key) for key in ("workflow", "clone"))
 
     def log(self, values: Mapping[str, float], step: int, image: np.ndarray | None = None) -> None:
         """Sends the values of a step, named as in the training's curve, and an image (H,W,3) uint8."""
@@ -120,7 +126,10 @@ class TrainingRun:
         except Exception as error:  # of any kind: MLflow raises those of its stores
             reason = str(error).strip().split("\n")[0]
             if reason not in self._warnings:
-                print(f"{self.name} is not recorded in MLflow ({self.track.uri}): {reason}", file=sys.stderr)
+                print(
+                    f"{self.name} is not recorded in MLflow ({without_passwords(str(self.track.uri))}): {reason}",
+                    file=sys.stderr,
+                )
             self._warnings.add(reason)
             # A store that cannot be reached takes long to fail: `log` waits, so that it costs little of the training.
             self._retry_at = time.monotonic() + RETRY_FACTOR * (time.monotonic() - began)
@@ -159,7 +168,7 @@ def metric_name(name: str) -> str:
 
 @contextmanager
 def training_run(tracking: dict[str, Any], name: str, fingerprint: str, settings: dict) -> Iterator[TrainingRun | None]:
-    """Yields the open run of a training, and marks it as failed if the block raises.
+    """Yields the open run of a training, and marks it as failed if the block raises, or as killed by SIGTERM.
 
     Args:
         tracking, name, fingerprint, settings: as for `TrainingRun`; without an address None is yielded.
@@ -170,13 +179,14 @@ def training_run(tracking: dict[str, Any], name: str, fingerprint: str, settings
         return
     with run.warned():
         run.open()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as of a Snakemake that ends
     try:
         yield run
-    except BaseException:
+    except BaseException as error:
         with run.warned():
             import mlflow
 
-            mlflow.end_run("FAILED")
+            mlflow.end_run("KILLED" if isinstance(error, KeyboardInterrupt) else "FAILED")
         raise
 
 
@@ -188,13 +198,14 @@ def run_of(tracking: dict[str, Any], network: Path) -> TrainingRun:
     return TrainingRun(tracking, network.stem, config.get("fingerprint") or file_hash(network), settings)
 
 
-def log_report(tracking: dict[str, Any], networks: Iterable[Path], files: Iterable[Path]) -> None:
+def log_report(tracking: dict[str, Any], networks: Iterable[Path], files: Iterable[Path], record: Path) -> None:
     """Records a report in a run of its own, of which the runs of its trainings become children.
 
     Args:
         tracking: as for `TrainingRun`.
         networks: that it compares (.safetensors).
         files: page and tables.
+        record: settings of the workflow (run.yaml), of which no password is sent.
     """
     if not tracking["track"]["uri"]:
         return
@@ -207,10 +218,15 @@ def log_report(tracking: dict[str, Any], networks: Iterable[Path], files: Iterab
 
         for file in files:
             mlflow.log_artifact(str(file), run_id=report.id)
+        client = mlflow.MlflowClient()
+        client.log_text(report.id, without_passwords(record.read_text()), "run.yaml")
         mlflow.end_run()
+        for left in client.search_runs([client.get_run(report.id).info.experiment_id], "status = 'RUNNING'"):
+            if report.is_of_workflow(left):  # of trainings that were killed, and that nobody asks for any more
+                client.set_terminated(left.info.run_id, "KILLED")
         for network, training in trainings.items():
             training.finish(network)
-            mlflow.MlflowClient().set_tag(training.id, "mlflow.parentRunId", report.id)
+            client.set_tag(training.id, "mlflow.parentRunId", report.id)
 
 
 def log_scores(tracking: dict, network: Path, condition: str, means: Mapping[str, float], scores: Path) -> None:

@@ -1,0 +1,198 @@
+"""Records of how results were made: results/<name>/made/<output>.json, which is copied with the results.
+
+A record has the `rule` and the `params` of its job; the hashes of the `code` that this ran, by module; the `inputs` by
+path and the `files` of the output, with bytes and hashes; the `dates` of these; and `unfinished` while a job changes
+the output, true if it keeps some of it. Paths are relative to results/<name>.
+"""
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from relight.core.files import file_hash, write_json
+from relight.lab.code import code_hash, code_of
+
+CHANGED = "'changed: "  # begins a param in Snakemake's metadata, by which it runs a job again
+Content = dict[str, list[Any]]  # name in a folder, or "" of a file -> bytes, hash
+Record = dict[str, Any]
+
+
+def read(output: str) -> Record:
+    """Returns the record of a file or folder; {} if it has none."""
+    try:
+        record: Record = json.loads(record_file(output).read_bytes())
+    except (OSError, ValueError):
+        record = {}
+    return record
+
+
+def record_file(output: str) -> Path:
+    """Returns the file of the record of an output, results/<name>/..."""
+    folder = folder_of(output)
+    return folder / "made" / f"{os.path.relpath(output, folder)}.json"
+
+
+def folder_of(output: str) -> Path:
+    """Returns the folder of the results that an output is in."""
+    return Path(*Path(output).parts[:2])
+
+
+def stats(path: str) -> dict[str, os.stat_result]:
+    """Returns the status of each file in a folder by name, or of a file under ""; {} if there is none."""
+    entries: dict[str, Any] = (
+        {entry.name: entry for entry in os.scandir(path)} if os.path.isdir(path) else {"": Path(path)}
+    )
+    return {name: entry.stat() for name, entry in sorted(entries.items()) if name[:1] != "." and entry.is_file()}
+
+
+def content(path: str) -> Content:
+    """Returns the content of a file or folder; {} if there is none. Files of recorded size and date are not read."""
+    found, record = {}, read(path)
+    for name, stat in stats(path).items():
+        known = record.get("files", {}).get(name, [])
+        same = stat.st_size in known and stat.st_mtime_ns == record.get("dates", {}).get(name)
+        found[name] = known if same else [stat.st_size, file_hash(Path(path, name))[:16]]
+    return found
+
+
+def dates(path: str) -> dict[str, int]:
+    """Returns the dates of the files in `content`, nanoseconds."""
+    return {name: stat.st_mtime_ns for name, stat in stats(path).items()}
+
+
+def describe(rule: str, params: Mapping[str, Any], inputs: Iterable[str], output: str) -> Record:
+    """Returns what decides the outputs of a job, as in its record: `rule`, `params` and `inputs`."""
+    folder = folder_of(output)
+    contents = {path if path[0] == "/" else os.path.relpath(path, folder): content(path) for path in inputs}
+    described: Record = json.loads(json.dumps({"rule": rule, "params": dict(params), "inputs": contents}))
+    return described
+
+
+def begin(outputs: list[str], job: Record) -> set[str]:
+    """Prepares outputs for a job, or ends this process where they are already what it would make.
+
+    Of a folder, the figures stay that it would make again: with the same files, inputs and params, apart from `names`,
+    which say what other figures there are. All others are removed.
+
+    Args:
+        outputs: files, or one folder.
+        job: from `describe`.
+
+    Returns:
+        The names of the figures that stay.
+    """
+    before, files = {output: read(output) for output in outputs}, {output: content(output) for output in outputs}
+    code_of(job["rule"])  # which keeps the hashes for `finish`, whoever edits a file meanwhile
+    same_code = not any(map(changed_code, before.values()))
+    if same_code and all({**before[output], **job, "files": files[output]} == before[output] for output in outputs):
+        for output, record in before.items():
+            record.pop("unfinished", None)
+            write_json(record_file(output), {**record, "dates": dates(output)})
+        sys.exit(print("kept: it was made with these inputs, settings and code"))
+    stay: set[str] = set()
+    if os.path.isdir(folder := outputs[0]):
+        record = before[folder]
+        if record and same_code and _without_names(record) == _without_names(job):
+            now, then = {**job["inputs"], "": files[folder]}, {**record["inputs"], "": record["files"]}
+            names = {name.partition(".")[0] for name in record["files"]}
+            stay = {name for name in names if _of(now, name) == _of(then, name)} & {*job["params"].get("names", names)}
+        for name in files[folder]:
+            if name.partition(".")[0] not in stay:
+                Path(folder, name).unlink()
+    for output, record in before.items():
+        if record:
+            write_json(record_file(output), {**record, "unfinished": bool(stay)})
+    return stay
+
+
+def finish(outputs: Iterable[str], job: Record) -> None:
+    """Writes the records of the outputs that a job has made."""
+    for output in outputs:
+        before = read(output)  # whose code has made what stays
+        code = {**(before["code"] if before.get("unfinished") else {}), **code_of(job["rule"])}
+        made = {**job, "code": code, "files": content(output), "dates": dates(output)}
+        write_json(record_file(output), made)
+
+
+def changed_code(record: Record) -> str | None:
+    """Returns a module that has changed since a record was written, or None."""
+    return next((module for module, made in record.get("code", {}).items() if code_hash(module) != made), None)
+
+
+def outdated(output: str, record: Record, read: Callable[[str], Record | None] = read) -> str | None:
+    """Returns what has changed since the record of an existing output was written, in a few words, or None."""
+    found = content(output)
+    for name, entry in record["files"].items():
+        if found.get(name) != entry:
+            return f"{Path(output, name)} {'is another one' if name in found else 'is missing'}"
+    for path, files in record["inputs"].items():
+        if (made := read(os.path.normpath(folder_of(output) / path))) and made["files"] != files:
+            return f"{output} was made of another {path}"
+    return None
+
+
+def is_made(output: str) -> bool:
+    """Returns whether an output exists that no failed job has left as it was before."""
+    return os.path.exists(output) and "unfinished" not in read(output)
+
+
+def records_of(outputs: Iterable[str]) -> Iterator[tuple[str, Record]]:
+    """Yields outputs and all that they were made of, with their records, each once."""
+    found, pending = set(), [*outputs]
+    while pending:
+        if (output := pending.pop(0)) not in found and (record := read(output)):
+            found.add(output)
+            pending += [os.path.normpath(folder_of(output) / path) for path in record["inputs"]]
+            yield output, record
+
+
+def restore(out: str) -> list[str]:
+    """Gives Snakemake the records of results as its metadata, where it has none, those of other files, or old ones.
+
+    Args:
+        out: the folder of the results, relative to the working directory.
+
+    Returns:
+        What has changed since results were made, settings aside, each once.
+    """
+    from snakemake.persistence import RECORD_FORMAT_VERSION, MetadataRecord
+    from snakemake.persistence.file import FilePersistence
+
+    store, made = FilePersistence(nolock=True), Path(out, "made")
+    outputs = [str(Path(out, file.relative_to(made).with_suffix(""))) for file in made.rglob("[!.]*.json")]
+    records, reasons = {output: read(output) for output in outputs}, list[str]()
+    for output, record in records.items():
+        if not os.path.exists(output):
+            continue
+        stamp = Path(output, ".snakemake_timestamp") if os.path.isdir(output) else Path(output)
+        date = stamp.stat().st_mtime if stamp.exists() else 0.0
+        if not (reason := outdated(output, record, records.get)) and record.get("dates") != dates(output):
+            write_json(record_file(output), {**record, "dates": dates(output)})
+        if "unfinished" in record:
+            reason = f"{output} is unfinished"
+        elif module := changed_code(record):
+            reason = f"the code of {module} has changed"
+        reasons += [reason] if reason else []
+        known = store._read_record(output) or MetadataRecord()
+        if reason or known.endtime != date or any(param.startswith(CHANGED) for param in known.params or ()):
+            params = [*map(repr, record["params"].values()), *([f"{CHANGED}{reason}'"] if reason else [])]
+            inputs = sorted(os.path.normpath(Path(out, path)) for path in record["inputs"])
+            restored = MetadataRecord(rule=record["rule"], params=sorted(params), input=inputs, endtime=date)
+            restored.record_format_version = RECORD_FORMAT_VERSION
+            store._write_record(output, restored)
+    return list(dict.fromkeys(reasons))
+
+
+def _of(contents: Mapping[str, Content], figure: str) -> dict[str, Content]:
+    """Returns the contents of single files, and those of a figure in folders."""
+    return {
+        path: {name: entry for name, entry in files.items() if name.partition(".")[0] in ("", figure)}
+        for path, files in contents.items()
+    }
+
+
+def _without_names(record: Record) -> Record:
+    return {key: value for key, value in record["params"].items() if key != "names"}

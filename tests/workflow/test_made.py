@@ -1,0 +1,159 @@
+"""Records of how results were made: what a job keeps by them, and what Snakemake learns from them."""
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from snakemake.persistence.file import FilePersistence
+
+from relight.lab import made
+from relight.lab.made import CHANGED, begin, describe, finish, is_made, outdated, read, restore
+
+FIGURES, MAPS, PACKED = "results/a/figures/g0000-g0009", "results/a/maps/g0000-g0009", "results/a/packed.safetensors"
+NAMES = ["g0000", "g0001"]
+
+
+@pytest.fixture(autouse=True)
+def code(tmp_path, monkeypatch) -> dict[str, str]:
+    """An empty folder, and the hash of the code of each rule."""
+    monkeypatch.chdir(tmp_path)
+    hashes = {"figure": "c", "bake": "c", "pack": "c"}
+    monkeypatch.setattr(made, "code_of", lambda rule: {rule: hashes[rule]})
+    monkeypatch.setattr(made, "code_hash", hashes.get)
+    return hashes
+
+
+def write(path: str, text: str) -> None:
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    Path(path).write_text(text)
+
+
+def figure(names: list[str], text: str = "1", cloth: str = "c") -> list[str] | None:
+    """Draws figures, as the rule does, and returns those that it drew; None if it kept all."""
+    record = describe("figure", {"names": names, "cloth": cloth}, [], FIGURES)
+    return work(FIGURES, record, {name: f"{name}.npz" for name in names}, text)
+
+
+def bake(text: str = "1", rays: int = 8) -> list[str] | None:
+    """Bakes two maps of each figure."""
+    record = describe("bake", {"rays": rays}, [FIGURES], MAPS)
+    files = {path.stem: f"{path.stem}.exr {path.stem}.v1.exr" for path in sorted(Path(FIGURES).glob("*.npz"))}
+    return work(MAPS, record, files, text)
+
+
+def work(output: str, record: dict, files: dict[str, str], text: str) -> list[str] | None:
+    try:
+        stay = begin([output], record)
+    except SystemExit as end:
+        assert end.code is None
+        return None
+    made = [name for name in files if name not in stay]
+    for name in made:
+        for file in files[name].split():
+            write(f"{output}/{file}", name + text)
+    finish([output], record)
+    return made
+
+
+def test_a_job_makes_the_figures_that_are_new_or_changed():
+    assert figure(NAMES) == NAMES and bake() == NAMES
+    assert figure(NAMES) is None and bake() is None
+    assert figure([*NAMES, "g0002"]) == ["g0002"] and bake() == ["g0002"]
+    assert figure(NAMES[1:]) == [] and os.listdir(FIGURES) == ["g0001.npz"]
+    assert bake() == [] and sorted(os.listdir(MAPS)) == ["g0001.exr", "g0001.v1.exr"]
+    assert figure(NAMES, "2") == ["g0000"] and bake() == ["g0000"]
+    assert figure(NAMES, "3", cloth="d") == NAMES and bake() == NAMES
+    assert figure(NAMES, "3", cloth="e") == NAMES and bake() is None, "the same bytes"
+    assert bake(rays=9) == NAMES
+    write(f"{MAPS}/g0001.v1.exr", "????????")
+    write(f"{MAPS}/g0007.exr", "of nobody")
+    assert bake(rays=9) == ["g0001"] and "g0007.exr" not in os.listdir(MAPS)
+    write(f"{FIGURES}/g0000.npz", "edited")
+    assert bake(rays=9) == ["g0000"]
+    restore("results/a")
+    write(f"{MAPS}/g0001.exr", "0001g1")  # of the same size, and older than its record
+    os.utime(f"{MAPS}/g0001.exr", (1e9, 1e9))
+    assert bake(rays=9) == ["g0001"]
+
+
+def test_a_job_makes_all_again_if_code_has_changed_that_made_any_of_it(code, monkeypatch):
+    assert figure(NAMES) == NAMES
+    code["figure"] = "d"
+    assert figure(NAMES) == NAMES and figure(NAMES) is None
+    monkeypatch.setattr(made, "code_of", lambda rule: {f"more than {rule}": code.setdefault(f"more than {rule}", "c")})
+    assert figure([*NAMES, "g0002"]) == ["g0002"] and read(FIGURES)["code"] == {"figure": "d", "more than figure": "c"}
+    code["figure"] = "e"
+    assert known() == {FIGURES: [f"{CHANGED}the code of figure has changed'"]}
+    assert figure(NAMES) == NAMES and read(FIGURES)["code"] == {"more than figure": "c"}
+
+
+def test_a_file_is_made_again_for_other_inputs_params_code_or_content(tmp_path):
+    figure(NAMES)
+    scan = tmp_path / "a scan.obj"
+    scan.write_text("1")
+
+    def pack(**params: object) -> bool:
+        record = describe("pack", params, [FIGURES, str(scan)], PACKED)
+        return work(PACKED, record, {}, "") is not None
+
+    write(PACKED, "1")
+    assert pack(size=1, scale=0.1) and not pack(size=1, scale=0.1) and pack(size=2, scale=0.1)
+    write(PACKED, "2")
+    assert pack(size=2, scale=0.1) and not pack(size=2, scale=0.1)
+    scan.write_text("2")
+    assert pack(size=2, scale=0.1) and not pack(size=2, scale=0.1)
+    figure(NAMES, "2", cloth="d")
+    assert pack(size=2, scale=0.1) and not pack(size=2, scale=0.1)
+    Path(PACKED).unlink()
+    assert pack(size=2, scale=0.1)
+
+
+def test_a_job_that_failed_leaves_what_it_would_have_replaced_as_unfinished():
+    figure(NAMES)
+    before = read(FIGURES)
+    begin([FIGURES], describe("figure", {"names": NAMES, "cloth": "d"}, [], FIGURES))
+    assert os.listdir(FIGURES) == [] and not is_made(FIGURES)
+    assert outdated(FIGURES, read(FIGURES)) == f"{FIGURES}/g0000.npz is missing"
+    for name in NAMES:
+        write(f"{FIGURES}/{name}.npz", f"{name}1")  # Snakemake puts it back
+    assert outdated(FIGURES, read(FIGURES)) is None and not is_made(FIGURES)
+    assert known() == {FIGURES: [f"{CHANGED}{FIGURES} is unfinished'"]}
+    assert figure(NAMES) is None and is_made(FIGURES) and read(FIGURES) | {"dates": before["dates"]} == before
+
+
+def metadata(output: str) -> dict:
+    """What Snakemake knows."""
+    return dict(FilePersistence(nolock=True)._read_record(output).items())
+
+
+def known() -> dict[str, list[str]]:
+    """What Snakemake knows to have changed, by output."""
+    restore("results/a")
+    outputs = [output for output in (FIGURES, MAPS) if Path(output).exists()]
+    return {output: [param for param in metadata(output)["params"] if param.startswith(CHANGED)] for output in outputs}
+
+
+def test_snakemake_learns_what_it_does_not_know():
+    """Params as it writes them, and one more if files do not fit the record."""
+    figure(NAMES), bake()
+    assert known() == {FIGURES: [], MAPS: []}
+    assert metadata(FIGURES)["params"] == ["'c'", "['g0000', 'g0001']"] and metadata(MAPS)["input"] == [FIGURES]
+    store = FilePersistence(nolock=True)
+    touched = store._read_record(MAPS)
+    touched.params = ["'touched'"]
+    store._write_record(MAPS, touched)
+    assert known() == {FIGURES: [], MAPS: []} and metadata(MAPS)["params"] == ["'touched'"], "it knows these files"
+    write(f"{MAPS}/.snakemake_timestamp", "")
+    assert known() == {FIGURES: [], MAPS: []} and metadata(MAPS)["params"] == ["8"], "they were replaced by others"
+    file = Path(MAPS, "g0000.exr").rename("kept")
+    assert known() == {FIGURES: [], MAPS: [f"{CHANGED}{MAPS}/g0000.exr is missing'"]}
+    shutil.copy(file, f"{MAPS}/g0000.exr")
+    assert known() == {FIGURES: [], MAPS: []}
+    write(f"{MAPS}/g0000.exr", "another")
+    assert known() == {FIGURES: [], MAPS: [f"{CHANGED}{MAPS}/g0000.exr is another one'"]}
+    bake()
+    figure(NAMES, "2", cloth="d")
+    assert known() == {FIGURES: [], MAPS: [f"{CHANGED}{MAPS} was made of another figures/g0000-g0009'"]}
+    shutil.rmtree(FIGURES)
+    assert known()[MAPS] and bake(rays=8) == []
