@@ -45,7 +45,7 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
     experiment = asdict(Experiment(rows=[])) | experiment | {"plates": False}
     rows, own = experiment["rows"], (experiment["figures"], experiment["lights"])
     files = {}
-    for kind, on, wanted in (("usual", ("test", "test"), usual or errors), ("scores", own, errors)):
+    for on, wanted in {("test", "test"): usual or errors, own: errors}.items():
         place = folder / "evaluate" / "-".join(on)
         figures = sitting if on[0] == "sitting" else FIGURES
         made = {f"{row}.s0": scores(i, wanted.get(row, {}), figures) for i, row in enumerate(rows)} if figures else {}
@@ -53,8 +53,8 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
             write_scores(place / f"{name}.csv", {name: made[name]} if made else {})
         baselines = {name: scores(50 + i, wanted.get(name, {}), figures) for i, name in enumerate(BASELINES)}
         write_scores(place / "baselines.csv", baselines if figures else {})
-        files[kind] = {row: [f"evaluate/{'-'.join(on)}/{row}.s0.csv"] for row in rows}
-        files[kind][""] = [f"evaluate/{'-'.join(on)}/baselines.csv"]
+        files[on] = {row: [f"evaluate/{'-'.join(on)}/{row}.s0.csv"] for row in rows}
+        files[on][""] = [f"evaluate/{'-'.join(on)}/baselines.csv"]
     (folder / "report").mkdir(exist_ok=True)
     (folder / "figures.json").write_text('{"figures": {}, "left_out": {}}')
     run = folder / "run.yaml"
@@ -66,7 +66,12 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
         model = {"width": float(words.get("model.width", 1)), "order": int(words.get("model.order", 2))}
         told["rows"][row] = {"train": train, "model": model, "loss": {"light": 1}}
     run.write_text(yaml.safe_dump(told))
-    record = {**experiment, **files, "trainings": {row: [f"{row}.s0"] for row in rows}}
+    record = {
+        **experiment,
+        "usual": files["test", "test"],
+        "scores": files[own],
+        "trainings": {row: [f"{row}.s0"] for row in rows},
+    }
     return Results(folder, {preset: record}, folder)
 
 

@@ -104,6 +104,7 @@ def resample_weights(levels: int, resamples: int, seed: int) -> np.ndarray:
     return generator.multinomial(levels, np.full(levels, 1 / levels), resamples) / levels
 
 
+@lru_cache
 def _expansion_factor(levels: int) -> float:
     """Returns the factor by which resamples of a factor are expanded so that intervals match Student's t."""
     tail = (1 + CONFIDENCE) / 2
