@@ -21,12 +21,14 @@ def update(scene, depsgraph=None, force=False):
     Objects whose rotation and light did not change are left alone, unless `force` is set: then all is rendered again.
     """
     depsgraph = depsgraph or bpy.context.evaluated_depsgraph_get()
+    window = depsgraph.mode == "VIEWPORT"  # a render has copies of the objects, and a thread of its own
+    if window:
+        WARNINGS.clear()
     items = [item for item in depsgraph.ids if isinstance(item, bpy.types.Object) and transport.AXES in item]
     items = [item for item in items if item.type == "MESH" and item.mode != "EDIT"]
-    if not items or not BUSY.acquire(blocking=False):  # a render has a thread of its own
+    if not items or not BUSY.acquire(blocking=False):
         return
     try:
-        WARNINGS.clear()
         if not hasattr(scene, "cycles"):
             raise light.Problem("enable Cycles (Edit > Preferences > Add-ons): it renders the light of the world")
         if force:
@@ -36,14 +38,14 @@ def update(scene, depsgraph=None, force=False):
         key = world.state(shown, scene.frame_current)
         for item in items:
             turned, same = transport.turned(item, items)
-            if not same and depsgraph.mode == "VIEWPORT":
-                WARNINGS.append(f"{item.name}: its shape, or what is beside it, is not as at its bake: bake it again")
+            if window and not same:
+                WARNINGS.append(f"{item.name}: bake it again, for its shape or what is beside it has changed")
             signature = f"{key} {np.round(turned, 6).tolist()}"
-            item = item.original if depsgraph.mode == "VIEWPORT" else item  # renders have a copy
+            item = item.original if window else item
             if force or item.get(SIGNATURE) != signature:
                 shader.set_light(item, light.rotation(turned.T) @ world.light(scene, shown, key))
                 item[SIGNATURE] = signature
-                if depsgraph.mode == "VIEWPORT":
+                if window:
                     item.update_tag(refresh={"OBJECT"})
     except light.Problem as problem:
         WARNINGS.append(str(problem))
@@ -69,7 +71,7 @@ def attempt(operator, context, task, *given):
     """
     try:
         if isinstance(notes := task(*given), str):
-            context.workspace.status_text_set(f"{notes or 'relight'} (Esc ends it)")
+            context.workspace.status_text_set(f"{notes} (Esc ends it)")
             return {"RUNNING_MODAL"}
         for note in notes:
             operator.report({"WARNING"}, note)

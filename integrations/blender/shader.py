@@ -89,6 +89,4 @@ def lit_copy(material, name, sources):
         others = [node.inputs[name] for name in NOT_MATTE if name in node.inputs]
         if any(other.is_linked or other.default_value for other in others):
             notes.append(f"{origin.name} is more than matte: of its Principled BSDF, base color and alpha are kept")
-    return copy, notes if matte else [
-        f"{origin.name} has no Diffuse or Principled BSDF, but in groups: it stays as it is"
-    ]
+    return copy, notes if matte else [f"{origin.name} has no Diffuse or Principled BSDF, but in groups: it stays so"]

@@ -33,11 +33,11 @@ def bake(items, program, rays):
         vertices, faces = evaluated(item, depsgraph)
         lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
         lines += [f"f {a} {b} {c}" for a, b, c in faces + count + 1]
-        shown = item.evaluated_get(depsgraph)
-        parts[item.name] = slice(count, count + len(item.data.vertices)), axes(shown), sample(shown)
+        shown, own = item.evaluated_get(depsgraph), len(item.data.vertices)
+        parts[item.name] = count, own, axes(shown).ravel().tolist(), sample(shown).ravel().tolist()
         count += len(vertices)
-        if (few := len(item.data.vertices)) < FEW:
-            notes.append(f"{item.name} has {few} vertices: subdivide it, for light is kept per vertex")
+        if own < FEW:
+            notes.append(f"{item.name} has {own} vertices: subdivide it, for light is kept per vertex")
     with tempfile.TemporaryDirectory() as folder, open(Path(folder) / "said", "w+") as said:
         path, out = Path(folder) / "mesh.obj", Path(folder) / "mesh.npz"
         path.write_text("\n".join(lines) + "\n")
@@ -48,17 +48,15 @@ def bake(items, program, rays):
             raise Problem(f"{program} does not start ({error.strerror}): name the program in the preferences") from None
         try:
             while run.poll() is None:
-                yield (Path(said.name).read_text().strip().splitlines() or [""])[-1]
+                yield ["relight", *Path(said.name).read_text().splitlines()][-1]
                 with suppress(subprocess.TimeoutExpired):
                     run.wait(0.05)
-            last = (Path(said.name).read_text().strip().splitlines() or [f"{program} wrote nothing: is it relight?"])[
-                -1
-            ]
+            last = ["it wrote nothing: is it relight?", *Path(said.name).read_text().splitlines()][-1]
         finally:
             run.kill()
             run.wait()
         if run.returncode or not out.exists():
-            raise Problem(f"relight: {last.splitlines()[-1]}")
+            raise Problem(f"{program}: {last}")
         transport = np.load(out)["transport"]
 
     def sources(nodes):
@@ -68,12 +66,12 @@ def bake(items, program, rays):
             yield node.outputs["Vector"], name
 
     found = [bpy.data.objects.get(name) for name in parts]  # the user goes on to work, and may undo
-    for name, item in zip(parts, found):
-        if not item or item.mode == "EDIT" or len(item.data.vertices) != parts[name][0].stop - parts[name][0].start:
+    for (name, (_, own, *_)), item in zip(parts.items(), found):
+        if not item or item.mode == "EDIT" or len(item.data.vertices) != own:
             raise Problem(f"{name} was changed in the meantime: bake it again")
-    for item, (part, way, points), beside in zip(found, parts.values(), [*parts][1:] + [*parts][:1]):
-        item[AXES], item[POINTS], item[BESIDE] = way.ravel().tolist(), points.ravel().tolist(), beside
-        for name, third in zip(shader.TRANSPORT, np.split(transport[part], 3, axis=1)):
+    for item, (start, own, *shape), beside in zip(found, parts.values(), [*parts][1:] + [*parts][:1]):
+        item[AXES], item[POINTS], item[BESIDE] = *shape, beside
+        for name, third in zip(shader.TRANSPORT, np.split(transport[start : start + own], 3, axis=1)):
             if name in item.data.color_attributes:
                 item.data.color_attributes.remove(item.data.color_attributes[name])
             values = np.pad(third, ((0, 0), (0, 1)), constant_values=1).astype(np.float32)

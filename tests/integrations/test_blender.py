@@ -431,6 +431,11 @@ def test_what_cannot_be_followed_is_told_in_the_panel(addon, scene):
     panorama.image = bpy.data.images["panorama"]
     bpy.context.view_layer.update()
     assert addon.WARNINGS == []
+    bpy.ops.preferences.addon_disable(module="cycles")
+    bpy.context.object.rotation_euler.z = 1
+    bpy.context.view_layer.update()
+    bpy.ops.preferences.addon_enable(module="cycles")
+    assert addon.WARNINGS == ["enable Cycles (Edit > Preferences > Add-ons): it renders the light of the world"]
 
 
 def test_baking_needs_object_mode_and_wants_vertices(addon, scene, capfd):
@@ -474,9 +479,7 @@ def test_modifiers_and_shape_keys_are_baked_and_objects_shade_each_other(addon, 
 def told(addon) -> list[str]:
     """What the panel tells of objects, by their names."""
     bpy.context.view_layer.update()
-    return [
-        warning.partition(": its shape, or what is beside it, is not as at its bake")[0] for warning in addon.WARNINGS
-    ]
+    return [warning.partition(": bake it again, for its shape")[0] for warning in addon.WARNINGS]
 
 
 def rig(item):
@@ -610,7 +613,7 @@ def test_materials_that_are_not_matte_are_told(addon, scene, capfd):
     bpy.ops.relight.bake_transport(rays=16)
     out = capfd.readouterr().out
     assert "metal is more than matte: of its Principled BSDF, base color and alpha are kept" in out
-    assert "glass has no Diffuse or Principled BSDF, but in groups: it stays as it is" in out
+    assert "glass has no Diffuse or Principled BSDF, but in groups: it stays so" in out
 
 
 def test_a_bake_goes_on_in_the_background_and_ends_at_escape(addon, scene, monkeypatch, tmp_path):
@@ -679,7 +682,7 @@ def test_problems_are_told_in_one_sentence(addon, scene, tmp_path, monkeypatch):
     with pytest.raises(RuntimeError, match=r"relight does not start .*: name the program in the preferences"):
         bpy.ops.relight.bake_transport()
     (tmp_path / "relight").symlink_to("/bin/true")
-    with pytest.raises(RuntimeError, match="relight: relight wrote nothing: is it relight"):
+    with pytest.raises(RuntimeError, match="relight: it wrote nothing: is it relight"):
         bpy.ops.relight.bake_transport()
     with pytest.raises(RuntimeError, match="is not a readable OpenEXR file"):
         bpy.ops.relight.import_maps(filepath=str(tmp_path / "none.exr"))
