@@ -128,7 +128,8 @@ class Scene:
     @property
     def notes(self) -> list[str]:
         """What a user should know about the picture, its mask and the inference, one sentence each."""
-        notes = [*self.own_notes, *self.picture.notes] + mask_warnings([person.coverage for person in self.people])
+        masks = zip(*((person.coverage, person.body) for person in self.people))
+        notes = [*self.own_notes, *self.picture.notes, *mask_warnings(*masks)]
         for number, warnings in enumerate(self.doubts, 1):
             who = f"person {number}: " if len(self.people) > 1 else ""
             notes += [f"{who}{warning}" for warning in warnings]

@@ -149,6 +149,8 @@ def test_doubts_name_limbs_and_places():
     ]  # fmt: skip
     (one,) = said(trunk | legs | pillar | (abs(y - 80) < 3) & (x > 128) & (x < 180))
     assert "mostly at the upper right" in one
+    (one,) = said(trunk | legs | (np.hypot(x - 60, y - 60) < 5))
+    assert one == "a part apart from the body, at the upper left, may be a thing, or background"
     strangers = said(trunk | legs | (x > 220) & (y > 60) & (y < 200))
     assert strangers == ["person 2: no joints were found in this part of the mask: it may be a thing, or background"]
 

@@ -15,6 +15,7 @@ LOOK = 256  # pixels of a person's longer side at which doubts are looked for
 SLACK = 0.02  # of it: how far a joint may be outside, and half the thickness of what networks may disagree about
 SURE = 0.8  # that a joint is seen
 APART = 0.05  # least share of a mask about which they disagree
+SPECK = 0.002  # least share of a mask that is apart from the body, for a doubt
 LIMBS = {
     0: "head", 13: "left elbow", 14: "right elbow", 15: "left hand", 16: "right hand", 25: "left knee",
     26: "right knee", 27: "left foot", 28: "right foot",
@@ -78,23 +79,24 @@ def split_people(
     return [(np.where(labels == i, coverage, np.uint8(0)), body_of.get(int(i))) for i in large]
 
 
-def mask_warnings(coverages: Sequence[np.ndarray]) -> list[str]:
+def mask_warnings(coverages: Sequence[np.ndarray], bodies: Sequence[Body | None] = ()) -> list[str]:
     """Returns sentences about masks that look wrong: inverted, rectangular, several people in one, cut by the edge.
 
     Args:
         coverages: (H,W) uint8 of each person.
+        bodies: what networks found of each: somebody who is known is one person.
     """
     whole = np.maximum.reduce(coverages) >= MASK_THRESHOLD
     if is_inverted(whole):
         return ["the mask may be inverted, for it is white along the photo's edges: it must be white on the person"]
     warnings = []
-    for number, coverage in enumerate(coverages, 1):
+    for number, (coverage, body) in enumerate(zip(coverages, bodies or [None] * len(coverages)), 1):
         who = "the figure" if len(coverages) == 1 else f"person {number}"
         rows, columns = extent(coverage >= MASK_THRESHOLD)
         solid = coverage[slice(*rows), slice(*columns)] >= MASK_THRESHOLD
         if solid.mean() > 0.98:
             warnings.append(f"the mask of {who} is a rectangle: people are relit well only within their outlines")
-        elif count_heads(solid) > 1:
+        elif body is None and count_heads(solid) > 1:
             warnings.append(f"the mask of {who} may hold several people who touch: part them by a black line in --mask")
         least = 0.1 * min(solid.shape)
         cut = [name for name, side in SIDES.items() if (coverage[side] >= MASK_THRESHOLD).sum() > least]
@@ -140,10 +142,18 @@ def _doubts(coverage: np.ndarray, body: Body | None) -> list[str]:
     )
     apart = maximum_filter(minimum_filter(solid ^ other, 2 * slack + 1), 2 * slack + 1)
     if apart.sum() > APART * solid.sum():
-        y, x = np.argwhere(apart).mean(0) / solid.shape
-        where = f"{'upper' if y < 0.5 else 'lower'} {'left' if x < 0.5 else 'right'}"
-        doubts.append(f"the networks disagree about the mask, mostly at the {where}")
+        doubts.append(f"the networks disagree about the mask, mostly at the {_place(apart)}")
+    parts, _ = label(solid)
+    alone = solid & ~np.isin(parts, parts[other])
+    if alone.sum() > SPECK * solid.sum():
+        doubts.append(f"a part apart from the body, at the {_place(alone)}, may be a thing, or background")
     return doubts
+
+
+def _place(mask: np.ndarray) -> str:
+    """Returns in words where most of a mask (h,w) bool is."""
+    y, x = np.argwhere(mask).mean(0) / mask.shape
+    return f"{'upper' if y < 0.5 else 'lower'} {'left' if x < 0.5 else 'right'}"
 
 
 def is_inverted(solid: np.ndarray) -> bool:
