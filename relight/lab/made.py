@@ -21,7 +21,7 @@ Record = dict[str, Any]
 
 
 def read(output: str) -> Record:
-    """Returns the record of a file or folder; {} if it has none."""
+    """Returns the record of a file or folder; {} if it has none that can be read."""
     try:
         record: Record = json.loads(record_file(output).read_bytes())
     except (OSError, ValueError):
@@ -95,7 +95,7 @@ def begin(outputs: list[str], job: Record) -> set[str]:
     stay: set[str] = set()
     if os.path.isdir(folder := outputs[0]):
         record = before[folder]
-        if record and same_code and _without_names(record) == _without_names(job):
+        if record and same_code and {**record["params"], "names": 0} == {**job["params"], "names": 0}:
             now, then = {**job["inputs"], "": files[folder]}, {**record["inputs"], "": record["files"]}
             names = {name.partition(".")[0] for name in record["files"]}
             stay = {name for name in names if _of(now, name) == _of(then, name)} & {*job["params"].get("names", names)}
@@ -165,7 +165,7 @@ def restore(out: str) -> list[str]:
     outputs = [str(Path(out, file.relative_to(made).with_suffix(""))) for file in made.rglob("[!.]*.json")]
     records, reasons = {output: read(output) for output in outputs}, list[str]()
     for output, record in records.items():
-        if not os.path.exists(output):
+        if not record or not os.path.exists(output):
             continue
         stamp = Path(output, ".snakemake_timestamp") if os.path.isdir(output) else Path(output)
         date = stamp.stat().st_mtime if stamp.exists() else 0.0
@@ -192,7 +192,3 @@ def _of(contents: Mapping[str, Content], figure: str) -> dict[str, Content]:
         path: {name: entry for name, entry in files.items() if name.partition(".")[0] in ("", figure)}
         for path, files in contents.items()
     }
-
-
-def _without_names(record: Record) -> Record:
-    return {key: value for key, value in record["params"].items() if key != "names"}

@@ -285,13 +285,9 @@ class Plan:
         lacking = {name: [path for path in paths if not is_made(path)] for name, paths in files.items()}
         return {} if all(lacking.values()) else {name: paths for name, paths in lacking.items() if paths}
 
-    def write_record(self, folder: Path) -> Path:
-        """Writes the record to run.yaml in the results, unless it holds it already, and returns the file.
-
-        Args:
-            folder: the working directory.
-        """
-        file = folder / self.out / "run.yaml"
+    def write_record(self) -> Path:
+        """Writes the record to run.yaml in the results, unless it holds it already, and returns the file."""
+        file = Path(self.out, "run.yaml")
         if not file.exists() or file.read_text(encoding="utf-8") != self.text:
             write_text(file, self.text)
         return file

@@ -97,7 +97,7 @@ def run(
     if plan.data != plan.out:
         os.close(hold(ROOT / plan.data, shared=True))
     # In a file, since jobs on a cluster break quotes within quotes.
-    command += ["--configfile", str(plan.write_record(ROOT))]
+    command += ["--configfile", str(plan.write_record())]
     code = snakemake(command)
     if code == INTERRUPTED:
         print("interrupted; the same command goes on", file=sys.stderr)
@@ -106,10 +106,10 @@ def run(
     elif targets == ["all"] and (failed := plan.missing_results()):
         print(f"failed: {', '.join(failed)}; the report of the others follows", file=sys.stderr)
         plan.record["failed"] = failed
-        plan.write_record(ROOT)
+        plan.write_record()
         snakemake(command)
         del plan.record["failed"]  # the next run tries them again
-        plan.write_record(ROOT)
+        plan.write_record()
     return code
 
 

@@ -155,5 +155,6 @@ def test_snakemake_learns_what_it_does_not_know():
     bake()
     figure(NAMES, "2", cloth="d")
     assert known() == {FIGURES: [], MAPS: [f"{CHANGED}{MAPS} was made of another figures/g0000-g0009'"]}
+    write(PACKED, "1"), write("results/a/made/packed.safetensors.json", "{")
     shutil.rmtree(FIGURES)
     assert known()[MAPS] and bake(rays=8) == []

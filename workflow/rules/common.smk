@@ -74,7 +74,7 @@ onstart:
     workflow.persistence.cleanup_backup(Path(OUT))  # of jobs that were killed
     if DATA != OUT:
         hold(DATA, shared=True)
-    PLAN.write_record(Path())
+    PLAN.write_record()
 
 
 onsuccess:
