@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 CODECS = {".mp4": ("libx264", {"crf": "18", "preset": "medium"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
 CONTAINERS = {".mp4": {"movflags": "faststart"}, ".webm": {}}  # the index in front, so that pages show it at once
+# The codec of sound that is coded anew, and those that are kept.
+SOUNDS = {".mp4": ("aac", "aac", "mp3", "ac3", "eac3", "alac", "flac", "opus"), ".webm": ("libopus", "opus", "vorbis")}
+RATE = 48000  # of sound that is coded anew, samples per second
 FPS = 25.0  # of what does not state its rate
 MAX_FPS = 60  # of a clip whose rate varies
 GIF_DELAY = 0.1  # seconds that browsers show what states a hundredth or less
@@ -60,7 +63,7 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float = FPS, soun
         path: of the file, .mp4 (H.264), .webm (VP9) or .gif.
         frames: (H,W,3) uint8 sRGB, all of one size.
         fps: frames per second.
-        sound: a video whose sound the new one gets, as it is coded there; .gif has none.
+        sound: a video whose sound the new one gets; .gif has none.
 
     Raises:
         UserError: for another suffix, if there are no frames, or if the file cannot be written.
@@ -105,39 +108,44 @@ def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
 
 
 def _add_sound(path: Path, source: Path) -> None:
-    """Adds the sound of a video to another one, whose container must take its codec (else it stays silent).
+    """Adds the sound of a video to another one: as it is coded, where browsers take this from the container, else anew.
 
     The first of both begins at 0, and the other as long after it as in `source`.
     """
     import av
 
     with_sound = path.with_name(f"{path.stem}-sound{path.suffix}")
-    options = CONTAINERS[path.suffix.lower()]
+    options, (coding, *taken) = CONTAINERS[path.suffix.lower()], SOUNDS[path.suffix.lower()]
     try:
         with (
             av.open(str(source)) as spoken,
             av.open(str(path)) as shown,
             av.open(str(with_sound), "w", options=options) as out,
         ):
-            film, sound = _film(spoken, source), spoken.streams.best("audio")
-            if sound is None:
+            film, sound, pictures = _film(spoken, source), spoken.streams.best("audio"), shown.streams.video[0]
+            if not isinstance(sound, av.AudioStream):
                 return
             film_at, sound_at = ((one.start_time or 0) * (one.time_base or Fraction()) for one in (film, sound))
             begin = min(film_at, sound_at)  # seconds
-            packets: list[Any] = []
-            packet: Any
-            for container, stream, late in ((shown, shown.streams.video[0], film_at - begin), (spoken, sound, -begin)):
-                copy = out.add_stream_from_template(stream)
-                for packet in container.demux(stream):
+            parts: list[Any] = [(out.add_stream_from_template(pictures), shown.demux(pictures), film_at - begin)]
+            if sound.codec_context.codec.canonical_name in taken:
+                parts.append((out.add_stream_from_template(sound), spoken.demux(sound), -begin))
+            else:
+                coder: Any = out.add_stream(coding, rate=RATE)
+                coded = (packet for frame in chain(spoken.decode(sound), [None]) for packet in coder.encode(frame))
+                parts.append((coder, coded, -begin))
+            packets = []
+            for stream, stored, late in parts:
+                for packet in stored:
                     if packet.dts is not None:
                         packet.pts, packet.dts = (t + round(late / packet.time_base) for t in (packet.pts, packet.dts))
-                        packet.stream = copy
+                        packet.stream = stream
                         packets.append(packet)
             for packet in sorted(packets, key=lambda p: float(p.dts * p.time_base)):
                 out.mux(packet)
         with_sound.replace(path)
     except (av.FFmpegError, ValueError) as error:
-        print(f"{source}: its sound is left out: {path.suffix} does not take it ({error})", file=sys.stderr)
+        print(f"{source}: its sound is left out, for it cannot be read ({error})", file=sys.stderr)
     finally:
         with_sound.unlink(missing_ok=True)
 
