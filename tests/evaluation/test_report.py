@@ -163,7 +163,7 @@ def test_pairs_of_rows_that_are_not_trained_are_left_out(tmp_path, monkeypatch):
     monkeypatch.setattr(charts, "plot_errors", lambda table, rows, out: colored.extend(rows))
     falling = {"figures_8": 0.5, "figures_16": 0.4, "figures_32": 0.35}
     made = results(tmp_path, "data_size", {row: {"shading_rmse": value} for row, value in falling.items()})
-    for kind in ("trainings", "scores", "usual"):
+    for kind in ("trainings", "scores"):
         del made.experiments["data_size"][kind]["figures_128"]
     found = verdicts(sections.experiment(made, "data_size"))
     assert found["Ours (full) against figures_8: more figures", "shading RMSE"] is Verdict.BETTER
