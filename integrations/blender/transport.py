@@ -135,7 +135,7 @@ def turned(item, items):
         return by_axes, True
     pairs = [(np.reshape(each[POINTS], (-1, 3)), sample(each)) for each in items if each.name == item.name]
     pairs += [(np.reshape(each[POINTS], (-1, 3)), sample(each)) for each in items if each.name == item[BESIDE]]
-    if len(pairs) < 2 or any(then.shape != now.shape for then, now in pairs):
+    if len(pairs) < 2 or any(then.shape != now.shape or np.isnan(now).any() for then, now in pairs):
         return by_axes, False
     (then, now), _ = pairs
     across = (now - now.mean(0)).T @ (then - then.mean(0))

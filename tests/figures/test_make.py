@@ -408,7 +408,7 @@ def test_figures_command_names_are_options_to_copy():
         ({"garments": ("toga",)}, "no garment is called 'toga'; .*robe"),
         ({"hair": ("bob", "bald ")}, "'bald'"),
         ({"sitting": 1.1}, "1.1"),
-        ({"sitting": 1, "poses": ("waving",)}, "sitting=1 contradicts the poses 'waving'"),
+        ({"sitting": 1, "poses": ("waving",)}, "sitting=1 contradicts poses 'waving'"),
     ],
 )
 def test_constraints_refuse_unknown_names_in_one_sentence(fixed, message):

@@ -371,6 +371,10 @@ def test_a_change_that_no_key_holds_is_followed_until_the_frame_changes(addon, s
     assert not calls and kept == [each for each in bpy.app.handlers if isinstance(each, list)]
     scene.frame_set(1)
     np.testing.assert_allclose(light_of(addon, item), once, rtol=1e-4, atol=1e-4)
+    shown = scene.world.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    light = addon.world.render(scene, shown)
+    strength.default_value = 3  # as in a render in a window, whose frame the file's own world does not have
+    np.testing.assert_allclose(addon.world.render(scene, shown), light, rtol=1e-4)
 
 
 @pytest.mark.parametrize("collection", [False, True])

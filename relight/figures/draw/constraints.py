@@ -45,8 +45,7 @@ class Constraints:
             for name in chosen:
                 check_name(kind, name, known)
         if self.sitting in (0, 1) and {poses()[name].sitting for name in self.poses} == {not self.sitting}:
-            listed = ", ".join(map(repr, self.poses))
-            raise UserError(f"sitting={self.sitting:g} contradicts the poses {listed}: omit one of them")
+            raise UserError(f"sitting={self.sitting:g} contradicts poses {', '.join(map(repr, self.poses))}: omit one")
 
     def sample_person(self, rng: np.random.Generator) -> Person:
         """Draws people until one can have the hair and wear the garments.
