@@ -8,7 +8,7 @@ from typing import Unpack
 import numpy as np
 
 from relight.lights import Light
-from relight.photos.background import Background
+from relight.photos.background import Background, read_background
 from relight.photos.look import AUTO, LightGiven, Look
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.person import Person
@@ -39,7 +39,7 @@ class Relighter:
             mask: a file, an image of Pillow, or (H,W) bool, uint8 of 0 to 255 or float in [0,1]. By default the file
                 beside the photo, its alpha, or an automatic mask.
             size: pixels that the longer side is scaled down to; None keeps the photo as it is.
-            **options: `mask_model`, `split` and `white_balance` of `Scene.of`.
+            **options: `mask_model`, `split`, `white_balance` and `lit_by` of `Scene.of`.
 
         Returns:
             The scene: `people`, `light`, `notes`, and `relit(Look(...))` for any number of looks.
@@ -49,19 +49,15 @@ class Relighter:
         """
         return Scene.of(image, mask, self.network, size=size, **options)
 
-    def infer(
-        self, image: Given, mask: Given | None = None, split: bool = True, white_balance: str = "keep"
-    ) -> list[Person]:
+    def infer(self, image: Given, mask: Given | None = None, **options: Unpack[SceneOptions]) -> list[Person]:
         """Returns the people of `scene`, from left to right, and shows its notes as warnings.
 
         Args:
             image: as `scene` takes it.
             mask: likewise.
-            split: whether people are inferred one by one.
-            white_balance: `keep` takes the photo's light to be white on average (relight.photos.person.balanced),
-                `scene` to have the color that the network infers.
+            **options: likewise.
         """
-        scene = self.scene(image, mask, split=split, white_balance=white_balance)
+        scene = self.scene(image, mask, **options)
         _warn(scene)
         return list(scene.people)
 
@@ -81,7 +77,10 @@ class Relighter:
         turn: float = 0.0,
         match: bool = True,
         stops: float = 0.0,
-        white_balance: str = "keep",
+        blur: float = 0.0,
+        shadow: bool = True,
+        size: int | None = None,
+        **options: Unpack[SceneOptions],
     ) -> np.ndarray:
         """Relights the people of a photo, and shows the notes on it and on the light as warnings.
 
@@ -95,7 +94,10 @@ class Relighter:
             turn: of the light about the vertical axis, its front toward +x, degrees.
             match: whether the light is scaled to the photo's exposure.
             stops: exposure, as a power of two, from -8 to 8.
-            white_balance: of the photo, and of one that `light` names.
+            blur: of the panorama or picture behind, degrees.
+            shadow: whether people cast shadows on a new background.
+            size: as `scene` takes it.
+            **options: likewise; `mask_model` and `white_balance` are also those of a photo that `light` names.
 
         Returns:
             (H,W,3) of the photo's type; (H,W,4) if the background, or the photo, is transparent.
@@ -104,9 +106,9 @@ class Relighter:
             UserError: if an argument is not one of these.
         """
         if isinstance(light, str | Path):
-            light = self.read_light(light, white_balance=white_balance)
-        look = Look(light, mode, background, turn, stops, match)
-        scene = self.scene(image, mask, white_balance=white_balance)
+            light = self.read_light(light, options.get("mask_model"), options.get("white_balance", "keep"))
+        look = Look(light, mode, read_background(background, blur, shadow), turn, stops, match)
+        scene = self.scene(image, mask, size, **options)
         _warn(scene, scene.notes_on(look))
         return scene.relit(look)
 

@@ -113,7 +113,7 @@ def read_background(given: Background | Given, blur: float = 0.0, shadow: bool =
 
     Args:
         given: keep, transparent, panorama (the light's), a color (#223344, white), a picture's file, or a picture as
-            `Picture.of` takes it; or a `Background`, as it is.
+            `Picture.of` takes it; or a `Background`.
         blur: of the panorama or picture, degrees.
         shadow: whether people cast shadows on it.
 
@@ -121,7 +121,7 @@ def read_background(given: Background | Given, blur: float = 0.0, shadow: bool =
         UserError: if it is none of these.
     """
     if isinstance(given, Background):
-        return given
+        return replace(given, blur=blur or given.blur, shadow=shadow and given.shadow)
     if not isinstance(given, str | Path):
         picture = Picture.of(given, "the background")
         return Background("picture", picture=on_white(picture.rgba), blur=blur, shadow=shadow, name=picture.name)

@@ -10,6 +10,7 @@ import relight
 from relight.core.errors import UserError
 from relight.lights import Light, load_light
 from relight.panoramas import luminance
+from relight.photos.background import read_background
 from relight.photos.look import Look
 from relight.photos.scene import degrees_apart
 from relight.sh import deringed
@@ -110,6 +111,19 @@ def test_a_light_by_name_and_as_an_object_are_one(relighter, photo_files):
     assert (relighter.relight(me, mask, load_light(lamp).coefficients) != by_name).any()
     own = relighter.read_light(str(me))
     np.testing.assert_array_equal(relighter.relight(me, mask, own), relighter.relight(me, mask, own.coefficients))
+
+
+def test_the_api_takes_what_the_command_takes(relighter, photo_files, run, weights, tmp_path):
+    me, mask, *_ = photo_files
+    words = ["--blur", 3, "--no-shadow", "--lit-by", "key:white@40,30", "--together", "--stops", 1, "-b", "panorama"]
+    run("photo", me, "--light", "room:3", *words, "--weights", weights, "--out", tmp_path / "out.png")
+    look = {"light": "room:3", "background": "panorama", "blur": 3, "shadow": False, "stops": 1}
+    with pytest.warns(UserWarning, match="the photo's light as given"):
+        relit = relighter.relight(me, mask, **look, lit_by="key:white@40,30", split=False)
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "out.png")), relit)
+    assert max(relighter.relight(me, mask, LIGHT, size=64).shape) == 64
+    shaded = read_background("#334455")
+    assert (read_background(shaded, 0, False).shadow, read_background(shaded).shadow) == (False, True)
 
 
 def test_a_scene_is_inferred_once_for_many_looks(relighter, photo_files):

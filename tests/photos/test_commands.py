@@ -1,14 +1,17 @@
 """The commands as a user types them: what they write, what they refuse, and that nothing is overwritten then."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
+from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
 import OpenEXR
 import pytest
 from PIL import Image
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from relight.cli import app
@@ -93,6 +96,16 @@ def test_doubts_about_a_mask_are_said_wherever_one_is_used(run, photo_files, wei
     assert f"note: you: {doubt}" in run("view", folder / "you.png", "--out", tmp_path / "a.html", "--weights", weights)
     with pytest.raises(UserError, match=r"holds no photo \(\.jpg, .*\.exr\)"):
         run("photo", tmp_path / "out", "--out", tmp_path / "none")  # with folders, which are not searched
+
+
+def test_the_table_of_options_is_whole():
+    page = (Path(__file__).parents[2] / "docs" / "photos.md").read_text(encoding="utf-8")
+    table = page.split("### All options")[1].split("\n## ")[0]
+    listed = {flag for line in table.splitlines() for flag in re.findall(r"`(--[a-z-]+)`", line.split(" | ")[0])}
+    commands = get_command(app).commands
+    options = [option for name in ("photo", "movie") for option in commands[name].params]
+    known = {flag for option in options for flag in (*option.opts, *option.secondary_opts) if flag.startswith("--")}
+    assert listed == known - {"--help"}
 
 
 def test_many_notes_on_a_folder_are_counted():
