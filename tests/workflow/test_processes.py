@@ -1,5 +1,6 @@
 """However `relight run` ends, Snakemake and its jobs end with it; and what a job does with errors and output."""
 
+import re
 import signal
 import subprocess
 import sys
@@ -100,7 +101,10 @@ from types import SimpleNamespace
 from relight.core.errors import UserError
 from relight.lab.job import job
 
-process = SimpleNamespace(config={"process": os.getppid()}, rule="bake", wildcards=["a b", ""], log=["x.log"])
+process = SimpleNamespace(
+    config={"job": {"process": os.getppid()}}, rule="bake", wildcards=["a b", ""], log=["x.log"],
+    output=["results/x/maps"], params=dict(), input=[],
+)
 with job(process):
     print("one")
     os.system("echo two >&2")
@@ -128,6 +132,7 @@ def test_what_a_job_prints_is_in_its_log_and_behind_its_name_on_the_console(tmp_
         return
     first, *lines = (tmp_path / "x.log").read_text().splitlines(keepends=True)
     assert first.startswith("# ") and "numpy" in first and {"one\n", "two\n"} <= set(lines)
+    assert code or re.fullmatch(r"# [\d.]+ s of CPU, [\d.]+ GB at most\n", lines.pop())
     assert told in "".join(lines) and ("Traceback" in "".join(lines)) == ("/" in last)
     console = [line for line in job.stderr.splitlines() + job.stdout.splitlines() if line != "after"]
     assert console == [f"bake a b: {line.rstrip()}" for line in lines]
