@@ -241,7 +241,7 @@ def read_frames(path: Path) -> tuple[Iterator[Picture], list[int], float]:
     usual = np.median(steps)
     time, last = stored[-1]  # in the order of decoding, to which durations belong
     last = last if time == times[-1] else 0
-    if np.abs(steps - usual).max() < 0.5 * usual and last < 1.5 * usual:
+    if np.abs(steps - usual).max() < 0.5 * usual and usual - 0.1 < (last or usual) < 1.5 * usual:
         return decoded, [1] * len(times), float(1 / steps.mean())
     rate = 1 / max(np.quantile(steps, 0.25, method="lower"), 1 / MAX_FPS)
     fps = float(round(rate) if rate > 10 else np.ceil(rate - 0.05))  # up, so that no frame of a slide show is left out
