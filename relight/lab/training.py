@@ -7,11 +7,11 @@ from typing import Any
 
 from relight import extensions
 from relight.core.files import existing_file, file_hash
-from relight.lab.code import code_of
+from relight.lab.code import code_hash
 from relight.lab.tracking.run import log_scores, training_run
 from relight.learning.train import Inputs, Recipe, fingerprint
 from relight.learning.train import train as train_network
-from relight.settings import Augment, Loss, Model, Train
+from relight.settings import ROOT, Augment, Loss, Model, Train
 
 
 def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, tracking: dict[str, Any]) -> None:
@@ -30,12 +30,13 @@ def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, trac
     recipe = Recipe(
         Model(**settings["model"]), Loss(**settings["loss"]), Train(**settings["train"]), Augment(**settings["augment"])
     )
-    for part, names in (("network", [recipe.model.name]), ("loss", [*recipe.loss.extra])):
-        for name in {*names} & {*extensions.names()}:
-            extensions.extension(name, part)  # whose code counts, too
     data = f"{inputs.packed.parent.name} {file_hash(existing_file(inputs.packed, 'training'))}"
     tracking = {**tracking, "tags": {**tracking["tags"], "data": data}}
-    inputs = replace(inputs, code=repr(code_of("train")))
+    # What is the same in each process that goes on, whatever it has imported.
+    modules = [f"relight.learning.{file.stem}" for file in sorted((ROOT / "relight" / "learning").glob("*.py"))]
+    named = sorted({recipe.model.name, *recipe.loss.extra} & {*extensions.names()})
+    modules += [extensions.installed().get(name, f"relight.extensions.{name}") for name in named]
+    inputs = replace(inputs, code=repr([*map(code_hash, modules)]))
     with training_run(tracking, out.stem, fingerprint(recipe, inputs), asdict(recipe)) as run:
         state = out.parent / "state" / out.stem / "state.pt"
         train_network(recipe, inputs, out, state, curve, run.log if run else None)
