@@ -116,7 +116,11 @@ def check_mlflow(repo: Path) -> None:
     found = client.search_runs([client.get_experiment_by_name("smoke").experiment_id])
     report, *runs = sorted(found, key=lambda run: run.info.run_name != "report of smoke")
     assert sorted(run.info.run_name for run in runs) == ["ours_full.s0", "self_all.s0"]
-    assert {path.path for path in client.list_artifacts(report.info.run_id)} == {"report.html", "self_supervised.csv"}
+    assert {path.path for path in client.list_artifacts(report.info.run_id)} == {
+        "report.html",
+        "run.yaml",
+        "self_supervised.csv",
+    }
     for run in runs:
         name = run.info.run_name
         assert run.info.status == "FINISHED" and run.data.tags["mlflow.parentRunId"] == report.info.run_id
