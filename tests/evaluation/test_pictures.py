@@ -9,7 +9,7 @@ from relight.evaluation.pictures.canvas import ball, heat, transport_bands
 from relight.evaluation.pictures.charts import plot_errors
 from relight.evaluation.pictures.contact import clearest_light, contact_sheet, light_sheet
 from relight.evaluation.pictures.panels import COLUMNS, Shown, evenly_spaced, plates, relit, shadings, swapped
-from relight.evaluation.scoring.evaluate import infer, load
+from relight.evaluation.scoring.evaluate import infer, load, select_pairs
 from relight.evaluation.scoring.scores import Scores
 from relight.evaluation.scoring.tables import TABLE2_COLUMNS, experiment_table
 from relight.maps import read_maps, write_left_out
@@ -156,11 +156,16 @@ def test_relit_by_several_lights(world, small_network, tmp_path, monkeypatch, un
         assert found[0] > 0.9 and found[0] > found[1] + 0.3
 
 
-def test_people_who_swap_lights(world, small_network, tmp_path):
+def test_people_who_swap_lights(world, small_network, tmp_path, monkeypatch):
     """Each is relit by the light that is inferred of the other, and compared with their own picture in that light."""
     checkpoint = tmp_path / "ours.safetensors"
     small_network(checkpoint, "ours", "photo")
     shown = Shown({"ours": checkpoint}, world.packed, world.lights, world.split, world.condition)
+    with monkeypatch.context() as patch:  # one light is none to swap: the sheet says so
+        pairs = select_pairs
+        patch.setattr("relight.evaluation.pictures.panels.select_pairs", lambda *a: (pairs(*a)[0], pairs(*a)[1][:1]))
+        swapped(shown, tmp_path / "swapped.png")
+    assert Image.open(tmp_path / "swapped.png").size == (600, 60)
     swapped(shown, tmp_path / "swapped.png")
     sheet = np.asarray(Image.open(tmp_path / "swapped.png")).astype(int)
     assert sheet.shape[0] == 60 + 24 + 2 * 306 + 4 * 24, "the third test figure has no partner"

@@ -134,8 +134,8 @@ def draw(heads: list[str], lines: list[Line], note: str) -> Canvas:
         note: explains the views.
     """
     if not lines:
-        sheet = Canvas(2 * GUTTER, TOP)
-        sheet.text("nothing to show", GUTTER, TOP // 2, size=15, anchor="mm", color=FAINT)
+        sheet = Canvas(4 * GUTTER, TOP)
+        sheet.text("nothing to show: there are too few figures or lights", 2 * GUTTER, TOP // 2, size=15, anchor="mm", color=FAINT)
         return sheet
     heads = heads[: len(lines[0].views)]
     box = bounding_box([line.subject.mask for line in lines])
@@ -279,7 +279,7 @@ def swapped(shown: Shown, out: Path) -> None:
 
     def in_pairs(figures: int, lights: np.ndarray) -> list[tuple[int, np.ndarray]]:
         """Pairs figures of the first half with those of the second, who are other people; the second sees the swap."""
-        half, count = figures // 2, len(lights)
+        half, count = figures // 2 if len(lights) > 1 else 0, len(lights)
         pairs = [(place, lights[[i % count, (i + 1) % count]]) for i, place in enumerate(evenly_spaced(half, SWAPS))]
         return [one for place, swap in pairs for one in ((place, swap), (place + half, np.roll(swap, 1)))]
 
