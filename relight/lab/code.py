@@ -8,6 +8,7 @@ from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from relight import extensions
 from relight.settings import ROOT
@@ -18,6 +19,7 @@ WITHOUT_RESULTS = re.compile(
     r"relight(\.(cli|core\.(download|errors|files|lazy|libraries|processes|progress|version)|extensions"
     r"|lab(\.(?!page|training).*)?|settings(\..*)?))?"
 )
+DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
 SCRIPTS = ROOT / "workflow" / "scripts"
 
 
@@ -46,7 +48,7 @@ def code_hash(module: str) -> str:
     if path is None or not path.is_file():
         return ""
     content = path.read_bytes()
-    parts = [ast.dump(without_docstrings(ast.parse(content))) if path.suffix == ".py" else content.hex()]
+    parts = [syntax(ast.parse(content)) if path.suffix == ".py" else content.hex()]
     if path == base / "__init__.py":
         parts += [f"{file.relative_to(base)} {hashlib.sha256(file.read_bytes()).hexdigest()}" for file in data(base)]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
@@ -59,10 +61,16 @@ def data(package: Path) -> list[Path]:
     return sorted(file for file in found if file.is_file() and not apart(str(file.relative_to(package.parent))))
 
 
-def without_docstrings(tree: ast.AST) -> ast.AST:
-    """Removes the docstrings of a module, its classes and functions in place, and returns it."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            if ast.get_docstring(node, clean=False) is not None:
-                node.body = node.body[1:] or [ast.Pass()]
-    return tree
+def syntax(node: Any) -> str:
+    """Returns a syntax tree as text, alike in all versions of Python, without docstrings, positions and empty lists."""
+    if isinstance(node, list):
+        return f"[{','.join(map(syntax, node))}]"
+    if not isinstance(node, ast.AST):
+        return ascii(node)  # in which, unlike repr, the version of Unicode does not count
+    fields = dict(ast.iter_fields(node))
+    if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+        fields["body"] = fields["body"][1:]
+    if isinstance(node, ast.JoinedStr):  # Python 3.12 has empty parts
+        fields["values"] = [part for part in node.values if not (isinstance(part, ast.Constant) and part.value == "")]
+    parts = [f"{name}={syntax(value)}" for name, value in fields.items() if value != []]
+    return f"{type(node).__name__}({','.join(parts)})"
