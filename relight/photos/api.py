@@ -9,10 +9,11 @@ import numpy as np
 
 from relight.lights import Light
 from relight.photos.background import Background, read_background
-from relight.photos.look import AUTO, LightGiven, Look
+from relight.photos.inferred import AUTO, LightGiven, SceneOptions, read_light
+from relight.photos.look import Look
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.person import Person
-from relight.photos.scene import Scene, SceneOptions, named_light
+from relight.photos.scene import Scene
 from relight.pictures.picture import Given
 
 
@@ -64,8 +65,8 @@ class Relighter:
     def read_light(
         self, text: Path | str, mask_model: Path | str | None = None, white_balance: str = "keep"
     ) -> Light | None:
-        """Reads a light as a user names it: relight.photos.scene.named_light."""
-        return named_light(self.network, text, mask_model, white_balance)
+        """Reads a light as a user names it: relight.photos.inferred.read_light."""
+        return read_light(text, self.network, mask_model, white_balance)
 
     def relight(
         self,
@@ -87,7 +88,7 @@ class Relighter:
         Args:
             image: as `scene` takes it.
             mask: likewise.
-            light: a text for `read_light`, also of a photo of somebody, or as `Look` takes it.
+            light: as `Look` takes it.
             mode: `ratio` keeps all detail of the photo, `full` is albedo * shading.
             background: "keep", "transparent", "panorama" (the light's), a color, or a picture: a file, an array or an
                 image of Pillow; or a `Background`.
@@ -105,9 +106,8 @@ class Relighter:
         Raises:
             UserError: if an argument is not one of these.
         """
-        if isinstance(light, str | Path):
-            light = self.read_light(light, options.get("mask_model"), options.get("white_balance", "keep"))
-        look = Look(light, mode, read_background(background, blur, shadow), turn, stops, match)
+        read_by = self.network, options.get("mask_model"), options.get("white_balance", "keep")
+        look = Look(light, mode, read_background(background, blur, shadow), turn, stops, match, *read_by)
         scene = self.scene(image, mask, size, **options)
         _warn(scene, scene.notes_on(look))
         return scene.relit(look)

@@ -1,21 +1,16 @@
 """The commands `photo`, `movie` and `mask`."""
 
-import functools
-import inspect
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from relight.core.errors import UserError
 
 if TYPE_CHECKING:
-    from relight.photos.look import Look
-    from relight.photos.network import PhotoNetwork
-    from relight.photos.scene import SceneOptions
+    from relight.photos.inferred import SceneOptions
 
 app = typer.Typer()
 mask_app = typer.Typer(help="Automatic masks: set them up once, or write one to correct it.", no_args_is_help=True)
@@ -39,125 +34,52 @@ Lights, for --light:
 
 \b
 Examples:
-  {examples}
-
-All about it: docs/photos.md."""
-PHOTO_EXAMPLES = """relight photo me.jpg
+"""
+PHOTO = """  relight photo me.jpg
   relight photo me.jpg --light "key:#b8ccff@-70,30,0.1" --out cold
   relight photo me.jpg --background street.jpg
   relight photo me.jpg -l room:36 --background panorama --blur 3
-  relight photo holiday/ --light sky:3 --jobs 2"""
-MOVIE_EXAMPLES = """relight movie me.jpg --out turn.mp4
-  relight movie clip.mp4 --light room:12 --out relit.webm"""
+  relight photo holiday/ --light sky:3 --jobs 2
+
+All about it: docs/photos.md."""
+MOVIE = """  relight movie me.jpg --out turn.mp4
+  relight movie clip.mp4 --light room:12 --out relit.webm
+
+All about it: docs/photos.md."""
 
 
-LIGHT, BEHIND = "Light", "Background"
-# Flags, heading in the help, name of the value, and help of the options, by the name of the parameter; bounds. The rows
-# fit the help of a narrow terminal.
-OPTIONS: dict[str, tuple[str, str | None, str | None, str]] = {
-    "light": ("--light -l", LIGHT, "LIGHT", "The new light; see above. Several lights add up."),
-    "mask": ("--mask -m", None, "FILE", "White on the people, as large as the photo; of a clip, a folder or a video."),
-    "mask_model": ("--mask-model", None, "FILE", "ONNX network for automatic masks; or FILE:bgr, :rgb, :signed."),
-    "mode": ("--mode", None, "WORD", "ratio: photo times new over old shading, keeps detail; full: albedo times new."),
-    "lit_by": ("--lit-by", LIGHT, "LIGHT", "The photo's own light, if known: a panorama of the place, a lamp ..."),
-    "white_balance": ("--white-balance", LIGHT, "WORD", "keep: the photo's light is white; scene: as it is inferred."),
-    "background": ("--background -b", BEHIND, "WORD", "keep, transparent, panorama, a color (#334455) or a picture."),
-    "blur": ("--blur", BEHIND, "DEGREES", "Blur of the panorama or picture behind, degrees."),
-    "shadow": ("--shadow/--no-shadow", BEHIND, None, "Cast shadows on the ground of a new background."),
-    "turn": ("--turn", LIGHT, "DEGREES", "Turn the light about the vertical, to the right."),
-    "stops": ("--stops", LIGHT, "STOPS", "Brighten the result; negative: darken it."),
-    "absolute": ("--absolute", LIGHT, None, "Keep the light's own strength instead of matching it to the photo."),
-    "together": ("--together", None, None, "Take the whole mask as one person, even if it has several parts."),
-    "maps": ("--maps", None, None, "Also write albedo.png, shading.png and maps.exr."),
-    "weights": ("--weights -w", None, "FILE", "A network (.onnx); `relight export` writes one of a training."),
-    "jobs": ("--jobs -j", None, "N", "For a folder: photos relit at the same time."),
-    "seconds": ("--seconds", None, "SECONDS", "Length of the movie of a photo; by default 6."),
-    "fps": ("--fps", None, "N", "Frames per second, for a photo or a folder; by default 25."),
-    "turns": ("--turns", None, "N", "Turns of the light; by default 1 for a photo, 0 for a clip."),
-    "size": ("--size", None, "PIXELS", "Largest length of the longer side."),
-}
-BOUNDS = {
-    "blur": (0, 60), "turn": (-360, 360), "stops": (-8, 8), "jobs": (1, None), "seconds": (0.1, 600), "fps": (1, 120),
-    "size": (16, 4096),
-}  # fmt: skip
+# Options of both commands, in words that fit the help of a narrow terminal.
+lit = partial(typer.Option, rich_help_panel="Light")
+behind = partial(typer.Option, rich_help_panel="Background")
+file = partial(typer.Option, metavar="FILE")
+Lights = Annotated[list[str] | None, lit("--light", "-l", metavar="LIGHT", help="The new light. Several add up.")]
+LitBy = Annotated[str | None, lit(metavar="LIGHT", help="The photo's own light, if known: a lamp, a panorama ...")]
+White = Annotated[str, lit(metavar="WORD", help="keep: the photo's light is white; scene: as it is inferred.")]
+Turn = Annotated[
+    float, lit(min=-360, max=360, metavar="DEGREES", help="Turn the light about the vertical, to the right.")
+]
+Stops = Annotated[float, lit(min=-8, max=8, metavar="STOPS", help="Brighten the result; negative: darken it.")]
+Absolute = Annotated[bool, lit("--absolute", help="Keep the light's own strength, not matched to the photo.")]
+Behind = Annotated[
+    str,
+    behind("--background", "-b", metavar="WORD", help="keep, transparent, panorama, a color (#334455) or a picture."),
+]
+Blur = Annotated[float, behind(min=0, max=60, metavar="DEGREES", help="Blur of the panorama or picture behind.")]
+Shadow = Annotated[bool, behind(help="Cast shadows on the ground of a new background.")]
+Mask = Annotated[
+    Path | None,
+    file("--mask", "-m", help="White on the people, as large as the photo; of a clip, a folder or a video."),
+]
+MaskModel = Annotated[str | None, file(help="ONNX network for automatic masks; or FILE:bgr, :rgb, :signed.")]
+Mode = Annotated[
+    str, typer.Option(metavar="WORD", help="ratio: photo times new over old shading; full: albedo times new.")
+]
+Weights = Annotated[Path | None, file("--weights", "-w", help="A network (.onnx); `relight export` writes one.")]
 
 
-@dataclass(frozen=True)
-class Words:
-    """The options that `photo` and `movie` share, as a user types them."""
-
-    light: list[str] | None = None
-    lit_by: str | None = None
-    mode: str = "ratio"
-    white_balance: str = "keep"
-    background: str = "keep"
-    blur: float = 0.0
-    shadow: bool = True
-    turn: float = 0.0
-    stops: float = 0.0
-    absolute: bool = False
-    mask_model: str | None = None
-
-    def look(self, network: "PhotoNetwork") -> "Look":
-        """Reads the light and the background."""
-        from relight.photos.background import read_background
-        from relight.photos.look import Look
-        from relight.photos.scene import named_light
-
-        background = read_background(self.background, self.blur, self.shadow)
-        text = " + ".join(self.light or ["auto"])
-        light = named_light(network, text, self.mask_model, self.white_balance)
-        return Look(light, self.mode, background, self.turn, self.stops, not self.absolute)
-
-    def scene(self, network: "PhotoNetwork", together: bool = False) -> "SceneOptions":
-        """Reads the photo's own light, and returns the options of `Scene.of`."""
-        from relight.photos.scene import known_light
-
-        lit_by = known_light(network, self.lit_by, self.mask_model, self.white_balance)
-        words: SceneOptions = {"mask_model": self.mask_model, "white_balance": self.white_balance}
-        return {**words, "split": not together, "lit_by": lit_by}
-
-
-def with_options(examples: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Describes the parameters of a command that OPTIONS names, and gives it those of `Words` in place of `words`.
-
-    Args:
-        examples: for its help, which also lists the lights.
-    """
-
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        signature, shared = inspect.signature(command), inspect.signature(Words).parameters
-        own = [parameter for parameter in signature.parameters.values() if parameter.name != "words"]
-        parameters = list(map(_described, [*own, *shared.values()]))
-
-        @functools.wraps(command)
-        def wrapper(**values: Any) -> None:
-            words = Words(**{name: values.pop(name) for name in shared})
-            command(words=words, **values)
-
-        wrapper.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-        wrapper.__annotations__ = {p.name: p.annotation for p in parameters}
-        wrapper.__doc__ = f"{command.__doc__}{LIGHTS.format(examples=examples)}"
-        return wrapper
-
-    return decorate
-
-
-def _described(parameter: inspect.Parameter) -> inspect.Parameter:
-    if parameter.name not in OPTIONS:
-        return parameter
-    flags, panel, metavar, text = OPTIONS[parameter.name]
-    low, high = BOUNDS.get(parameter.name, (None, None))
-    option = typer.Option(*flags.split(), help=text, rich_help_panel=panel, metavar=metavar, min=low, max=high)
-    return parameter.replace(annotation=Annotated[parameter.annotation, option])
-
-
-@app.command()
-@with_options(PHOTO_EXAMPLES)
+@app.command(help=f"Relight the people in a photo, in several, or in each photo of a folder.{LIGHTS}{PHOTO}")
 def photo(
     paths: Annotated[list[Path], typer.Argument(help="A photo, several, or a folder of photos.", metavar="PHOTO...")],
-    words: Words,
-    mask: Path | None = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -167,16 +89,36 @@ def photo(
             metavar="FOLDER|FILE",
         ),
     ] = None,
-    together: bool = False,
-    maps: bool = False,
-    weights: Path | None = None,
-    jobs: int | None = None,
+    light: Lights = None,
+    lit_by: LitBy = None,
+    mode: Mode = "ratio",
+    white_balance: White = "keep",
+    background: Behind = "keep",
+    blur: Blur = 0.0,
+    shadow: Shadow = True,
+    turn: Turn = 0.0,
+    stops: Stops = 0.0,
+    absolute: Absolute = False,
+    mask: Mask = None,
+    mask_model: MaskModel = None,
+    weights: Weights = None,
+    together: Annotated[
+        bool, typer.Option("--together", help="Take the whole mask as one person, even if it has several parts.")
+    ] = False,
+    maps: Annotated[bool, typer.Option("--maps", help="Also write albedo.png, shading.png and maps.exr.")] = False,
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", "-j", min=1, help="For a folder: photos relit at the same time.", metavar="N"),
+    ] = None,
 ) -> None:
-    """Relight the people in a photo, in several, or in each photo of a folder."""
+    """Writes the results of photos."""
     from rich.console import Console
 
     from relight.core.files import PHOTO_SUFFIXES
+    from relight.photos.background import read_background
     from relight.photos.folder import BEFORE_AFTER, Summary, photos_in, relight_file, relight_photos, relight_to
+    from relight.photos.inferred import known_light
+    from relight.photos.look import Look
     from relight.photos.mask.find import NoMaskNetwork
     from relight.photos.network import read_network
 
@@ -189,7 +131,10 @@ def photo(
         out = Path("relit") if several else named.with_name(f"{named.stem if path.is_file() else named.name}_relit")
     picture = out if out.suffix.lower() in (*PHOTO_SUFFIXES, ".exr", ".psd") and not out.is_dir() else None  # alone
     network = read_network(weights)
-    look, options = words.look(network), words.scene(network, together)
+    read_by = network, mask_model, white_balance
+    look = Look(light, mode, read_background(background, blur, shadow), turn, stops, not absolute, *read_by)
+    options: SceneOptions = {"mask_model": mask_model, "split": not together, "white_balance": white_balance}
+    options["lit_by"] = known_light(lit_by, *read_by)
     if maps and picture:
         raise UserError(f"--maps writes several files, and --out {out} is one picture: give a folder")
     if several or path.is_dir():
@@ -226,35 +171,64 @@ def photo(
         print(f"note: {note}")
 
 
-@app.command()
-@with_options(MOVIE_EXAMPLES)
+@app.command(
+    help="Write a movie: a photo under a turning light, or a relit clip of moving people. The exposure is fixed."
+    f"{LIGHTS}{MOVIE}"
+)
 def movie(
     path: Annotated[Path, typer.Argument(help="A photo, a video, or a folder of frames.", metavar="PHOTO|CLIP")],
-    words: Words,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="The movie: .mp4, .webm or .gif; by default CLIP_relit.mp4.", metavar="FILE"),
     ] = None,
-    mask: Path | None = None,
-    seconds: float | None = None,
-    fps: float | None = None,
-    turns: float | None = None,
-    size: int = 1080,
-    weights: Path | None = None,
+    light: Lights = None,
+    lit_by: LitBy = None,
+    mode: Mode = "ratio",
+    white_balance: White = "keep",
+    background: Behind = "keep",
+    blur: Blur = 0.0,
+    shadow: Shadow = True,
+    turn: Turn = 0.0,
+    stops: Stops = 0.0,
+    absolute: Absolute = False,
+    mask: Mask = None,
+    mask_model: MaskModel = None,
+    weights: Weights = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option(min=0.1, max=600, help="Length of the movie of a photo; by default 6.", metavar="SECONDS"),
+    ] = None,
+    fps: Annotated[
+        float | None,
+        typer.Option(min=1, max=120, help="Frames per second, for a photo or a folder; by default 25.", metavar="N"),
+    ] = None,
+    turns: Annotated[
+        float | None,
+        typer.Option(help="Turns of the light; by default 1 for a photo, 0 for a clip.", metavar="N"),
+    ] = None,
+    size: Annotated[
+        int, typer.Option(min=16, max=4096, help="Largest length of the longer side.", metavar="PIXELS")
+    ] = 1080,
 ) -> None:
-    """Write a movie: a photo under a turning light, or a relit clip of moving people. The exposure is fixed."""
+    """Writes a movie."""
     from relight.pictures.video import require_writable_video
 
     out = out or Path(f"{path.stem}_relit.mp4")
     require_writable_video(out)
     if not path.exists():
         raise UserError(f"movie: there is no file or folder {path}")
+    from relight.photos.background import read_background
     from relight.photos.folder import require_unused
+    from relight.photos.inferred import known_light
+    from relight.photos.look import Look
     from relight.photos.movie import write_movie
     from relight.photos.network import read_network
 
     network = read_network(weights)
-    look, options = words.look(network), words.scene(network)
+    read_by = network, mask_model, white_balance
+    look = Look(light, mode, read_background(background, blur, shadow), turn, stops, not absolute, *read_by)
+    options: SceneOptions = {"mask_model": mask_model, "white_balance": white_balance}
+    options["lit_by"] = known_light(lit_by, *read_by)
     require_unused(out, path, mask, look, options["lit_by"])
     notes = write_movie(network, path, mask, out, look, seconds, fps, turns, size, **options)
     print("\n".join([str(out), *(f"note: {note}" for note in notes)]))

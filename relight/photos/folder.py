@@ -26,10 +26,11 @@ from relight.core.version import __version__
 from relight.lights import Light
 from relight.lights.light import parts_of
 from relight.lights.place import split_place
+from relight.photos.inferred import SceneOptions, require_white_balance
 from relight.photos.look import Look
 from relight.photos.mask.find import automatic_model
 from relight.photos.network import PhotoNetwork, read_network
-from relight.photos.scene import Scene, SceneOptions, require_white_balance
+from relight.photos.scene import Scene
 from relight.photos.tone import DISPLAY_STOPS, KNEE
 from relight.photos.write import write_before_after, write_light_files, write_maps, write_picture
 from relight.pictures.codes import on_white
@@ -80,8 +81,8 @@ def relight_file(
     picture, people = scene.picture, scene.people
     writable_folder(out, "--out", BYTES_PER_PIXEL * picture.pixels[..., 0].size)
     name = look.light.source if look.light else scene.lamp
-    light, background = scene.exposed(look)
-    relit = next(scene.turned(look, light, background))
+    exposed = scene.exposed(look)
+    relit = next(scene.turned(look, exposed))
     (out / RECORD).unlink(missing_ok=True)  # until all results are of this look
     write_picture(out / f"relit{picture.suffix}", relit)
     write_before_after(out / BEFORE_AFTER, picture.rgba, relit)
@@ -91,7 +92,7 @@ def relight_file(
         write_light_files(
             out / ("light" if len(people) == 1 else f"light_{i}"), person.light, f"inferred from {picture.name}"
         )
-    turned = rotate_y(light, np.radians(look.turn)).astype(np.float32)
+    turned = rotate_y(exposed.light, np.radians(look.turn)).astype(np.float32)
     write_light_files(out / "new_light", turned, f"{name}, turned by {look.turn:g} degrees")
     record = {
         "photo": str(path),

@@ -20,13 +20,14 @@ from relight.core.errors import UserError
 from relight.core.numbers import finite
 from relight.core.progress import progress
 from relight.maps.square import MASK_THRESHOLD, Crop, crop_around
+from relight.photos.inferred import SceneOptions, require_white_balance
 from relight.photos.look import Look
 from relight.photos.mask.coverage import GREY, coverage_of
 from relight.photos.mask.find import masked
 from relight.photos.mask.people import mask_warnings
 from relight.photos.network import PhotoNetwork
 from relight.photos.person import Person, balanced, infer_person
-from relight.photos.scene import Scene, SceneOptions, require_white_balance
+from relight.photos.scene import Scene
 from relight.pictures.codes import on_white
 from relight.pictures.opening import list_photos, list_pictures, mask_in
 from relight.pictures.picture import Given, Picture
@@ -94,7 +95,7 @@ def write_movie(
     count = max(1, round((seconds or SECONDS) * fps))
     turn = 2 * np.pi * (1.0 if turns is None else turns) / count
     exposed = scene.exposed(look, turning=turn != 0)
-    frames = map(on_white, scene.turned(look, *exposed, [turn * i for i in range(count)]))
+    frames = map(on_white, scene.turned(look, exposed, [turn * i for i in range(count)]))
     write_video(out, progress(frames, "frames", total=count), fps)
     return light_notes + scene.notes + _white_notes(scene.picture, look)
 
@@ -135,7 +136,7 @@ def _relight_clip(
         for i, scene in enumerate(smooth_over_time(pictures, network.size, infer)):
             exposed = exposed or scene.exposed(look, turning=turns != 0)
             turn = 2 * np.pi * turns * i / (count or UNKNOWN_LENGTH)
-            yield from map(on_white, scene.turned(look, *exposed, [turn]))
+            yield from map(on_white, scene.turned(look, exposed, [turn]))
 
     return relit(), count, fps
 

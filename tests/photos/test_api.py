@@ -12,7 +12,7 @@ from relight.lights import Light, load_light
 from relight.panoramas import luminance
 from relight.photos.background import read_background
 from relight.photos.look import Look
-from relight.photos.scene import degrees_apart
+from relight.photos.inferred import degrees_apart
 from relight.sh import deringed
 
 LIGHT = "key:#ffeedd@60,20"
@@ -62,7 +62,8 @@ def test_what_is_wrong_is_said(relighter, photo_files):
         ({"background": np.zeros((9, 9, 3), int)}, "the background is int64"),
         ({"background": "panorama", "light": "key:#ffeedd@45,30"}, "this light has no panorama"),
         ({"mode": "best"}, "neither ratio nor full"),
-        ({"light": ["room:1", "other.jpg"]}, "is read by `Relighter.read_light`"),
+        ({"light": ["room:1", "other.jpg"]}, r"there is no file other\.jpg"),
+        ({"light": "room:1 + auto"}, "auto is neither a file nor a light"),
     ],
 )
 def test_options_that_are_no_numbers_or_texts_are_refused(relighter, photo_files, options, says):
@@ -110,7 +111,10 @@ def test_a_light_by_name_and_as_an_object_are_one(relighter, photo_files):
         np.testing.assert_array_equal(relighter.relight(me, mask, light), by_name)
     assert (relighter.relight(me, mask, load_light(lamp).coefficients) != by_name).any()
     own = relighter.read_light(str(me))
-    np.testing.assert_array_equal(relighter.relight(me, mask, own), relighter.relight(me, mask, own.coefficients))
+    for same in (own.coefficients, str(me), me, [me], Look(me, network=relighter.network).light):
+        np.testing.assert_array_equal(relighter.relight(me, mask, same), relighter.relight(me, mask, own))
+    both = Look(f"{me} + {lamp}", network=relighter.network).light
+    np.testing.assert_allclose(both.coefficients, own.coefficients + load_light(lamp).coefficients, atol=1e-6)
 
 
 def test_the_api_takes_what_the_command_takes(relighter, photo_files, run, weights, tmp_path):

@@ -177,7 +177,7 @@ def test_shadows_are_on_new_backgrounds_only(kind, relighter, draw):
     pixels, mask = draw()
     scene = relighter.scene(pixels, mask)
     figures, grey = scene.people, np.full((180, 140, 3), 150, np.uint8)
-    own = Light(scene.exposed(Look("room:2"))[0], "me.png", Panorama(np.full((8, 16, 3), 0.1, np.float32)))
+    own = Light(scene.exposed(Look("room:2")).light, "me.png", Panorama(np.full((8, 16, 3), 0.1, np.float32)))
     look = Look(own, background=Background(kind, color=grey[0, 0], picture=grey), match=False)
     light, behind = scene.exposed(look)
     shaded = render(pixels, figures, light, "ratio", behind)
@@ -186,7 +186,7 @@ def test_shadows_are_on_new_backgrounds_only(kind, relighter, draw):
     assert (shaded[away] <= without[away]).all() and shaded[away].mean() < without[away].mean() - 1
     assert np.array_equal(shaded[mask == 255], without[mask == 255])
     assert np.array_equal(shaded[:60][away[:60]], without[:60][away[:60]])
-    first, second = scene.turned(look, light, behind, [0, np.pi])
+    first, second = scene.turned(look, (light, behind), [0, np.pi])
     turned = rotate_y(light, np.pi).astype(np.float32)
     assert np.array_equal(first, shaded)
     assert np.array_equal(second, render(pixels, figures, turned, "ratio", behind, turn=np.pi))

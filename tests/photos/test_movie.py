@@ -55,7 +55,7 @@ def test_a_failed_movie_leaves_the_old_one(tmp_path):
 
 def turned(scene, look, count):
     """Frames of a whole turn of the light."""
-    return list(scene.turned(look, *scene.exposed(look, turning=True), 2 * np.pi * np.arange(count) / count))
+    return list(scene.turned(look, scene.exposed(look, turning=True), 2 * np.pi * np.arange(count) / count))
 
 
 @pytest.mark.slow
