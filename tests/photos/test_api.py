@@ -11,8 +11,8 @@ from relight.core.errors import UserError
 from relight.lights import Light, load_light
 from relight.panoramas import luminance
 from relight.photos.background import read_background
-from relight.photos.look import Look
 from relight.photos.inferred import degrees_apart
+from relight.photos.look import Look
 from relight.sh import deringed
 
 LIGHT = "key:#ffeedd@60,20"
