@@ -27,7 +27,7 @@ from relight.core.errors import UserError
 from relight.learning.checkpoint import load_network, save_network
 from relight.learning.networks import build
 from relight.lights import load_light
-from relight.figures.save import save_figure
+from relight.figures.make import save_figure
 from omegaconf import OmegaConf
 
 words = ["scale=smoke", "model.name=mine", "+loss.extra.mine=0.5", "figures.source=mine", "figures.per_subject=4"]

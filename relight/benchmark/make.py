@@ -11,18 +11,9 @@ import numpy as np
 import OpenEXR
 from PIL import Image
 
+from relight.benchmark import recipes
 from relight.benchmark.files import INDEX, MAPS, keep_record, write_arrays
 from relight.benchmark.picture import Picture, Settings, render_picture
-from relight.benchmark.recipes import (
-    FIGURES,
-    HASHES,
-    REAL,
-    SPARE_OFFSET,
-    VIEWS,
-    digest,
-    draw_recipes,
-    with_gloss,
-)
 from relight.core.errors import UserError
 from relight.core.files import atomic_folder, atomic_write, file_hash, writable_folder, write_json
 from relight.core.progress import progress
@@ -57,11 +48,11 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
     folder, settings = Path(folder), settings or Settings()
     if settings.size < 64 or settings.size % 16:
         raise UserError(f"--size {settings.size}: must be a multiple of 16, and at least 64")
-    wanted = draw_recipes(kind, count)
-    if len(wanted) == FIGURES * VIEWS and digest(wanted) != HASHES[kind]:
+    wanted = recipes.draw_recipes(kind, count)
+    if len(wanted) == recipes.FIGURES * recipes.VIEWS and recipes.digest(wanted) != recipes.HASHES[kind]:
         raise RuntimeError(f"the recipes of {kind} have changed, but those of a published set must not")
     import_mitsuba()
-    if kind == REAL:
+    if kind == recipes.REAL:
         panorama_file(NAMES[0])  # fails before the first figure is drawn
     writable_folder(folder, "--out", int(BYTES_PER_PICTURE * len(wanted) * (settings.size / 512) ** 2))
     plan = {"format": FORMAT, "set": kind, "settings": asdict(settings)}
@@ -69,7 +60,7 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
     keep_record(folder / "plan.json", plan, problem)
     missing = [recipe for recipe in wanted if not (folder / "inputs" / recipe.name).is_dir()]
     for seed, group in groupby(progress(missing, "pictures"), lambda recipe: recipe.seed):
-        mesh = with_gloss(make_mesh(seed, settings), seed)
+        mesh = recipes.with_gloss(make_mesh(seed, settings), seed)
         for recipe in group:
             picture = render_picture(recipe, mesh, settings)
             info = {"name": recipe.name, "subject": mesh.info["subject"], "view": asdict(recipe.view)}
@@ -89,7 +80,7 @@ def make_mesh(seed: int, settings: Settings) -> Mesh:
     facing = Align(up="+y", front="+z")
     for spare in range(ATTEMPTS):
         try:
-            return align(make_figure(seed + spare * SPARE_OFFSET, settings.detail, settings.texture), facing)
+            return align(make_figure(seed + spare * recipes.SPARE_OFFSET, settings.detail, settings.texture), facing)
         except UserError as error:
             reason = error
     raise UserError(f"seed {seed}: {reason}")

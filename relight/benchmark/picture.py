@@ -102,7 +102,6 @@ def render_picture(recipe: PictureRecipe, mesh: Mesh, settings: Settings) -> Pic
     background = math.pi * camera_view(light, (size, size))  # as bright as a white diffuse surface that faces it
     linear = render(light, seed=1) + (1 - coverage) * background
     relit = [to_bytes(encode(render(source, seed=2 + i))) for i, source in enumerate(new)]
-    # `PathTracer.irradiance` would divide by the albedo of the same samples, but takes six times as long.
     diffuse_tracer = PathTracer(mesh, size, camera)
     diffuse = math.pi * diffuse_tracer.radiance(resampled(light), settings.samples, BOUNCES, seed=0)
     shading = diffuse / np.maximum(maps.albedo * coverage, MIN_ALBEDO)

@@ -4,8 +4,6 @@ Only `encode` clips, since codes outside [0,1] cannot be displayed; linear value
 a network's coded albedo. Floats keep their type.
 """
 
-from functools import cache
-
 import numpy as np
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec. 709
@@ -27,17 +25,12 @@ def to_bytes(code: np.ndarray) -> np.ndarray:
     return (np.clip(code, 0, 1) * 255).round().astype(np.uint8)
 
 
-@cache
-def _linear_16() -> np.ndarray:
-    """Returns the linear value (65536,) float32 of each 16-bit code."""
-    return decode(np.arange(65536) / 65535).astype(np.float32)
-
-
 def to_linear(pixels: np.ndarray) -> np.ndarray:
     """Returns the linear float32 values of uint8 or uint16 codes; of floats, which are linear already, themselves."""
     if pixels.dtype.kind == "f":
         return pixels
-    return LINEAR[pixels] if pixels.dtype == np.uint8 else _linear_16()[pixels]
+    return LINEAR[pixels] if pixels.dtype == np.uint8 else LINEAR_16[pixels]
 
 
 LINEAR = decode(np.arange(256) / 255).astype(np.float32)  # linear value of each 8-bit code
+LINEAR_16 = decode(np.arange(65536) / 65535).astype(np.float32)  # and of each 16-bit code

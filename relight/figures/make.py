@@ -1,10 +1,12 @@
 """Makes a clothed figure from an integer seed: draws it, drapes it, and draws again until it passes the gates."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from relight.core.errors import UserError
+from relight.extensions import extension
 from relight.figures.assemble import props
 from relight.figures.assemble.assembly import Assembly
 from relight.figures.assemble.builder import Builder
@@ -21,6 +23,8 @@ from relight.figures.draw.person import Expression, Person, sample_expression
 from relight.figures.draw.poses import Pose
 from relight.figures.gates import checks
 from relight.meshes import Mesh
+from relight.meshes.left_out import save_mesh
+from relight.settings import Figures
 
 GENERATOR = 11  # raised when the same seed gives another figure
 ATTEMPTS = 8
@@ -175,3 +179,36 @@ def attempt_figure(
     mesh = builder.mesh(info, all_outfits)
     reason = checks.check_figure(mesh, np.concatenate(builder.layers))
     return (None, reason) if reason else (mesh, None)
+
+
+def save_figure(name: str, figures: Figures, out: Path) -> None:
+    """Makes the figure of a seed and saves it.
+
+    Args:
+        name: g and the seed, such as g0012.
+        figures: settings.
+        out: the mesh record (.npz).
+    """
+    seed = int(name[1:])
+
+    def make() -> Mesh:
+        if figures.source == "generated":
+            constraints = Constraints(
+                figures.sitting, tuple(figures.poses), tuple(figures.garments), tuple(figures.hair)
+            )
+            mesh = make_figure(
+                seed,
+                detail=figures.detail,
+                texture=figures.texture,
+                per_subject=figures.per_subject,
+                outfits=figures.outfits,
+                constraints=constraints,
+            )
+        else:
+            mesh = extension(figures.source, "figure")(figures, seed)
+        mesh.info.update(name=name, axes={"up": "+y", "front": "+z"})
+        mesh.info.setdefault("subject", subject)
+        return mesh
+
+    subject = subject_of(seed, figures.per_subject)
+    save_mesh(make, {"name": name, "subject": subject, "outfits": [None] * figures.outfits}, out)

@@ -167,8 +167,13 @@ def export(network: Network, path: Path | str, config: dict[str, Any]) -> float:
             program, input_names=INPUTS, output_names=OUTPUTS, dynamo=True, optimize=False, verbose=False
         )
         assert onnx is not None  # as it is where dynamo=False
+
         # All that torch.onnx would do to the graph but to fuse layers and to compute with weights.
-        fold_constants(onnx.model, should_fold=lambda node: False if _reads_weights(node) else None)
+        def should_fold(node: Any) -> bool | None:
+            reads_weights = any(value is not None and value.name.startswith(PREFIX) for value in node.inputs)
+            return False if reads_weights else None
+
+        fold_constants(onnx.model, should_fold=should_fold)
         remove_unused_nodes(onnx.model)
         onnx.save(str(tmp), external_data=False)
         _finish(tmp, {"size": network.size, **config})
@@ -229,11 +234,6 @@ def _open_sized(network: Network) -> Network:
             elif isinstance(child, Refinement):
                 setattr(module, name, OpenRefinement(child))
     return network
-
-
-def _reads_weights(node: Any) -> bool:
-    """Returns whether a node of the graph has a weight of the network among its inputs."""
-    return any(value is not None and value.name.startswith(PREFIX) for value in node.inputs)
 
 
 def _finish(path: Path, config: dict[str, Any]) -> None:

@@ -145,8 +145,7 @@ def to_relight(array: np.ndarray, name: str) -> np.ndarray:
     >>> to_relight(np.eye(9, 3), "ramamoorthi2001")[2].tolist()  # odd in z
     [-0.0, -0.0, -1.0]
     """
-    to_ours, _ = converters(name)
-    return to_ours(as_table(array))
+    return converters(name)[0](as_table(array))
 
 
 def from_relight(array: np.ndarray, name: str) -> np.ndarray:
@@ -155,8 +154,7 @@ def from_relight(array: np.ndarray, name: str) -> np.ndarray:
     Raises:
         UserError: if there is no such convention, or if it cannot express the light.
     """
-    _, from_ours = converters(name)
-    return from_ours(as_table(array))
+    return converters(name)[1](as_table(array))
 
 
 def converters(name: str) -> tuple[Converter, Converter]:

@@ -8,7 +8,7 @@ from relight.figures.drape import simulate
 from relight.figures.drape.colliders import Collider
 from relight.figures.drape.solver import ClothSolver, SolverSettings
 from relight.figures.draw.garments import Cloth
-from relight.figures.gates import crossings
+from relight.figures.gates.checks import crossing
 from relight.figures.gates.rings import winding
 from relight.figures.surfaces import grid_faces
 
@@ -114,26 +114,26 @@ def standing(n=21):
 
 def test_crossing_measures_cloth_through_cloth():
     flat, wall = square(), standing()
-    found = crossings.crossing([flat, wall], [flat[0], wall[0]])
+    found = crossing([flat, wall], [flat[0], wall[0]])
     for share, (_, faces) in zip(found, (flat, wall)):
         assert 20 / len(faces) <= share <= 60 / len(faces)  # the faces along a line of 20 edges
     clear = wall[0] + [0, 0.25, 0], wall[1]
-    assert crossings.crossing([flat, clear], [flat[0], clear[0]]) == [0, 0]
+    assert crossing([flat, clear], [flat[0], clear[0]]) == [0, 0]
 
 
 def test_crossing_ignores_a_graze():
     flat, other = square(), square()
     bent = other[0] + np.stack([0 * other[0][:, 0], 0.002 * np.sin(60 * other[0][:, 0]), 0 * other[0][:, 0]], axis=1)
-    assert crossings.crossing([flat, (bent, other[1])], [flat[0], other[0]]) == [0, 0]
+    assert crossing([flat, (bent, other[1])], [flat[0], other[0]]) == [0, 0]
 
 
 def test_crossing_of_a_garment_with_itself_needs_a_distant_pattern():
     flat, wall = square(), standing()
     both = np.concatenate([flat[0], wall[0]]), np.concatenate([flat[1], wall[1] + len(flat[0])])
     far = np.concatenate([flat[0], wall[0] + [3, 0, 0]])
-    assert crossings.crossing([both], [far])[0] > 0.02
+    assert crossing([both], [far])[0] > 0.02
     near = np.zeros_like(far)
-    assert crossings.crossing([both], [near]) == [0]
+    assert crossing([both], [near]) == [0]
 
 
 def test_pin_holds_a_fully_pinned_vertex_at_its_target():

@@ -1,7 +1,7 @@
 from pathlib import Path
 
 from relight.core.progress import progress
-from relight.figures.save import save_figure
+from relight.figures.make import save_figure
 from relight.lab.job import job
 from relight.settings import Figures
 

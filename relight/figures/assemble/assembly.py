@@ -14,16 +14,8 @@ from relight.figures.drape import collars, trims
 from relight.figures.drape.colliders import Collider
 from relight.figures.drape.dress import Detail, DrapedGarment
 from relight.figures.draw.outfits import Outfit
-from relight.figures.dye import panels, skin
-from relight.figures.dye.paints import (
-    Paint,
-    accessory_paint,
-    cord_paint,
-    garment_paint,
-    hair_material,
-    shoe_paint,
-    skin_material,
-)
+from relight.figures.dye import paints, panels, skin
+from relight.figures.dye.paints import Paint
 from relight.figures.surfaces import Surface, loop, normals, quarters, stacked, thickened
 from relight.meshes import Material
 
@@ -100,7 +92,7 @@ class Assembly:
         no_hands = makehuman.bone_weights("finger", "metacarpal", "wrist") < 0.3
         for cover in self.covers:
             posed = push_under(posed, faces, cover.surface, SKIN_GAP, no_hands, facing)
-        material = skin_material(self.body.person, self.outfit, self.detail.texture, self.seed)
+        material = paints.skin_material(self.body.person, self.outfit, self.detail.texture, self.seed)
         self.builder.add(*refined(posed, faces[shown], uv[shown], self.detail.body), material, layer=0)
         return posed
 
@@ -129,7 +121,7 @@ class Assembly:
         garment, is_scarf = pattern.garment, pattern.garment.kind == "scarf"
         positions, keep = self.under_outer_layers(worn, self.covers[number + 1 :])
         atlas = panels.lay_out(*panels.cloth_coordinates(pattern), self.detail.texture)
-        paint = garment_paint(pattern, number, atlas)
+        paint = paints.garment_paint(pattern, number, atlas)
         # A scarf is seen from both sides; other garments get an inner layer along their borders, 2 or 3 edges wide.
         rings = None if is_scarf else 3 if self.detail.refine > 1 else 2
         vertices, thick_faces, corner = thickened(positions, faces, garment.thickness, rings)
@@ -147,7 +139,7 @@ class Assembly:
                 if trim is not None:
                     self.builder.add(*trim, paint)
             if garment.collar == "hood":
-                cords = cord_paint(number)
+                cords = paints.cord_paint(number)
                 for cord_vertices, cord_faces in collars.cords(positions, faces[~pattern.sleeve], neck):
                     self.builder.add(cord_vertices, cord_faces, uv=None, paint=cords)
         return positions
@@ -184,7 +176,7 @@ class Assembly:
             vertices, faces = self.under_outer_tops(tie, shown, shirt)
             flat = np.stack([vertices @ neck.aside, vertices[:, 1]], axis=1)
             uv = (flat - flat.min(0)) / np.ptp(flat[:, 1])
-            self.builder.add(vertices, faces, uv[faces], accessory_paint("tie", self.side(share=4)))
+            self.builder.add(vertices, faces, uv[faces], paints.accessory_paint("tie", self.side(share=4)))
 
     def add_belt(self, shown: list[np.ndarray]) -> None:
         """Adds the belt with its buckle, if the outfit has one; `shown` are the vertices of `cut`, as added."""
@@ -201,7 +193,7 @@ class Assembly:
         ahead = self.motion.bone("root")[:, 2]
         parts = trims.belt(positions, trunk, under, ahead, BELT_WIDTH)
         buckle = Material(np.array(METAL, np.float32), name="buckle")
-        for part, paint in zip(parts, (accessory_paint("belt", self.side(share=8)), buckle)):
+        for part, paint in zip(parts, (paints.accessory_paint("belt", self.side(share=8)), buckle)):
             vertices, faces = self.under_outer_tops(part, shown, outermost)
             flat = np.stack([vertices[:, 0] - vertices[:, 2], vertices[:, 1]], axis=1)
             self.builder.add(vertices, faces, (flat - flat.min(0))[faces], paint)
@@ -223,23 +215,23 @@ class Assembly:
     def add_shoes(self) -> None:
         """Adds both shoes, their uppers pushed under the garments."""
         parts = footwear.build_shoes(self.motion, self.outfit.shoe)
-        paints = {part.name: shoe_paint(part.name) for part in parts}  # one for both feet
+        by_part = {part.name: paints.shoe_paint(part.name) for part in parts}  # one for both feet
         for part in parts:
             vertices, is_sole = part.vertices, part.name == "sole"
             for cover in () if is_sole else self.covers:
                 vertices = push_under(vertices, part.faces, cover.surface, GAP)
-            self.builder.add(vertices, part.faces, None, paints[part.name], layer=-1 if is_sole else 0)
+            self.builder.add(vertices, part.faces, None, by_part[part.name], layer=-1 if is_sole else 0)
 
     def add_hair(self, below: Surface) -> None:
         """Adds hair, beard, brows, lashes and hat over the surface `below`: vertices and faces of skin and clothes."""
         outfit, side = self.outfit, self.side(share=4)
         parts = build_hair(self.motion, outfit.hair, outfit.beard, below, self.seed, fine=self.detail.body > 0)
-        paints: dict[str, Paint] = {
-            kind: accessory_paint("hat", side) if kind == "hat" else hair_material(outfit, kind, side, self.seed)
-            for kind in dict(parts)
+        by_kind: dict[str, Paint] = {
+            kind: paints.hair_material(outfit, kind, side, self.seed) for kind in dict(parts) if kind != "hat"
         }
+        by_kind["hat"] = paints.accessory_paint("hat", side)
         for kind, (vertices, faces, uv) in parts:
-            self.builder.add(vertices, faces, uv[faces], paints[kind])
+            self.builder.add(vertices, faces, uv[faces], by_kind[kind])
 
 
 def refined(

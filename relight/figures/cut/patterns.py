@@ -58,7 +58,10 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
         levels: number of subdivisions; edges of 25 mm become 13 and 6 mm long.
     """
     suit = suit_fields(body)
-    garment = _with_drop_for(body, garment)
+    # The length of a drop is proportional to the legs, and begins at the garment's seam, above the hips, if it has one.
+    leg = body.joints["upperleg01.L"][1] - body.joints["foot.L"][1]
+    above = 0.0 if garment.seam is None else hem_height(body, garment) - body.heights["crotch"] - HEM
+    garment = replace(garment, drop=garment.drop * min(1.1, leg / LEG) + above)
     matrix, faces, sleeve = cut_from_suit(body, garment, suit)
     fields = {name: matrix @ values for name, values in suit.items()}
     weights = matrix @ makehuman.rig().weights[makehuman.TIGHTS]
@@ -93,17 +96,6 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
     level.start[above_drop] += 0.7 * (level.rest_shape - level.start)[above_drop]  # most of the ease after all
     sleeve = np.r_[sleeve, np.zeros(len(level.faces) - len(sleeve), bool)]
     return refined(body, garment, level, fields, sleeve, levels)
-
-
-def _with_drop_for(body: Body, garment: Garment) -> Garment:
-    """Returns the garment with the length of its drop for one body.
-
-    It is proportional to the legs, and begins at the garment's seam, above the hips, if it has one.
-    """
-    leg = body.joints["upperleg01.L"][1] - body.joints["foot.L"][1]
-    drop = garment.drop * min(1.1, leg / LEG)
-    above = 0.0 if garment.seam is None else hem_height(body, garment) - body.heights["crotch"] - HEM
-    return replace(garment, drop=drop + above)
 
 
 def refined(body: Body, garment: Garment, coarsest: Level, fields: Fields, sleeve: np.ndarray, levels: int) -> Pattern:

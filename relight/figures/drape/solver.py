@@ -10,17 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from relight.figures.drape import kernels
 from relight.figures.drape.colliders import Collider, vec3_array
-from relight.figures.drape.kernels import (
-    find_nearest_faces,
-    find_self_contacts,
-    integrate,
-    pull_to_targets,
-    resolve_contacts,
-    resolve_self_contacts,
-    solve_distance_constraints,
-    update_velocity,
-)
 from relight.figures.draw.garments import Cloth
 from relight.figures.surfaces import edges
 
@@ -142,19 +133,19 @@ class ClothSolver:
             wp.launch(kernel, dim=self.n, inputs=list(inputs))
 
         contact, partners = [self.contact_face, self.contact_barycentric], [self.partners, MAX_PARTNERS]
-        launch(find_nearest_faces, collider.mesh.id, self.x, CONTACT_RANGE, *contact)
+        launch(kernels.find_nearest_faces, collider.mesh.id, self.x, CONTACT_RANGE, *contact)
         self.grid.build(self.x, self.mean_edge)
-        launch(find_self_contacts, self.grid.id, self.x, self.rest_shape, self.mean_edge, *partners)
+        launch(kernels.find_self_contacts, self.grid.id, self.x, self.rest_shape, self.mean_edge, *partners)
         for k in range(settings.substeps):
-            launch(integrate, self.x, self.v, self.previous, settings.gravity, dt, damping)
+            launch(kernels.integrate, self.x, self.v, self.previous, settings.gravity, dt, damping)
             inputs = [self.x, self.pairs, self.rest_length, self.stiffness, len(self.pairs), settings.iterations]
-            wp.launch(solve_distance_constraints, dim=1, inputs=inputs)
-            launch(resolve_self_contacts, self.x, self.resolved, *partners, 0.9 * self.mean_edge)
+            wp.launch(kernels.solve_distance_constraints, dim=1, inputs=inputs)
+            launch(kernels.resolve_self_contacts, self.x, self.resolved, *partners, 0.9 * self.mean_edge)
             self.x, self.resolved = self.resolved, self.x
             times = [k / settings.substeps, (k + 1) / settings.substeps]  # of the substep's start and end in the frame
             surface = [*self.contacts(collider), *times, cloth.thickness, cloth.friction, ground]
-            launch(resolve_contacts, self.x, self.previous, *surface)
-            launch(update_velocity, self.x, self.previous, self.v, dt, MAX_SPEED)
+            launch(kernels.resolve_contacts, self.x, self.previous, *surface)
+            launch(kernels.update_velocity, self.x, self.previous, self.v, dt, MAX_SPEED)
 
     def pin(self, index: np.ndarray, weight: np.ndarray, target: np.ndarray, collider: Collider, ground: float) -> None:
         """Pulls vertices to their targets, then resolves contacts.
@@ -173,8 +164,8 @@ class ClothSolver:
         soft: wp.array = wp.array(weight.astype(np.float32), dtype=float)
         hard: wp.array = wp.array((weight > 0.99).astype(np.float32), dtype=float)
         targets = vec3_array(target)
-        wp.launch(pull_to_targets, dim=len(index), inputs=[self.x, vertices, soft, targets])
+        wp.launch(kernels.pull_to_targets, dim=len(index), inputs=[self.x, vertices, soft, targets])
         times, friction = [1.0, 1.0], 0.0  # the collider stands still at the end of the frame
         surface = [*self.contacts(collider), *times, self.cloth.thickness, friction, ground]
-        wp.launch(resolve_contacts, dim=self.n, inputs=[self.x, self.x, *surface])
-        wp.launch(pull_to_targets, dim=len(index), inputs=[self.x, vertices, hard, targets])
+        wp.launch(kernels.resolve_contacts, dim=self.n, inputs=[self.x, self.x, *surface])
+        wp.launch(kernels.pull_to_targets, dim=len(index), inputs=[self.x, vertices, hard, targets])

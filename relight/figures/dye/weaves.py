@@ -114,16 +114,6 @@ def check(swatch: Swatch) -> np.ndarray:
     return mixed(color, further_color(swatch.fabric, "third color"), 0.6 * np.maximum(*lines))
 
 
-def all_over_print(swatch: Swatch) -> np.ndarray:
-    """Returns one of `prints.printed`."""
-    return printed(swatch.fabric, swatch.u, swatch.v, swatch.offset)
-
-
-def logo(swatch: Swatch) -> np.ndarray:
-    """Returns one of `prints.emblem`."""
-    return emblem(swatch.fabric, swatch.panel, swatch.u, swatch.v, swatch.soft)
-
-
 def melange(swatch: Swatch) -> np.ndarray:
     """Returns yarn of two colors, spun together."""
     return swatch.patterned(0.22 + 0.055 * swatch.grain(0.0025, 0.009, layer=1), 0.5 * (swatch.second + 0.5))
@@ -197,8 +187,8 @@ WEAVES: dict[Kind, Weave] = {
     "fine stripes": Weave(fine_stripes, 0.05, 0.05, 0.04, 0.045),
     "pinstripe": Weave(pinstripe, 0.07, 0.05, 0.06, 0.045),
     "check": Weave(check, 0.06, 0.06, 0.06, 0.045),
-    "print": Weave(all_over_print, 0.05, 0.06, 0.05, 0.045),
-    "logo": Weave(logo, 0.06, 0.06, 0.075, 0.05),
+    "print": Weave(lambda s: printed(s.fabric, s.u, s.v, s.offset), 0.05, 0.06, 0.05, 0.045),
+    "logo": Weave(lambda s: emblem(s.fabric, s.panel, s.u, s.v, s.soft), 0.06, 0.06, 0.075, 0.05),
     "melange": Weave(melange, 0.04, 0.04, 0.07, 0.045),
     "tweed": Weave(tweed, 0.04, 0.04, 0.07, 0.045),
     "knit": Weave(knit, 0.05, 0.08, 0.08, 0.06),

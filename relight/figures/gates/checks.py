@@ -1,17 +1,18 @@
 """Gates: tests that a figure must pass, or it is drawn again. Cloth is finite, in place, and not over-stretched."""
 
 import numpy as np
+import warp as wp
 from scipy import ndimage
 
 from relight.figures.body import makehuman
 from relight.figures.body.motion import Motion
 from relight.figures.cut.patterns import Pattern
-from relight.figures.drape.colliders import Collider, signed_distance
+from relight.figures.drape.colliders import Collider, signed_distance, vec3_array
 from relight.figures.drape.dress import DrapedGarment
+from relight.figures.drape.kernels import find_intersections
 from relight.figures.drape.simulate import DrapeResult
-from relight.figures.gates.crossings import crossing
 from relight.figures.gates.rings import lost_rings
-from relight.figures.surfaces import face_normals, normals, stacked
+from relight.figures.surfaces import Surface, face_normals, normals, stacked
 from relight.meshes import Mesh
 
 MAX_STRAIN = 1.35  # 95th percentile of an edge's length over that on the pattern
@@ -24,6 +25,8 @@ MAX_POKE_DEPTH = 0.02  # metres between such a patch and the layer around it; de
 MAX_POKE_THROUGH = 60  # pixels of such patches per figure
 MAX_CROSSING = 0.015  # share of a garment's faces that passed through cloth
 MAX_CROSSING_SITTING = 0.03  # likewise, for figures that sit: trousers crease through themselves in the fold of the hip
+MIN_DEPTH = 0.003  # metres that two faces must reach through each other, on both sides; folds that graze do not count
+MIN_REST_DISTANCE = 0.03  # metres on the pattern: closer faces of one garment are neighbours
 MAX_COVERED = 0.25  # share of a hand, seen from the front, that cloth covers
 MIN_HEIGHT, MAX_HEIGHT = 1.0, 2.7  # of a figure, metres
 COVER_RANGE = 0.04  # metres: cloth further before a hand merely hangs in front of it
@@ -119,6 +122,31 @@ def check_outfit(worn: list[DrapedGarment], motion: Motion, sitting: bool) -> tu
     if hidden > MAX_COVERED:
         return f"{100 * hidden:.0f} % of a hand is sunk in cloth", measured
     return None, measured
+
+
+def crossing(sheets: list[Surface], rest_shapes: list[np.ndarray]) -> list[float]:
+    """Measures which share of each garment's faces passed through cloth.
+
+    Args:
+        sheets: for each garment its vertices (n,3), metres, and faces (m,3).
+        rest_shapes: for each garment its vertices (n,3) on the pattern, metres.
+
+    Returns:
+        For each garment the share of its faces that intersect, by more than MIN_DEPTH, faces of another garment, or
+        its own that are more than MIN_REST_DISTANCE away on the pattern.
+    """
+    x, faces = stacked(sheets)
+    centres = np.concatenate([rest[f].mean(1) for rest, (_, f) in zip(rest_shapes, sheets)])
+    garment = np.repeat(np.arange(len(sheets)), [len(f) for _, f in sheets])
+    points = vec3_array(x)
+    indices: wp.array = wp.array(faces.astype(np.int32).ravel(), dtype=int)
+    mesh = wp.Mesh(points=points, indices=indices)
+    intersects = wp.zeros(len(faces), dtype=int)
+    garments: wp.array = wp.array(garment.astype(np.int32), dtype=int)
+    limits = [MIN_DEPTH, MIN_REST_DISTANCE]
+    inputs = [mesh.id, points, indices, vec3_array(centres), garments, *limits, intersects]
+    wp.launch(find_intersections, dim=len(faces), inputs=inputs)
+    return [float(intersects.numpy()[garment == k].mean()) for k in range(len(sheets))]
 
 
 def covered_hands(worn: list[DrapedGarment], motion: Motion) -> tuple[float, float]:

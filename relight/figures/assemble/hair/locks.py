@@ -132,7 +132,8 @@ def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool
         Posed vertices (V,3), faces (F,3) and uv (V,2).
     """
     if not fine:
-        comb = coarser(comb)
+        strands = max(2, round(comb.strands / 1.5))
+        comb = replace(comb, count=comb.count // 2, strands=strands, width=1.8 * comb.width)
     share = below_hat if hat else scalp_roots
     guides = plant_roots(motion, comb.count, seed, share)
     direction, length = comb_directions(comb, guides)
@@ -204,8 +205,3 @@ def _bun_arcs(centre: np.ndarray, axis: np.ndarray, random: np.ndarray) -> tuple
     outward = outward + 0.8 * height[..., None] * axis  # the ball is flattened
     radius = 0.030 + 0.005 * random[:, 3, None, None]  # metres
     return centre + outward * radius, outward
-
-
-def coarser(comb: Comb) -> Comb:
-    """Returns the style with fewer and wider strands, for drafts."""
-    return replace(comb, count=comb.count // 2, strands=max(2, round(comb.strands / 1.5)), width=1.8 * comb.width)
