@@ -1,6 +1,8 @@
 """The command line."""
 
 import io
+import re
+import signal
 import sys
 from typing import Annotated, Any, Literal
 
@@ -49,11 +51,16 @@ EXTRAS = {
 
 
 class Commands(TyperGroup):
-    """The commands, of which one that Ctrl-C ends says so."""
+    """The commands, of which one that Ctrl-C ends says so, and one that is given no number says so."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
+        except typer.BadParameter as error:
+            if error.param and re.search("valid (number|integer|float)", error.message):
+                option = max(error.param.opts, key=len)
+                error.message = f"give a number alone, without a unit, such as {option} {error.param.default or 2}"
+            raise
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
             raise typer.Exit(130) from None
@@ -166,7 +173,8 @@ def need_clone(command: str) -> None:
 
 
 def main() -> None:
-    """Runs the command line; a UserError is printed in one line, with exit code 1."""
+    """Runs the command line; a UserError is printed in one line, with exit code 1. SIGTERM leaves no hidden file."""
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     if isinstance(sys.stdout, io.TextIOWrapper):  # names of files are bytes; a terminal of ASCII shows ? for a degree
         sys.stdout.reconfigure(errors="surrogateescape" if sys.stdout.encoding.lower() == "utf-8" else "replace")
     try:

@@ -1,12 +1,15 @@
-"""What is printed where a terminal, or a file that takes its place, cannot show every character; and after Ctrl-C."""
+"""What is printed where a terminal or a file cannot show every character; and how commands end."""
 
 import os
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
 from relight.cli import main
+from relight.core.files import atomic_write
 from relight.lights import load
 
 C = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
@@ -44,3 +47,32 @@ def test_ctrl_c_ends_a_command_with_one_line(monkeypatch, capsys):
     with pytest.raises(SystemExit) as ended:
         main()
     assert (ended.value.code, capsys.readouterr().err) == (130, "interrupted\n")
+
+
+def test_a_command_that_is_ended_leaves_no_hidden_file(monkeypatch, tmp_path):
+    def ended(*_, **__):
+        with atomic_write(tmp_path / "light.json") as path:
+            path.write_text("half of it")
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(60)
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(load, "load_light", ended)
+    monkeypatch.setattr(sys, "argv", ["relight", "light", "room:7"])
+    try:
+        with pytest.raises(SystemExit) as told:
+            main()
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert told.value.code == 143 and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "words, form", [("photo me.jpg --turn 90deg", "--turn 2"), ("movie a --size 9px", "--size 1080")]
+)
+def test_what_is_no_number_is_answered_with_the_right_form(monkeypatch, capsys, words, form):
+    monkeypatch.setattr(sys, "argv", ["relight", *words.split()])
+    with pytest.raises(SystemExit):
+        main()
+    said = " ".join(capsys.readouterr().err.replace("\u2502", " ").split())
+    assert f"Invalid value for '{form.split()[0]}': give a number alone, without a unit, such as {form}" in said

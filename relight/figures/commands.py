@@ -3,8 +3,7 @@
 import shlex
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -27,20 +26,6 @@ def seeds_of(text: str) -> list[int]:
             raise UserError(f"--seeds {text}: the range {part.strip()} must not run backwards")
         seeds += range(int(first), int(last or first) + 1)
     return list(dict.fromkeys(seeds))
-
-
-@contextmanager
-def ended_by_exit() -> Iterator[None]:
-    """Lets SIGTERM raise SystemExit with code 128 + 15 inside the `with`.
-
-    So the pool ends its workers, and temporary files are removed, where the signal itself would end the process at
-    once.
-    """
-    previous = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, previous)
 
 
 def start_worker() -> None:
@@ -107,7 +92,7 @@ def figures(
     }
     tasks = [(seed, settings, out / f"g{seed:04d}.glb") for seed in numbers]
     spawn = multiprocessing.get_context("spawn")
-    with ended_by_exit(), spawn.Pool(jobs, start_worker) if has_semaphores() else nullcontext() as pool:
+    with spawn.Pool(jobs, start_worker) if has_semaphores() else nullcontext() as pool:
         made = pool.imap(make_one, tasks) if pool else map(make_one, tasks)
         errors = [error for error in progress(made, "figures", total=len(tasks)) if error]
     write_table(out)

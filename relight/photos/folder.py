@@ -309,7 +309,7 @@ def _run(
                 f"{who}: its process died, perhaps for want of memory; what is done stays: give --jobs 1, or a "
                 "smaller photo"
             ) from None
-        except (KeyboardInterrupt, GeneratorExit):
+        except (KeyboardInterrupt, SystemExit, GeneratorExit):
             for worker in multiprocessing.active_children():
                 worker.kill()
             raise

@@ -71,11 +71,11 @@ def build_viewer(
         background: the first one shown, of BACKGROUNDS; by default a photo's own, else the studio.
         title: title of the page.
         limit: bytes of the page; by default LIMIT, and FURTHER for each figure after the first. Figures are coded as
-            finely as fits (figure.QUALITIES).
+            finely as fits (figure.QUALITIES), or made smaller.
         additions: what the page has beyond the viewer.
 
     Raises:
-        UserError: if the figures do not fit, there is no figure or light, or the background or a light is invalid.
+        UserError: if there is no figure or light, or the background or a light is invalid.
     """
     if not figures or not lights:
         raise UserError("a viewer page needs at least one figure and one light")

@@ -2,10 +2,11 @@
 
 import base64
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.srgb import LINEAR
@@ -24,9 +25,10 @@ NORMAL_STEPS = 511  # per unit of the octahedral map: .2 degrees
 EDGE_STEPS = 4095  # per unit of sRGB-coded half linear values: a soft edge is a small difference of two colors
 EXCESS_STEPS = 255  # per unit of the share by which light was above a clipped channel
 MARGIN = 2  # pixels around the figure, room for the browser to carry colors past the edge before it filters
-# Steps per unit of transport, and step of a photo's codes outside the figure; the first that fits is taken. The finest
-# keeps even a dark pixel at +1.5 stops within 1.2 codes (4096: 2.7, 2048: 3.5), for .14 MB a halving at 1024 px.
-QUALITIES = ((8192, 1), (4096, 1), (2048, 1), (1024, 1), (1024, 3), (512, 5))
+# Steps per unit of transport; the first that fits is taken. The finest keeps even a dark pixel at +1.5 stops within 1.2
+# codes (4096: 2.7, 2048: 3.5), for .14 MB a halving at 1024 px.
+QUALITIES = (8192, 4096, 2048, 1024)
+FAR = 1.3  # over the limit: what is that large does not fit in any of them
 
 
 @dataclass
@@ -73,7 +75,7 @@ def differences(codes: np.ndarray) -> np.ndarray:
     return np.stack([green, red - green, blue - green], -1)
 
 
-def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[dict[str, Any], bytes]:
+def pack(figure: Figure, transport_steps: int) -> tuple[dict[str, Any], bytes]:
     """Codes a figure as bytes, which `page/figure.js` decodes.
 
     Where a soft mask covers more than the maps, these are carried outward (relight.maps.square.fill_outside).
@@ -81,8 +83,6 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
     Args:
         figure: the figure.
         transport_steps: per unit of transport; the error is half a step.
-        background_step: step of the photo's codes outside the figure, where the error is half a step. Inside there is
-            none.
 
     Returns:
         The header, JSON values: sizes, the box of the figure (left, top, width, height), bytes of the coded region, and
@@ -139,26 +139,46 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
         if (front[coverage > 0] > CLIPPING).any():
             above = clipping_excess(front[rows, columns], chroma(linear, maps.mask)[rows, columns])
             add("excess", np.rint(above * EXCESS_STEPS), EXCESS_STEPS, region)
-        if background_step > 1:
-            coarse = np.minimum((codes.astype(int) + background_step // 2) // background_step * background_step, 255)
-            codes = np.where(coverage[..., None] == 0, coarse, codes)
         add("photo", differences(codes), steps=255, where=np.ones_like(maps.mask))
     return header, b"".join(streams)
 
 
 def embed(figure: Figure, limit: int) -> str:
-    """Returns a figure as JSON, its bytes as base64, in the finest of QUALITIES that takes at most `limit` bytes.
+    """Returns a figure as JSON, its bytes as base64, in at most `limit` bytes.
 
-    Raises:
-        UserError: if none does.
+    It is coded in the finest of QUALITIES that fits, or else made smaller.
     """
     for quality in QUALITIES:
-        header, data = pack(figure, *quality)
-        text = json.dumps(header | {"data": base64.b64encode(data).decode()}, separators=(",", ":"))
-        text = text.replace("<", "\\u003c")  # a title must not close the script element
+        text = _json(figure, quality)
         if len(text) <= limit:
             return text
-    raise UserError(
-        f"figure '{figure.title}' takes {len(text) / 1e6:.1f} MB of the page's {limit / 1e6:.1f} MB at its coarsest; "
-        "make its maps smaller or show fewer figures in one page"
-    )
+        if len(text) > FAR * limit:
+            break
+    while len(text) > limit:
+        figure = smaller(figure, np.sqrt(0.95 * limit / len(text)))
+        text = _json(figure, QUALITIES[-1])
+    return text
+
+
+def _json(figure: Figure, quality: int) -> str:
+    header, data = pack(figure, quality)
+    text = json.dumps(header | {"data": base64.b64encode(data).decode()}, separators=(",", ":"))
+    return text.replace("<", "\\u003c")  # a title must not close the script element
+
+
+def smaller(figure: Figure, scale: float) -> Figure:
+    """Returns a figure on fewer pixels, `scale` times as many a side: means of what the mask shows."""
+    maps, size = figure.maps, [max(round(side * scale), 1) for side in figure.maps.mask.shape[::-1]]
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        planes = np.asarray(values, np.float32).reshape(*maps.mask.shape, -1)
+        small = [Image.fromarray(plane).resize(size, Image.Resampling.BOX) for plane in np.moveaxis(planes, -1, 0)]
+        return np.stack(list(map(np.asarray, small)), -1).reshape(*size[::-1], *values.shape[2:])
+
+    shown = mean(maps.mask)
+    means: dict[str, Any] = {
+        name: (mean(getattr(maps, name)).T / np.maximum(shown.T, 1e-6)).T
+        for name in ("albedo", "normal", "depth", "ao", "transport")
+    }
+    photo = None if figure.photo is None else mean(figure.photo)
+    return replace(figure, photo=photo, maps=replace(maps, mask=shown >= 0.5, coverage=mean(maps.coverage), **means))

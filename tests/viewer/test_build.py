@@ -13,7 +13,7 @@ from relight.lights import write_light_set
 from relight.maps import write_maps
 from relight.viewer import build
 from relight.viewer.build import build_viewer
-from relight.viewer.figure import Figure, pack
+from relight.viewer.figure import Figure, embed, pack, smaller
 
 
 def test_page_is_one_file_that_asks_the_network_for_nothing(tmp_path, maps, lights):
@@ -46,7 +46,6 @@ def test_refusals_name_what_is_wrong(tmp_path, maps, lights):
         r"light 'a' is not \(9, 3\)": {"lights": {"a": np.zeros((16, 3))}},
         "finite": {"lights": {"a": np.full((9, 3), np.nan)}},
         "background 'sea'": {"background": "sea"},
-        "MB": {"limit": 60_000},
     }.items():
         with pytest.raises(UserError, match=message):
             build_viewer(**{"out": out, "figures": [Figure("a", maps)], "lights": lights} | change)
@@ -61,14 +60,27 @@ def test_refusals_name_what_is_wrong(tmp_path, maps, lights):
     assert not out.exists()
 
 
-def test_a_tight_limit_costs_precision_before_it_refuses(tmp_path, maps, lights):
-    figure = Figure("a", maps)
-    sizes = [len(pack(figure, steps, 1)[1]) for steps in (8192, 2048, 512)]
+def test_a_tight_limit_costs_precision_and_then_pixels(tmp_path, maps, lights):
+    photo = np.clip(maps.albedo * 0.8, 0, 1)
+    figure = Figure("a", maps, photo, lights["Window"])
+    sizes = [len(pack(figure, steps)[1]) for steps in (8192, 2048, 512)]
     assert sizes == sorted(sizes, reverse=True) and sizes[2] < 0.8 * sizes[0]
     build_viewer(tmp_path / "fine.html", [figure], lights)
     fine = (tmp_path / "fine.html").stat().st_size
     build_viewer(tmp_path / "coarse.html", [figure], lights, limit=fine - 1)
     assert (tmp_path / "coarse.html").stat().st_size < fine
+    text = embed(figure, sizes[2])
+    header = json.loads(text)
+    assert 0.6 * sizes[2] < len(text) <= sizes[2] and header["width"] < maps.mask.shape[1]
+    half, mask = smaller(figure, 0.5).maps, maps.mask
+    whole = [
+        values.reshape(len(mask) // 2, 2, -1, 2, *values.shape[2:]).sum((1, 3))
+        for values in (maps.transport * mask[..., None], mask)
+    ]
+    np.testing.assert_allclose(
+        half.transport[half.mask], (whole[0] / np.maximum(whole[1], 1)[..., None])[half.mask], atol=1e-5
+    )
+    np.testing.assert_array_equal(half.mask, whole[1] >= 2)
 
 
 @pytest.mark.slow

@@ -128,7 +128,7 @@ def test_a_figure_is_that_of_the_view_command(shape, centres):
         "{ pixels: Uint8Array.from(pixels), width, height }, Uint8Array.from(coverage), run, 64);",
         {"width": shape[1], "height": shape[0], "pixels": rgba.ravel().tolist(), "coverage": mask.ravel().tolist()},
     )
-    header, _ = pack(figure, *QUALITIES[0])
+    header, _ = pack(figure, QUALITIES[0])
     assert found["box"] == header["box"] and found["floor"] == pytest.approx(header["floor"], abs=1e-6)
     np.testing.assert_allclose(found["mean"], header["mean"], atol=2e-6)
     np.testing.assert_allclose(found["light"], figure.photo_light, atol=1e-6)
