@@ -154,9 +154,9 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Writes a text in UTF-8, atomically."""
+    """Writes a text in UTF-8, atomically; bytes of names that are none are spelled, as in \\udcff."""
     with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def write_json(path: Path | str, record: Any, default: Callable[[Any], Any] | None = None) -> None:

@@ -99,7 +99,7 @@ def project_panoramas(panoramas: Panoramas, order: int) -> tuple[list[str], np.n
     repaired: dict[str, str] = {}
     for source, result in zip(sources, progress(parallel_map(light_of, sources), "panoramas", len(sources))):
         if isinstance(result, str):
-            unreadable[source] = result
+            unreadable[source.encode(errors="backslashreplace").decode()] = result
             log.warning(result)
             continue
         projected[source], repairs = result if isinstance(result, tuple) else (result, [])

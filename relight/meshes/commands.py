@@ -29,6 +29,7 @@ def check(
     front: Annotated[str, typer.Option(help="Axis that the figure faces, or auto.")] = "auto",
 ) -> None:
     """Read, clean and align a file, or each of a folder, and print what was found and repaired."""
+    from relight.core.files import require_safe_name
     from relight.meshes.scans import TABLE, list_scans, one_subject
 
     if not mesh.is_dir():
@@ -38,6 +39,7 @@ def check(
     table = str(mesh / TABLE) if (mesh / TABLE).is_file() else None
     for name, scan in (scans := list_scans(mesh)).items():
         try:
+            require_safe_name(scan.path)  # else a run leaves it out
             _check(scan.path, name, up, front, table)
         except UserError as error:
             failed += 1

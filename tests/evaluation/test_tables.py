@@ -1,4 +1,5 @@
 import csv
+import io
 import re
 
 import numpy as np
@@ -102,12 +103,12 @@ def test_write_tables_of_scores(tmp_path):
 def test_write_tables_of_any_cells(tmp_path):
     one = Estimate(0.1234, 0.1, 0.15, np.zeros((3, 1)))
     alone = Estimate(0.5, -np.inf, np.inf, np.zeros((1, 1)))
-    lines = [["a & b", one, 3, 12.34, Verdict.WORSE], ["<c>", alone, 4, None, "|"]]
+    lines = [["a\n& b", one, 3, 12.34, Verdict.WORSE], ["<c>", alone, 4, None, "|"]]
     grid = TextTable.of(["", "RMSE, %", "px", "s", "is"], lines, kinds=["network", "baseline"], digits={"s": 1})
     write_tables(tmp_path / "things", "Things", "Of 100 %.", grid)
-    heads, *found = csv.reader((tmp_path / "things.csv").read_text().splitlines())
+    heads, *found = csv.reader(io.StringIO((tmp_path / "things.csv").read_text()))
     assert heads == ["", "RMSE, %", "RMSE, %, low", "RMSE, %, high", "px", "s", "is"]
-    assert found[0][:6] == ["a & b", "0.1234", "0.1", "0.15", "3", "12.34"]
+    assert found[0][:6] == ["a\n& b", "0.1234", "0.1", "0.15", "3", "12.34"]
     assert found[1] == ["<c>", "0.5", "-inf", "inf", "4", "", "|"]
     cells = [line.split(" | ") for line in to_markdown(grid).splitlines()]
     assert [cell.strip(" |") for cell in cells[2]] == ["a & b", ".123 ± .025", "3", "12.3", "✗ worse"]

@@ -1,4 +1,5 @@
 import json
+import os
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -248,14 +249,16 @@ def test_broken_files_of_a_folder_are_skipped_and_recorded(tmp_path):
     pixels[3, 4] = np.nan
     write_pfm(tmp_path / "nan.pfm", pixels)
     (tmp_path / "c.hdr").write_bytes(b"<html>")
+    (tmp_path / os.fsdecode(b"\xff.pfm")).write_bytes((tmp_path / "a.pfm").read_bytes())
     (tmp_path / "notes.txt").write_text("not a panorama")
     folder = replace(ROOMS, source="folder", folder=str(tmp_path))
     lights, record = build_light_set(folder, replace(SETTINGS, clusters=6, test=2), 2)
     assert set(lights.source) == {"a.pfm", "deep/b.pfm"}
-    assert list(record["unreadable"]) == ["c.hdr", "nan.pfm"] and record["steps"][0]["why"] == {"unreadable": 2}
+    assert list(record["unreadable"]) == ["c.hdr", "nan.pfm", "\\udcff.pfm"]  # for pages in UTF-8
+    assert record["steps"][0]["why"] == {"unreadable": 3} and "rename it" in record["unreadable"]["\\udcff.pfm"]
     assert "1 of 512 pixels are not finite" in record["unreadable"]["nan.pfm"] and record["repaired"] == {}
     _, record = build_light_set(replace(folder, repair=True), replace(SETTINGS, clusters=6, test=2), 2)
-    assert list(record["unreadable"]) == ["c.hdr"] and list(record["repaired"]) == ["nan.pfm"]
+    assert list(record["unreadable"]) == ["c.hdr", "\\udcff.pfm"] and list(record["repaired"]) == ["nan.pfm"]
     with pytest.raises(UserError, match="no such folder"):
         build_light_set(replace(folder, folder=str(tmp_path / "nowhere")), SETTINGS, 2)
 

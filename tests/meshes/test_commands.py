@@ -28,6 +28,7 @@ def test_list_and_check(tmp_path, person):
 def test_a_damaged_scan_does_not_end_the_check_of_its_folder(tmp_path, person):
     write(tmp_path / "eve.ply", person())
     (tmp_path / "adam.ply").write_bytes(b"ply")
+    write(tmp_path / "{eve}.ply", person())  # which a run leaves out
     checked = CliRunner().invoke(app, ["check", str(tmp_path)])
     assert "adam.ply" in checked.output and "eve.ply: 5280 faces" in checked.output
-    assert str(checked.exception) == "1 of 2 scans cannot be used"
+    assert "{eve}.ply: rename it" in checked.output and str(checked.exception) == "2 of 3 scans cannot be used"

@@ -19,7 +19,7 @@ from namespaces import mounted, namespaced
 from samples import mesh_of, random_maps
 
 from relight.core.errors import UserError, sentence_of
-from relight.core.files import existing_file, system_errno
+from relight.core.files import existing_file, system_errno, write_text
 from relight.learning.checkpoint import restore_state, save_network, save_state
 from relight.learning.networks import build
 from relight.lights import Light, write_light
@@ -233,3 +233,8 @@ def test_too_little_memory_is_one_line(tmp_path):
     last = done.stderr.strip().splitlines()[-1]
     assert done.returncode == 1 and last.startswith("relight: there is not enough memory"), done.stderr[-2000:]
     assert "Traceback" not in done.stderr and [path.name for path in tmp_path.iterdir()] == ["a.obj"]
+
+
+def test_a_name_that_is_no_text_is_spelled_in_what_is_written(tmp_path):
+    write_text(tmp_path / "page.html", os.fsdecode("Zoë ".encode() + b"\xff.jpg"))
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == "Zoë \\udcff.jpg"

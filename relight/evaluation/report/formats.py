@@ -95,7 +95,7 @@ def to_markdown(grid: TextTable) -> str:
 
 
 def _escaped(text: str) -> str:
-    return text.replace("|", "\\|")
+    return text.replace("|", "\\|").replace("\n", " ")
 
 
 def _label(text: str, kind: str) -> str:
