@@ -20,7 +20,7 @@ define install
 		printf "\r$$n of $$all packages";; "Installing coll"*) printf ", unpacking";; failed) exit 1;; esac; done; echo; }
 endef
 
-.PHONY: all env run claims test test-fast fuzz chaos coverage smoke ui docs dist notebook lint format lock clean help
+.PHONY: all env run claims packet test test-fast fuzz chaos coverage smoke ui docs dist notebook lint format lock clean help
 .DEFAULT_GOAL := all
 
 all: run  ## install what is missing, then run the whole workflow on the embedded data
@@ -47,6 +47,10 @@ test-fast: $(STAMP)  ## the tests without those that take CPU-seconds each
 
 claims: $(STAMP)  ## run the commands behind the numbers of the pages; all, or with a word: make claims ARGS=all
 	@$(BIN)/python tools/claims.py $(ARGS)
+
+packet: $(STAMP)  ## a finished run to give away, as an RO-Crate in build/; make packet ARGS=demo
+	$(call install,packet)
+	@$(BIN)/python tools/packet.py $(ARGS)
 
 fuzz: $(STAMP)  ## feed the readers thousands of damaged meshes and other files; make fuzz CASES=50000
 	@RELIGHT_FUZZ=$(CASES) $(PYTEST) tests/meshes/test_malformed.py tests/reliability/test_readers.py $(ARGS)
