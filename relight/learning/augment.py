@@ -71,7 +71,7 @@ def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Ge
     if settings.gloss:
         scene = scene + highlights
     scene = scene * exposure[:, None, None, None]
-    camera = CAMERA.weakened(settings.camera)
+    camera = Camera(*(settings.camera * value for value in vars(CAMERA).values()))
     image = simulate_camera(_over_random_background(scene, mask, generators), camera, generators) * input_mask
     index = compact_index(mask * input_mask > 0)
     albedo, transport, normal, ao, shading = index.gather(dense).split(channels, -1)

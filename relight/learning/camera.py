@@ -45,10 +45,6 @@ class Camera:
     noise: float
     jpeg: float
 
-    def weakened(self, strength: float) -> "Camera":
-        """Returns a camera whose settings are all multiplied by `strength` in [0,1]; with 0 it changes no picture."""
-        return Camera(*(strength * value for value in vars(self).values()))
-
 
 def simulate_camera(image: Tensor, camera: Camera, generators: list[np.random.Generator]) -> Tensor:
     """Simulates a camera: blur, tone curve, sharpening, noise and JPEG compression.

@@ -30,6 +30,7 @@ from relight.sh import order_of
 
 OCTAVES = 5  # of detail: structures of about 2 to 64 pixels
 LEVEL = 0.05  # of the true map's root mean square: bounds the divisor where the true detail is weaker
+SHADINGS = ("transport", "light", "transport_light")  # by what is inferred: see `Comparison.shading`
 DARK = 0.02  # lower bound of values whose ln is taken
 
 
@@ -138,15 +139,9 @@ def transport_losses(c: Comparison) -> dict[str, Tensor]:
     return {name: c.mean((c.maps[name] - getattr(c.batch, name)).abs()) for name in names}
 
 
-def shading_losses(c: Comparison) -> dict[str, Tensor]:
-    """Returns the errors of the shadings by the inferred transport, the inferred light, and both."""
-    return {f"shading_{name}": c.mean(c.shading_error(name)) for name in ("transport", "light", "transport_light")}
-
-
 def reconstruction_losses(c: Comparison) -> dict[str, Tensor]:
     """Returns the errors of the image of which one or two of albedo, transport and light are inferred."""
-    shadings = ("transport", "light", "transport_light")
-    values = {f"reconstruction_{name}": c.mean(c.shading_error(name), c.batch.albedo) for name in shadings}
+    values = {f"reconstruction_{name}": c.mean(c.shading_error(name), c.batch.albedo) for name in SHADINGS}
     values["reconstruction_albedo"] = c.mean(c.albedo_error(), c.batch.shading)
     for name in ("transport", "light"):
         values[f"reconstruction_albedo_{name}"] = c.mean((c.albedo * c.shading(name) - c.batch.relit).abs())
@@ -174,7 +169,7 @@ TERMS: dict[str, Callable[[Comparison], dict[str, Tensor]]] = {
     "light": lambda c: {"light": F.l1_loss(c.light, c.batch.light)},
     "tv_albedo": lambda c: {"tv_albedo": c.mean(variation(c.albedo, c.batch))},
     "tv_transport": lambda c: {"tv_transport": c.mean(variation(c.transport, c.batch))},
-    "shading": shading_losses,
+    "shading": lambda c: {f"shading_{name}": c.mean(c.shading_error(name)) for name in SHADINGS},
     "reconstruction": reconstruction_losses,
     "reconstruction_full": lambda c: {
         "reconstruction_full": c.mean((c.albedo * c.shading("transport_light") - c.batch.relit).abs())

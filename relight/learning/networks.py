@@ -467,9 +467,7 @@ def scaled(channels: int, width: float) -> int:
 
 
 def constrain_albedo(albedo: Tensor, mode: str) -> Tensor:
-    """Constrains albedo to [0,1] by mode: `clip` (paper; no gradient outside), `straight_through`, or `sigmoid`."""
-    if mode == "sigmoid":
-        return torch.sigmoid(albedo)
+    """Constrains albedo to [0,1] by mode: `clip` (paper; no gradient outside), or `straight_through`."""
     clipped = albedo.clamp(0, 1)
     return clipped if mode == "clip" else albedo + (clipped - albedo).detach()
 

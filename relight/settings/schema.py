@@ -120,7 +120,7 @@ class Model:
     norm: str = setting("normalisation by the statistics of each image, or of the batch", choices=("instance", "batch"))
     dropout: float = setting("share of features that are zeroed in training", least=0, below=1)
     order: int = setting("order of the inferred transport and light", least=2)
-    albedo: str = setting("how albedo is limited to [0, 1]", choices=("clip", "straight_through", "sigmoid"))
+    albedo: str = setting("how albedo is limited to [0, 1]", choices=("clip", "straight_through"))
     light_head: str = setting("head of the light: strided, or pooled over the figure", choices=("strided", "pooled"))
     refine: bool = setting("whether the light is refined to explain the image by the inferred maps")
     sees: str = setting("input: the image and its mask, or the mask alone", choices=("image", "mask"))

@@ -22,8 +22,7 @@ def bake(
             "--out",
             "-o",
             help="Maps as .exr or as a .png picture, transport per vertex as .ply, .npz or .glb; may be "
-            "repeated. "
-            "By default the mesh's name with .exr, in the current folder.",
+            "repeated. By default the mesh's name with .exr, in the current folder.",
         ),
     ] = None,
     size: Annotated[int, typer.Option(min=1, max=8192, help="Side of the image in pixels.")] = 1024,

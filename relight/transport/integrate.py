@@ -90,8 +90,10 @@ def integrate(
         if gathered is None:
             hit = caster.occluded(flat_rays)
         else:
-            face, front = _first_faces(caster, flat_rays)
+            face, _ = caster.intersect(flat_rays)
             hit = face != MISS
+            front = np.zeros(len(hit), bool)  # whether a ray hits the front of its first face
+            front[hit] = np.einsum("nx,nx->n", flat_rays[hit, 3:], caster.normals[face[hit]]) < 0
             gathered[part] = _gather(flat, face, front, rays)
         blocked[part] = hit.reshape(-1, rays).astype(np.float64) @ projector
 
@@ -99,15 +101,6 @@ def integrate(
     if gathered is not None:
         return transport.astype(np.float32), gathered.reshape(point_count, coefficients, -1)
     return transport.astype(np.float32), None
-
-
-def _first_faces(caster: RayCaster, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the first face (N,) that each ray (N,6) hits, MISS for none, and whether it hits the front, (N,) bool."""
-    face, _ = caster.intersect(rays)
-    hit = np.flatnonzero(face != MISS)
-    front = np.zeros(len(rays), bool)
-    front[hit] = np.einsum("nx,nx->n", rays[hit, 3:], caster.normals[face[hit]]) < 0
-    return face, front
 
 
 def _gather(radiosity: np.ndarray, face: np.ndarray, front: np.ndarray, rays: int) -> np.ndarray:

@@ -234,8 +234,8 @@ def test_going_on_from_another_network_with_its_decoders_frozen(run):
     assert changed == {"encoder"}
     clip = {"straight_through": "clip", "clip": "straight_through"}[load_network(first.out)[1]["model"]["albedo"]]
     run("clip", {"albedo": clip}, alone, start=str(first.out), steps=1)()  # the same values
-    with pytest.raises(UserError, match=r"a network with albedo=\w+: give one with albedo=sigmoid"):
-        run("other", {"albedo": "sigmoid"}, alone, start=str(first.out))()
+    with pytest.raises(UserError, match=r"a network with light_head=\w+: give one with light_head=pooled"):
+        run("other", {"light_head": "pooled"}, alone, start=str(first.out))()
 
 
 def test_a_network_from_before_a_setting_goes_on_with_its_default(run, monkeypatch):

@@ -9,16 +9,8 @@ from PIL import Image
 
 from relight.core.progress import progress
 from relight.core.srgb import encode
-from relight.evaluation.pictures.canvas import (
-    FAINT,
-    WHITE_PERCENTILE,
-    Canvas,
-    ball,
-    bounding_box,
-    composite,
-    heat,
-    transport_bands,
-)
+from relight.evaluation.pictures import canvas
+from relight.evaluation.pictures.canvas import FAINT, Canvas
 from relight.evaluation.scoring.evaluate import dense, infer, load, pixels, select_pairs, truth
 from relight.evaluation.scoring.truth import Inferred, Truth
 from relight.learning.data import RelitSet
@@ -77,7 +69,7 @@ class Subject:
     def of(cls, data: RelitSet, figure: int, lights: np.ndarray) -> "Subject":
         """Returns a figure of a data set under lights (N,), by their indices; the first is that of the input."""
         true = truth(data, figure, lights)
-        white = max(1.0, float(np.percentile(true.maps["shading"], WHITE_PERCENTILE)))
+        white = max(1.0, float(np.percentile(true.maps["shading"], canvas.WHITE_PERCENTILE)))
         is_linear = data.color == "photo"
         return cls(data.names[figure], true, pixels(data, figure), data.size, white, is_linear)
 
@@ -145,7 +137,7 @@ def draw(heads: list[str], lines: list[Line], note: str) -> Canvas:
         )
         return sheet
     heads = heads[: len(lines[0].views)]
-    box = bounding_box([line.subject.mask for line in lines])
+    box = canvas.bounding_box([line.subject.mask for line in lines])
     box_height, box_width = box[0].stop - box[0].start, box[1].stop - box[1].start
     height, width = CELL_HEIGHT, max(100, round(CELL_HEIGHT * box_width / box_height))
     spacing = 4 * GAP * sum(line.first for line in lines)
@@ -163,7 +155,7 @@ def draw(heads: list[str], lines: list[Line], note: str) -> Canvas:
             _draw_view(sheet, view, line.subject, box, (x, y), (width, height))
         y += height + GAP
     if any(view.error is not None for line in lines for view in line.views):
-        color_scale = np.repeat(heat(np.linspace(0, MAX_ERROR, 160), MAX_ERROR)[None], 14, 0)  # 160 x 14 pixels
+        color_scale = np.repeat(canvas.heat(np.linspace(0, MAX_ERROR, 160), MAX_ERROR)[None], 14, 0)  # 160 x 14 pixels
         sheet.put(Image.fromarray((color_scale * 255).round().astype(np.uint8)), GUTTER, y + 8)
         sheet.text(f"error, 0 to {MAX_ERROR:g} (vector norm)", GUTTER + 170, y + 5, size=14, color=FAINT)
     sheet.text(note, GUTTER, y + LINE + 8, size=14, color=FAINT, width=sheet.image.width - GUTTER - 2 * GAP)
@@ -179,15 +171,15 @@ def _draw_view(
         colors = view.colors if view.coded else np.clip(view.colors, 0, 1)
         colors = encode(colors) if subject.linear and not view.coded else colors
     elif view.error is not None:
-        colors = heat(view.error, MAX_ERROR)
+        colors = canvas.heat(view.error, MAX_ERROR)
     else:
         if view.light is not None:
-            picture = ball(view.light, round(LARGE_BALL * width), subject.white, subject.linear)
+            picture = canvas.ball(view.light, round(LARGE_BALL * width), subject.white, subject.linear)
             sheet.cell(picture, x, y, width, height)
         return
-    sheet.cell(composite(dense(colors, subject.pixel, subject.size)[box], subject.mask[box], size), x, y)
+    sheet.cell(canvas.composite(dense(colors, subject.pixel, subject.size)[box], subject.mask[box], size), x, y)
     if view.light is not None:
-        corner = ball(view.light, round(SMALL_BALL * width), subject.white, subject.linear)
+        corner = canvas.ball(view.light, round(SMALL_BALL * width), subject.white, subject.linear)
         sheet.put(corner, x + width - corner.width - 5, y + 5)
 
 
@@ -347,6 +339,6 @@ def _views(subject: Subject, inferred: Inferred) -> list[Cell]:
         Cell(shading / subject.white),
         Cell(error=error),
         Cell(light=light),
-        *(Cell(colors, coded=True) for colors in transport_bands(transport)),
+        *(Cell(colors, coded=True) for colors in canvas.transport_bands(transport)),
         Cell(albedo * shade(transport, subject.truth.lights[1])),
     ]

@@ -7,7 +7,7 @@ from typing import Any
 from markupsafe import Markup
 
 from relight.core.files import write_text
-from relight.evaluation.report import data, page, sections
+from relight.evaluation.report import page, sections
 from relight.evaluation.report.provenance import provenance
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import compare_rows
@@ -45,8 +45,8 @@ def build_report(results: Results, out: Path) -> None:
         parts.append(_section("what-came-out", "What came out", "summary.md", outcome))
     parts.append(_section("how-to-read", "How to read this page", "reading.md", {}))
     parts += [experiment(results, name) for name in results.experiments]
-    parts.append(_section("figures", "Figures", "figures.md", data.figures(results)))
-    parts.append(_section("lights", "Lights", "lights.md", data.lights(results)))
+    parts.append(_section("figures", "Figures", "figures.md", sections.figures(results)))
+    parts.append(_section("lights", "Lights", "lights.md", sections.lights(results)))
     name = results.folder.name
     html = page.page("page.html", title=f"relight: {name}", head=head(name, results, outcome), sections=parts)
     write_text(out, html)

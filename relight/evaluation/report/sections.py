@@ -1,22 +1,13 @@
-"""Computes the numbers of the sections about experiments; their text is in templates/sections."""
+"""Computes the numbers of the sections; each function returns the context of a template in templates/sections."""
 
+import os
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 from relight.evaluation.pictures import charts
-from relight.evaluation.report.formats import (
-    SIGNS,
-    TextTable,
-    bound,
-    comparison_grid,
-    effect,
-    number,
-    other_columns,
-    p_value,
-    score_grid,
-    write_tables,
-)
+from relight.evaluation.report import formats
+from relight.evaluation.report.formats import TextTable
 from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import Comparison, Verdict, compare_rows, correct, orderings
@@ -52,18 +43,18 @@ def experiment(results: Results, name: str) -> Numbers:
     compared = _compare_pairs(table, settings, usual)
     files = {kind: results.report / f"{name}_{kind}.png" for kind in ("errors", *PLATES)}
     charts.plot_errors(table, list(results.run["rows"]), files["errors"])
-    comparisons = comparison_grid(compared)
+    comparisons = formats.comparison_grid(compared)
     if compared:
         title = f"{results.title(name)}: comparisons"
-        write_tables(results.report / f"{name}_compared", title, text("note.md", scored=table), comparisons)
+        formats.write_tables(results.report / f"{name}_compared", title, text("note.md", scored=table), comparisons)
     return numbers | {
         "scored": table,
         "usual": usual,
         "comparisons": comparisons,
         "unlearned": _unlearned(table, tuple(settings["compare_in"])),
         "chart": files["errors"],
-        "tables": {name: score_grid(table, table.columns)},
-        "others": score_grid(table, other_columns(table)),
+        "tables": {name: formats.score_grid(table, table.columns)},
+        "others": formats.score_grid(table, formats.other_columns(table)),
         "plates": [(files[kind], words) for kind, words in PLATES.items() if settings["plates"]],
     }
 
@@ -86,10 +77,12 @@ def write_score_table(table: Table, title: str, stem: Path) -> None:
     """
     note = text("note.md", scored=table)
     if table.rows:
-        shown, others = score_grid(table, table.columns), score_grid(table, other_columns(table))
+        shown, others = (
+            formats.score_grid(table, columns) for columns in (table.columns, formats.other_columns(table))
+        )
     else:
         shown, others = TextTable.of(["row", "nothing to compare"], []), None
-    write_tables(stem, title, note, shown, table.statistics(), others)
+    formats.write_tables(stem, title, note, shown, table.statistics(), others)
 
 
 def _compare_pairs(table: Table, settings: dict[str, Any], usual: Table | None = None) -> Comparisons:
@@ -130,11 +123,11 @@ def summary(results: Results) -> Numbers:
             f"{label(ordering.better, own)} before {label(ordering.worse, own)}",
             column_label(ordering.comparison.column),
             f"{100 * ordering.printed_difference:.1f} %{DAGGER * ordering.below_margin}{' *' * (not ordering.argued)}",
-            *effect(ordering.comparison),
-            *(number(value) for value in (ordering.comparison.first, ordering.comparison.second)),
-            p_value(ordering.comparison.p),
-            f"{SIGNS[ordering.comparison.verdict]} {OUTCOMES[ordering.comparison.verdict]}",
-            bound(ordering.comparison),
+            *formats.effect(ordering.comparison),
+            *(formats.number(value) for value in (ordering.comparison.first, ordering.comparison.second)),
+            formats.p_value(ordering.comparison.p),
+            f"{formats.SIGNS[ordering.comparison.verdict]} {OUTCOMES[ordering.comparison.verdict]}",
+            formats.bound(ordering.comparison),
         ]
         for ordering in tested
     ]
@@ -147,3 +140,50 @@ def summary(results: Results) -> Numbers:
         "trainings": (min(counts, default=0), max(counts, default=0)),
         "listed": TextTable.of(heads, lines),
     }
+
+
+def figures(results: Results) -> Numbers:
+    """Computes the numbers of the section about the figures."""
+    infos, left_out = results.record["figures"], results.record["left_out"]
+    repairs = [
+        [name, ", ".join(f"{what} {times}" for what, times in info["repairs"].items())]
+        for name, info in infos.items()
+        if info.get("repairs")
+    ]
+    warnings: dict[str, list[str]] = {}  # names of figures by warning
+    for name, info in infos.items():
+        for warning in info.get("warnings", ()):
+            warnings.setdefault(warning, []).append(name)
+    return {
+        "infos": infos,
+        "left_out": _two_columns(["left out", "reason"], left_out),
+        "sheet": results.report / "figures.png",
+        "repairs": TextTable.of(["figure", "repairs"], repairs),
+        "warnings": warnings,
+    }
+
+
+def lights(results: Results) -> Numbers:
+    """Computes the numbers of the section about the lights."""
+    from relight.lights import read_light_set
+
+    record, chosen = results.lights, read_light_set(results.data / "lights")
+    steps = [
+        [step["step"], step["in"], step["out"], ", ".join(f"{why} {n}" for why, n in step["why"].items() if n)]
+        for step in record["steps"]
+    ]
+    return {
+        "counts": record["lights"],
+        "sources": len(set(chosen.of("test").source)),
+        "warnings": record["warnings"],
+        "steps": TextTable.of(["step", "lights in", "out", "dropped (a light may have several reasons)"], steps),
+        "sheet": results.report / "lights.png",
+        "csv": os.path.relpath(results.data / "lights" / "lights.csv", results.report),
+        "unlit": _two_columns(["panorama", "rules broken"], record["unlit"]),
+        "unreadable": _two_columns(["file", "reason"], record["unreadable"]),
+        "repaired": _two_columns(["file", "how"], record["repaired"]),
+    }
+
+
+def _two_columns(heads: list[str], pairs: dict[str, str]) -> TextTable:
+    return TextTable.of(heads, [list(item) for item in pairs.items()])

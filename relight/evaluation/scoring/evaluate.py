@@ -133,7 +133,8 @@ def dense(values: np.ndarray, pixel: np.ndarray, size: int) -> np.ndarray:
 def score(predictor: Predictor, data: RelitSet, figures: np.ndarray, lights: np.ndarray) -> Scores:
     """Scores a predictor on figures (F,) under lights (L,), at least one of each, by their indices."""
     scores = [truth(data, f, lights).score(predictor(f, lights)) for f in progress(figures.tolist(), "figures scored")]
-    return Scores.stack([data.names[f] for f in figures], lights, scores)
+    columns = {name: np.stack([part[name] for part in scores]) for name in scores[0]}
+    return Scores([data.names[f] for f in figures], lights.tolist(), columns)
 
 
 def truth(data: RelitSet, figure: int, lights: np.ndarray) -> Truth:

@@ -29,11 +29,6 @@ class Scores:
     lights: list[int]
     columns: dict[str, np.ndarray]
 
-    @classmethod
-    def stack(cls, figures: list[str], lights: np.ndarray, scores: list[dict[str, np.ndarray]]) -> "Scores":
-        """Returns scores from those of each figure, column -> (L,), in the order of their names."""
-        return cls(figures, lights.tolist(), {name: np.stack([part[name] for part in scores]) for name in scores[0]})
-
     def by_subject(self, subjects: dict[str, str]) -> "Scores":
         """Returns the means over the figures of each person, which are not independent of each other.
 
@@ -45,15 +40,14 @@ class Scores:
         means = {name: [values[own == person].mean(0) for person in people] for name, values in self.columns.items()}
         return Scores(people, self.lights, {name: np.stack(values) for name, values in means.items()})
 
-    def frame(self, predictor: str) -> pd.DataFrame:
-        """Returns a row per figure and light, with the predictor's name. Raises UserError about an unknown column."""
-        pairs = pd.MultiIndex.from_product([[predictor], self.figures, self.lights], names=KEYS)
-        return pd.DataFrame({name: self.columns[name].ravel() for name in in_order(self.columns)}, pairs).reset_index()
-
 
 def write_scores(path: Path, scores: dict[str, Scores]) -> None:
     """Writes the scores of predictors as CSV, atomically: six significant digits, and blanks for NaN."""
-    frames = [predictor_scores.frame(predictor) for predictor, predictor_scores in scores.items()]
+    frames = []
+    for predictor, grid in scores.items():
+        pairs = pd.MultiIndex.from_product([[predictor], grid.figures, grid.lights], names=KEYS)
+        columns = {name: grid.columns[name].ravel() for name in in_order(grid.columns)}
+        frames.append(pd.DataFrame(columns, pairs).reset_index())
     table = pd.concat(frames) if frames else pd.DataFrame(columns=KEYS)
     with atomic_write(path) as tmp:
         table.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
