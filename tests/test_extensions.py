@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from repo import copy, relight
 
 from relight import extensions
 from relight.core.errors import UserError
@@ -15,6 +16,7 @@ from relight.settings import ROOT, check, composed, resolved
 
 PAGE = (ROOT / "docs" / "workflow.md").read_text()
 EXAMPLE = re.search(r"```python\n# relight/extensions/mine\.py\n(.*?)```", PAGE, re.S)
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 USE = """
 import json, sys
 from pathlib import Path
@@ -64,11 +66,31 @@ def test_the_file_of_the_docs_works(tmp_path):
     (tmp_path / "files").mkdir()
     (tmp_path / "files" / "mine.py").write_text(EXAMPLE[1])
     (tmp_path / "people").mkdir()
-    tetrahedron = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
-    (tmp_path / "people" / "0007.obj").write_text(tetrahedron)
+    (tmp_path / "people" / "0007.obj").write_text(TETRAHEDRON)
     command = [sys.executable, "-c", USE, str(tmp_path / "files")]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]
+
+
+@pytest.mark.slow
+def test_a_changed_file_makes_again_what_was_made_of_it(tmp_path):
+    """By dry runs; a file that no figure is made of does not count."""
+    repo = copy(tmp_path)
+    (repo / "relight" / "extensions" / "mine.py").write_text(EXAMPLE[1])
+    (repo / "people").mkdir()
+    for seed in range(8, 12):
+        (repo / "people" / f"{seed:04d}.obj").write_text(TETRAHEDRON)
+    words = ["run", "scale=smoke", "figures.source=mine", "figures.first=9", "figures.count=2", "track.uri=null"]
+    made = relight(repo, *words, "--target", "figure")
+    assert made.returncode == 0, made.stdout
+    figures = repo.joinpath("results", "smoke", "figures")
+    assert sorted(path.name for path in figures.glob("*/*.npz")) == ["g0009.npz", "g0010.npz"], made.stdout
+    for seed, again in ((8, 0), (9, 0), (10, 1)):
+        file = repo / "people" / f"{seed:04d}.obj"
+        file.write_text(TETRAHEDRON.replace("v 1 0 0", "v 2 0 0") if seed != 9 else TETRAHEDRON)
+        told = relight(repo, *words, "--target", "figure", "-n").stdout
+        assert re.findall(r"^figure +(\d)$", told, re.M) == [str(again)] * again, told
+        assert ("./people/0010.obj has changed" in told) == again, told
 
 
 def test_what_is_not_there_is_named(tmp_path, monkeypatch):

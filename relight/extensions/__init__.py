@@ -7,8 +7,11 @@ network     a subclass of `relight.learning.networks.Network`; model.name=<name>
 loss        loss(outputs, batch) -> scalar Tensor, as in `relight.learning.losses`; +loss.extra.<name>=<weight>
 light       light(text, order) -> Light or coefficients (K,3); `<name>:<text>` wherever a light is named
 figure      figure(figures, seed) -> Mesh in meters; figures.source=<name>
+
+A file on which these depend is read as `reads(path)`, so that the workflow knows of it.
 """
 
+import os
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -18,6 +21,7 @@ from typing import Any
 from relight.core.errors import UserError
 
 GROUP = "relight.extensions"
+READ: set[str] = set()  # the files of `reads`, relative to the working directory, as ./path
 
 
 @cache
@@ -30,6 +34,12 @@ def names() -> tuple[str, ...]:
     """Returns the names of all extensions. None is imported: settings are checked where torch is not loaded."""
     files = (file.stem for folder in __path__ for file in Path(folder).glob("*.py"))
     return tuple(sorted({*installed(), *(stem for stem in files if not stem.startswith("_"))}))
+
+
+def reads(path: Path | str) -> Path | str:
+    """Returns the path of a file, and has the workflow make again what was made with it when its content changes."""
+    READ.add(f"./{os.path.relpath(path)}")
+    return path
 
 
 def missing(name: str) -> str:

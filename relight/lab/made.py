@@ -118,7 +118,7 @@ def finish(outputs: Iterable[str], job: Record) -> None:
 
 
 def changed_code(record: Record) -> str | None:
-    """Returns a module that has changed since a record was written, or None."""
+    """Returns a module, or a file that one has named, which has changed since a record was written, or None."""
     return next((module for module, made in record.get("code", {}).items() if code_hash(module) != made), None)
 
 
@@ -174,7 +174,7 @@ def restore(out: str) -> list[str]:
         if "unfinished" in record:
             reason = f"{output} is unfinished"
         elif module := changed_code(record):
-            reason = f"the code of {module} has changed"
+            reason = f"{module} has changed"
         reasons += [reason] if reason else []
         known = store._read_record(output) or MetadataRecord()
         if reason or known.endtime != date or any(param.startswith(CHANGED) for param in known.params or ()):

@@ -1,5 +1,6 @@
 """The jobs of one network, trained and scored, with its run in MLflow."""
 
+import json
 import math
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -30,8 +31,9 @@ def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, trac
     recipe = Recipe(
         Model(**settings["model"]), Loss(**settings["loss"]), Train(**settings["train"]), Augment(**settings["augment"])
     )
-    data = f"{inputs.packed.parent.name} {file_hash(existing_file(inputs.packed, 'training'))}"
-    tracking = {**tracking, "tags": {**tracking["tags"], "data": data}}
+    packed = existing_file(inputs.packed, "training")
+    data = {"name": packed.parent.name, "digest": file_hash(packed)[:36]}  # MLflow's longest
+    tracking["datasets"] = [{**data, "source_type": "local", "source": json.dumps({"uri": str(packed.resolve())})}]
     # What is the same in each process that goes on, whatever it has imported.
     modules = [f"relight.learning.{file.stem}" for file in sorted((ROOT / "relight" / "learning").glob("*.py"))]
     named = sorted({recipe.model.name, *recipe.loss.extra} & {*extensions.names()})

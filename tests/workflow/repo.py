@@ -131,5 +131,11 @@ def check_mlflow(repo: Path) -> None:
         again = {key: found for key, found in steps.items() if max(Counter(found).values()) > 1}
         assert not again, f"{name}: logged twice in one step"
         artifacts = {path.name for path in (repo / "mlruns" / run.info.run_id / "artifacts").iterdir()}
-        assert artifacts == {"curve", "images", "network", "scores"}
+        assert artifacts == {"curve", "images", "scores"}
+        (data,) = (given.dataset for given in run.inputs.dataset_inputs)
+        packed = (repo / OUT / "packed.safetensors").read_bytes()
+        assert (data.name, data.digest) == ("smoke", hashlib.sha256(packed).hexdigest()[:36])
+    models = client.search_logged_models([report.info.experiment_id])
+    assert sorted(model.source_run_id for model in models) == sorted(run.info.run_id for run in runs)
+    assert {(model.name, str(model.status)) for model in models} == {("network", "READY")}
     assert not [*(repo / OUT / "train" / "state").glob("*")], "no training is under way"

@@ -8,9 +8,14 @@ import runpy
 import shutil
 import sys
 
+import mlflow
+import numpy as np
 import pytest
+import torch
 from repo import OUT, ROOT, WORDS, hashes, output, planned, relight
 
+from relight.learning.checkpoint import load_network
+from relight.learning.export import PhotoGraph, sample_inputs
 from relight.photos.network import read_network
 
 pytestmark = pytest.mark.slow
@@ -38,6 +43,29 @@ def test_a_network_becomes_the_weights_of_photos(done, tmp_path):
     make(done / OUT, "ours_full.s0")
     assert read_network(tmp_path / "photo.onnx").size == 64
     assert "| held out | 1 figures, 2 lights |" in (tmp_path / "README.md").read_text()
+
+
+def test_a_network_is_a_model_that_mlflow_loads(done):
+    """By address and by search, with a signature and an example; it infers what the network does."""
+    mlflow.set_tracking_uri(f"sqlite:///{done}/mlflow.db")
+    experiment = mlflow.get_experiment_by_name("smoke").experiment_id
+    (run,) = mlflow.search_runs([experiment], "attributes.run_name = 'ours_full.s0'", output_format="list")
+    model = mlflow.pyfunc.load_model(f"runs:/{run.info.run_id}/network")
+    assert model.model_id in {
+        found.model_id for found in mlflow.search_logged_models([experiment], output_format="list")
+    }
+    assert [str(value) for value in model.metadata.signature.inputs] == [
+        "'image': Tensor('float32', (-1, 3, -1, -1))",
+        "'mask': Tensor('float32', (-1, 1, -1, -1))",
+    ]
+    assert [value.name for value in model.metadata.signature.outputs] == ["albedo", "transport", "light"]
+    expected = PhotoGraph(load_network(done / OUT / "train" / "ours_full.s0.safetensors")[0])
+    for given in (model.input_example, dict(zip(["image", "mask"], (x.numpy() for x in sample_inputs(3, 128, 192))))):
+        with torch.inference_mode():
+            for a, b in zip(
+                model.predict(given).values(), expected(*map(torch.from_numpy, given.values())), strict=True
+            ):
+                np.testing.assert_allclose(a, b, atol=5e-3)
 
 
 def test_a_second_run_does_nothing(done):

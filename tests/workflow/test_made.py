@@ -84,7 +84,7 @@ def test_a_job_makes_all_again_if_code_has_changed_that_made_any_of_it(code, mon
     monkeypatch.setattr(made, "code_of", lambda rule: {f"more than {rule}": code.setdefault(f"more than {rule}", "c")})
     assert figure([*NAMES, "g0002"]) == ["g0002"] and read(FIGURES)["code"] == {"figure": "d", "more than figure": "c"}
     code["figure"] = "e"
-    assert known() == {FIGURES: [f"{CHANGED}the code of figure has changed'"]}
+    assert known() == {FIGURES: [f"{CHANGED}figure has changed'"]}
     assert figure(NAMES) == NAMES and read(FIGURES)["code"] == {"more than figure": "c"}
 
 

@@ -3,6 +3,7 @@
 import hashlib
 import signal
 import sys
+import tempfile
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,7 +16,7 @@ from relight.core.files import file_hash
 from relight.core.text import without_passwords
 from relight.core.version import __version__
 from relight.lab.tracking.store import connect
-from relight.learning.checkpoint import read_config
+from relight.learning.checkpoint import load_network, read_config
 from relight.learning.training_name import COLORS, TrainingName
 from relight.settings import Track, flat
 
@@ -43,7 +44,8 @@ class TrainingRun:
         """Takes what the run records; nothing is sent before `open`.
 
         Args:
-            tracking: `track`, store and experiment, `tags`, and overrides by row (`relight.lab.plan.Plan.tracking`).
+            tracking: `track`, store and experiment, `tags`, and overrides by row (`relight.lab.plan.Plan.tracking`),
+                and `datasets`, if known, as MLflow describes them.
             name: name of the training, such as ours_full.s0.
             fingerprint: `relight.learning.train.fingerprint`.
             settings: parameters of the run, nested.
@@ -54,6 +56,7 @@ class TrainingRun:
         # With those that the row names, such as loss=min, since a comparison shows what differs.
         named = dict(word.lstrip("+").partition("=")[::2] for word in rows.get(training.row, []))
         self.settings = {key: str(value) for key, value in (named | flat(settings)).items()}
+        self.datasets = tracking.get("datasets", [])
         self.tags = {**tracking["tags"], "fingerprint": fingerprint, "relight.version": __version__}
         if training.row in rows:
             color = COLORS[list(rows).index(training.row) % len(COLORS)]
@@ -71,6 +74,7 @@ class TrainingRun:
             return
         client, experiment = connect(self.track)
         import mlflow
+        from mlflow.entities import Dataset, DatasetInput
 
         runs = client.search_runs([experiment], f"attributes.run_name = '{self.name}'")
         run: Any = next((found for found in runs if found.data.tags.get("fingerprint") == self.fingerprint), None)
@@ -83,6 +87,7 @@ class TrainingRun:
             mlflow.end_run("FAILED")  # that of an earlier attempt
             run = mlflow.start_run(**known, tags=self.tags, description=note, log_system_metrics=bool(self.settings))
             mlflow.log_params(self.settings)
+            client.log_inputs(run.info.run_id, [DatasetInput(Dataset(**data)) for data in self.datasets])
         self.id = run.info.run_id
 
     def is_of_workflow(self, run: Any) -> bool:
@@ -96,7 +101,7 @@ class TrainingRun:
                 self._send({step: values}, image)
 
     def finish(self, network: Path, curve: Path | None = None) -> None:
-        """Sends what the store lacks, adds the network's file, and ends the run.
+        """Sends what the store lacks, adds the network, and ends the run.
 
         Args:
             network: file (.safetensors).
@@ -114,7 +119,7 @@ class TrainingRun:
                     steps = pd.read_csv(curve, index_col="step").iterrows()
                     self._send({int(step): values.dropna() for step, values in steps})
                     mlflow.log_artifact(str(curve), "curve")
-                mlflow.log_artifact(str(network), "network")
+                log_network(self.id, network)
             mlflow.end_run()
 
     @contextmanager
@@ -164,6 +169,45 @@ def metric_name(name: str) -> str:
     group, _, value = name.rpartition("/")
     group = group or "train"
     return f"loss/{group}" if value == "loss" else f"{group}/{value}"
+
+
+def log_network(run: str, network: Path) -> None:
+    """Adds a network (.safetensors) to a run as its model `network`, which needs no code of relight: its graph.
+
+    An earlier one goes, of a training that was killed before the run ended.
+    """
+    import mlflow.onnx
+    import onnx
+    from mlflow.models import ModelSignature
+    from mlflow.types import Schema, TensorSpec
+
+    from relight.learning.export import export, sample_inputs, smallest_side
+    from relight.photos.network import INPUTS
+
+    def schema(values: Iterable[Any]) -> Schema:
+        shapes = {value.name: value.type.tensor_type.shape.dim for value in values}
+        return Schema(
+            [TensorSpec(np.dtype("f4"), [size.dim_value or -1 for size in shapes[name]], name) for name in shapes]
+        )
+
+    loaded, config = load_network(network)
+    side = smallest_side(loaded)
+    with tempfile.TemporaryDirectory() as folder:
+        export(loaded, f"{folder}/network.onnx", config)
+        model = onnx.load(f"{folder}/network.onnx")
+    client = mlflow.MlflowClient()
+    for old in client.search_logged_models([client.get_run(run).info.experiment_id], f"source_run_id = '{run}'"):
+        client.delete_logged_model(old.model_id)
+    mlflow.onnx.log_model(
+        model,
+        name="network",
+        signature=ModelSignature(schema(model.graph.input), schema(model.graph.output)),
+        input_example=dict(zip(INPUTS, (values.numpy() for values in sample_inputs(1, side, side)))),
+        pip_requirements=mlflow.onnx.get_default_pip_requirements(),
+        onnx_execution_providers=["CPUExecutionProvider"],
+        save_as_external_data=False,
+        extra_files=[str(network)],
+    )
 
 
 @contextmanager
