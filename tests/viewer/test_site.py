@@ -299,8 +299,9 @@ def test_a_mask_is_painted_by_keys_and_not_lost_by_escape(page, server):
     assert page.run(is_open) and page.run(asks)
     page.run("document.querySelector('#brush-discard [value=keep]').click()")
     assert page.run(is_open) and not page.run(asks)
+    page.run("window.painted = relight.figure()")
     press(page, "z", "z", "y", "y", "Enter")
-    until(page, f"!({is_open}) && document.getElementById('photo-status').hidden")
+    until(page, f"!({is_open}) && relight.figure() !== window.painted")
     assert 0 < before - pixels_inside() < before
     assert page.run("document.getElementById('figure').length") == figures, "a correction takes the figure's place"
     page.run("document.getElementById('edit-mask').click()")
