@@ -55,8 +55,11 @@ def fetch(package: Package, file: Path | str | None = None) -> bytes:
     if file is not None:
         data = existing_file(file, "--from").read_bytes()
     else:
+        registry = os.environ.get("NPM_CONFIG_REGISTRY") or REGISTRY
+        address = f"{registry.rstrip('/')}/{package.name}/-/{package.name.split('/')[-1]}-{package.version}.tgz"
         try:
-            data = _download(package)
+            with urllib.request.urlopen(address, timeout=TIMEOUT) as answer:
+                data = bytes(answer.read())
         except (OSError, ValueError, HTTPException) as error:  # urllib's errors are OSErrors
             raise UserError(
                 f"{package.name} {package.version} could not be downloaded ({getattr(error, 'reason', error)}): run "
@@ -66,11 +69,3 @@ def fetch(package: Package, file: Path | str | None = None) -> bytes:
     if base64.b64encode(hashlib.sha512(data).digest()).decode() != package.integrity:
         raise UserError(f"{file or package.file_name} is not {package.name} {package.version}: its SHA-512 differs")
     return data
-
-
-def _download(package: Package) -> bytes:
-    """Downloads the .tgz of a package from the registry. Raises OSError, ValueError or HTTPException if that fails."""
-    registry = os.environ.get("NPM_CONFIG_REGISTRY") or REGISTRY
-    address = f"{registry.rstrip('/')}/{package.name}/-/{package.name.split('/')[-1]}-{package.version}.tgz"
-    with urllib.request.urlopen(address, timeout=TIMEOUT) as answer:
-        return bytes(answer.read())
