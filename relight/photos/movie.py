@@ -1,12 +1,12 @@
 """The command `movie`: a photo under a light that turns, or a clip of moving people in another light.
 
 The exposure is fixed throughout. A network that infers each frame of a clip for itself flickers, so its results are
-smoothed over time: the light, which hardly changes, over a second; the crop over a few frames; the transport over
+smoothed over time: the light over all frames that seem to have the same; the crop over a few frames; the transport over
 neighbouring frames only where the image itself did not change, so that a moving arm leaves no trace.
 """
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import TypeVar, Unpack
 
 import numpy as np
 from PIL import Image
-from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.ndimage import maximum_filter, median_filter, minimum_filter
 
 from relight.core.errors import UserError
 from relight.core.numbers import finite
@@ -24,20 +24,24 @@ from relight.photos.inferred import SceneOptions, require_white_balance
 from relight.photos.look import Look
 from relight.photos.mask.coverage import GREY, coverage_of
 from relight.photos.mask.find import masked
-from relight.photos.mask.people import mask_warnings
+from relight.photos.mask.people import NobodyFound
 from relight.photos.network import PhotoNetwork
 from relight.photos.person import Person, balanced, infer_person
-from relight.photos.scene import Scene
+from relight.photos.scene import Exposed, Scene
 from relight.pictures.codes import on_white
 from relight.pictures.opening import list_photos, list_pictures, mask_in
 from relight.pictures.picture import Given, Picture
 from relight.pictures.video import FPS, at_constant_rate, is_video, read_frames, write_video
 
 T = TypeVar("T")
-LIGHT_RADIUS, CROP_RADIUS, TRANSPORT_RADIUS = 12, 4, 1  # frames to each side that the means include
+CROP_RADIUS, TRANSPORT_RADIUS = 4, 1  # frames to each side that the means include
+AHEAD, PAST = 12, 250  # frames after and before one whose lights count for its own
+MEDIAN = 7  # frames, whose median light tells whether the light has changed,
+ALIKE = 0.15  # and by how much of itself, in standard deviations
 CODER = 16  # codes from black, and from what is bright in a mask, within which the coder of a clip leaves them
 CHANGE = 0.06  # of linear values: pixels that differ by more from a neighbouring frame count as moved
 SECONDS = 6.0  # of the movie of a photo
+NOBODY = "nobody is seen, so nothing is relit"
 WHITE = "what is transparent is white, since a movie is opaque: --background gives something else"
 BOUNDS = {"seconds": (0.1, 600), "fps": (1, 120), "turns": (-1000, 1000)}
 UNKNOWN_LENGTH = 250  # frames of one turn of the light, for clips that do not state their length
@@ -71,7 +75,7 @@ def write_movie(
         **options: of `Scene.of`; in a clip, the whole mask of a frame is one person.
 
     Returns:
-        Notes on the light, the photo and its mask; on a clip, with the number of frames that have them.
+        Notes on the light, the photo and its mask; on a clip, with the number of frames, unless all have them.
 
     Raises:
         UserError: if an input is wrong or the file cannot be written.
@@ -82,22 +86,22 @@ def write_movie(
     )
     if look.background.kind == "transparent":
         raise UserError("a movie cannot be transparent: give another --background")
-    light_notes = look.light.notes if look.light else []
     if path.is_dir() or is_video(path):
         if seconds is not None or (fps is not None and path.is_file()):
             raise UserError(f"{path} is a clip and keeps its length: --seconds is for photos, --fps also for folders")
-        notes: Counter[str] = Counter()
+        notes: dict[str, list[str]] = {}
         frames, count, clip_fps = _relight_clip(network, path, mask, look, size, turns or 0.0, notes, **options)
         sound = path if path.is_file() else None
         write_video(out, progress(frames, "frames", total=count), fps or clip_fps, sound)
-        return light_notes + [f"{note} (frames: {number})" for note, number in notes.most_common()]
+        alike = sorted(notes.values(), key=len, reverse=True)
+        return [said[0] if len(said) == count else f"{said[0]} (frames: {len(said)})" for said in alike]
     scene, fps = Scene.of(path, mask, network, size=size, **options), fps or FPS
     count = max(1, round((seconds or SECONDS) * fps))
     turn = 2 * np.pi * (1.0 if turns is None else turns) / count
     exposed = scene.exposed(look, turning=turn != 0)
     frames = map(on_white, scene.turned(look, exposed, [turn * i for i in range(count)]))
     write_video(out, progress(frames, "frames", total=count), fps)
-    return light_notes + scene.notes + _white_notes(scene.picture, look)
+    return scene.notes + scene.notes_on(look, turn != 0) + _white_notes(scene.picture, look)
 
 
 def _relight_clip(
@@ -107,14 +111,14 @@ def _relight_clip(
     look: Look,
     size: int,
     turns: float,
-    notes: Counter[str],
+    notes: dict[str, list[str]],
     **options: Unpack[SceneOptions],
 ) -> tuple[Iterator[np.ndarray], int | None, float]:
     """Relights a video or a folder of pictures, with results smoothed over time.
 
-    The whole mask of a frame is one person, and the new light is matched to the exposure of the first frame. `notes`
-    counts the frames with each note on files and masks, while the frames are made. Returns the frames (H,W,3) uint8,
-    their number if it is known, and frames per second.
+    The whole mask of a frame is one person, and the new light is matched to the exposure of the first frame with one.
+    While the frames are made, `notes` gets those on each, by what they say without numbers. Returns the frames (H,W,3)
+    uint8, their number if it is known, and frames per second.
     """
     if options.get("lit_by"):
         raise UserError("the light of a clip is inferred in each frame: --lit-by is for photos")
@@ -126,7 +130,6 @@ def _relight_clip(
     def infer(picture: Picture, crop: Crop) -> Person:
         assert picture.coverage is not None  # frames are masked
         person = infer_person(network, picture.pixels, picture.coverage, crop)
-        notes.update([*picture.notes, *mask_warnings([person.coverage]), *_white_notes(picture, look)])
         return balanced([person])[0] if white_balance == "keep" else person
 
     def relit() -> Iterator[np.ndarray]:
@@ -134,9 +137,18 @@ def _relight_clip(
         pictures = at_constant_rate((frame.downscaled(size) for frame in clip), shown)
         exposed = None
         for i, scene in enumerate(smooth_over_time(pictures, network.size, infer)):
-            exposed = exposed or scene.exposed(look, turning=turns != 0)
+            said, shown_as = scene.picture.notes, exposed
+            if scene.people:
+                scene.network = network
+                said = scene.notes + scene.notes_on(look, turns != 0)
+                shown_as = exposed = exposed or scene.exposed(look, turns != 0)
+            for note in said + _white_notes(scene.picture, look):
+                notes.setdefault(re.sub(r"\d[\d.]*", "", note), []).append(note)
             turn = 2 * np.pi * turns * i / (count or UNKNOWN_LENGTH)
-            yield from map(on_white, scene.turned(look, exposed, [turn]))
+            unlit = Exposed(np.zeros((9, 3)), look.background)
+            yield from map(on_white, scene.turned(look, shown_as or unlit, [turn]))
+        if exposed is None:
+            raise NobodyFound(f"nobody was found in {path}: give masks with --mask")
 
     return relit(), count, fps
 
@@ -152,10 +164,15 @@ def with_masks(
     """Yields the frames of a clip, masked.
 
     `masks` is a video, or a folder: by the frames' names if any has one, else in order. If it is None, a frame's file
-    has its mask beside it, or it is found; raises UserError if a mask is missing or is of another size.
+    has its mask beside it, or it is found; a frame may show nobody. Raises UserError if a mask is missing or is of
+    another size.
     """
     if masks is None:
-        yield from (masked(frame, None, mask_model) for frame in frames)
+        for frame in frames:
+            try:
+                yield masked(frame, None, mask_model)
+            except NobodyFound:
+                yield replace(frame, coverage=np.zeros(frame.shape, np.uint8), notes=[*frame.notes, NOBODY])
         return
     named = masks.is_dir() and clip.is_dir() and any(mask_in(masks, frame.stem) for frame in list_photos(clip))
     if not masks.is_dir() and not is_video(masks):
@@ -192,7 +209,9 @@ def _drawn(frame: Picture) -> Image.Image:
 def smooth_over_time(frames: Iterable[Picture], size: int, infer: Callable[[Picture, Crop], Person]) -> Iterator[Scene]:
     """Infers the person in each frame, with crop, light and transport smoothed over time.
 
-    This is a stream: at most LIGHT_RADIUS + CROP_RADIUS frames to each side are in memory.
+    This is a stream: at most AHEAD + CROP_RADIUS frames to each side are in memory. The light of a frame is the mean of
+    those of the last PAST frames and the next AHEAD, weighted by how alike they are: an inference from one frame is
+    off by a tenth, and another way as the person turns, but a lamp that is switched on must be followed at once.
 
     Args:
         frames: masked.
@@ -200,20 +219,29 @@ def smooth_over_time(frames: Iterable[Picture], size: int, infer: Callable[[Pict
         infer: from a frame and its crop to a person.
 
     Yields:
-        The scene of each frame.
+        The scene of each frame; without people, if the mask is empty.
     """
-    cropped = ((frame, crop_around(np.asarray(frame.coverage), size)) for frame in frames)
-    inferred = (
-        (near[i][0], infer(near[i][0], _smooth_crop([crop for _, crop in near], i)))
-        for near, i in windows(cropped, CROP_RADIUS)
-    )
-    for near, i in windows(inferred, LIGHT_RADIUS):
-        weights = _gaussian(len(near), i, LIGHT_RADIUS)
-        light = np.tensordot(weights, np.stack([person.light for _, person in near]), 1)
-        around = [person for _, person in near[max(i - TRANSPORT_RADIUS, 0) : i + TRANSPORT_RADIUS + 1]]
-        frame, person = near[i]
-        smooth = replace(person, light=light.astype(np.float32), transport=_smooth_transport(person, around))
-        yield Scene(frame, [smooth])
+    masks = ((frame, np.asarray(frame.coverage)) for frame in frames)
+    cropped = ((frame, crop_around(mask, size) if mask.any() else None) for frame, mask in masks)
+    lights: list[np.ndarray] = []
+
+    def inferred() -> Iterator[tuple[Picture, Person | None, int]]:
+        """Yields frames, with the number of the person's light in `lights`."""
+        for near, i in windows(cropped, CROP_RADIUS):
+            frame, crop = near[i]
+            person = infer(frame, _smooth_crop(crop, [each for _, each in near], i)) if crop else None
+            lights.extend([person.light] if person else [])
+            yield frame, person, len(lights) - 1
+
+    for near, i in windows(inferred(), AHEAD):
+        frame, person, number = near[i]
+        if not person:
+            yield Scene(frame, [])
+            continue
+        first = max(number - PAST, 0)
+        around = [each for _, each, _ in near[max(i - TRANSPORT_RADIUS, 0) : i + TRANSPORT_RADIUS + 1] if each]
+        light = _mean_alike(np.stack(lights[first:]), number - first)
+        yield Scene(frame, [replace(person, light=light, transport=_smooth_transport(person, around))])
 
 
 def windows(items: Iterable[T], radius: int) -> Iterator[tuple[list[T], int]]:
@@ -229,16 +257,19 @@ def windows(items: Iterable[T], radius: int) -> Iterator[tuple[list[T], int]]:
             near, centre = near[1:], centre - 1
 
 
-def _gaussian(count: int, centre: int, radius: int) -> np.ndarray:
-    # At `radius` frames from `centre`, the Gaussian has 2 standard deviations.
-    weights = np.exp(-2 * ((np.arange(count) - centre) / radius) ** 2)
-    return weights / weights.sum()
+def _mean_alike(lights: np.ndarray, i: int) -> np.ndarray:
+    """Returns the mean of lights (N,K,3), weighted by how like the one at `i` each is, by medians over time."""
+    medians = median_filter(lights, (MEDIAN, 1, 1), mode="nearest")
+    change = np.linalg.norm(medians - medians[i], axis=(1, 2)) / np.linalg.norm(medians[i])
+    weights = np.exp(-0.5 * (change / ALIKE) ** 2)
+    return np.tensordot(weights / weights.sum(), lights, 1).astype(np.float32)
 
 
-def _smooth_crop(crops: list[Crop], i: int) -> Crop:
-    weights = _gaussian(len(crops), i, CROP_RADIUS)
-    top, left, side = weights @ np.array([[crop.top, crop.left, crop.side] for crop in crops])
-    return replace(crops[i], top=float(top), left=float(left), side=float(side))
+def _smooth_crop(crop: Crop, crops: Sequence[Crop | None], i: int) -> Crop:
+    # At CROP_RADIUS frames from `i`, the Gaussian has 2 standard deviations.
+    weights = [np.exp(-2 * ((j - i) / CROP_RADIUS) ** 2) for j, near in enumerate(crops) if near]
+    top, left, side = np.average([[near.top, near.left, near.side] for near in crops if near], 0, weights)
+    return replace(crop, top=float(top), left=float(left), side=float(side))
 
 
 def _smooth_transport(person: Person, around: list[Person]) -> np.ndarray:

@@ -102,11 +102,12 @@ def frames(
     alpha: np.ndarray | None = None,
 ) -> Iterator[np.ndarray]:
     """Yields what `render` returns for each of `lights`, with its turn. What these do not change is computed once."""
-    shape, coverage = pixels.shape[:2], total_coverage(people)
+    shape = pixels.shape[:2]
+    coverage = total_coverage(people) if people else np.zeros(shape, np.uint8)
     transparent = background.kind == "transparent"
     shown = coverage if transparent else alpha if background.kind == "keep" else None
     ground = None
-    if background.replaced and background.shadow:
+    if people and background.replaced and background.shadow:
         coverages, bodies = zip(*((person.coverage, person.body) for person in people))
         ground = ground_under(coverages, order_of(people[0].transport.shape[-1]), bodies)
     still = background.linear(shape, stops=stops) if background.replaced and not background.turns else None

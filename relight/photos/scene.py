@@ -52,8 +52,11 @@ class Scene(Inferred):
         light = light * np.float32(factor)
         return Exposed(light, look.background.matched(light, factor, factor / needed))
 
-    def notes_on(self, look: Look) -> list[str]:
-        """What a user should know about a look: who casts no shadow, and notes on its light, from behind or below."""
+    def notes_on(self, look: Look, turning: bool = False) -> list[str]:
+        """What a user should know about a look: who casts no shadow, and notes on its light, from behind or below.
+
+        A light that is `turning` comes from everywhere in turn.
+        """
         shadows = []
         if look.background.replaced and look.background.shadow:
             for number, person in enumerate(self.people, 1):
@@ -67,7 +70,7 @@ class Scene(Inferred):
         heading = np.degrees(np.arctan2(x, z))
         turned = abs((heading + look.turn + 180) % 360 - 180)
         notes = [*shadows, *look.light.notes]
-        if turned >= BEHIND and np.hypot(x, z) >= DIRECTED * level:
+        if not turning and turned >= BEHIND and np.hypot(x, z) >= DIRECTED * level:
             turn = f"a turn of {-heading:.0f} brings it to the front"
             notes.append(f"most of this light comes from behind: faces suffer; {turn}")
         if -y > DIRECTED * level:
