@@ -16,6 +16,7 @@ from relight.core.errors import UserError
 from relight.core.files import atomic_write, existing_file, file_hash, write_json
 from relight.core.npz import read_npz
 from relight.maps.square import MASK_THRESHOLD, crop_around
+from relight.sh.conventions import MAX_COEFFICIENT
 
 INDEX = "index.json"
 PICTURES = ("ratio", "full")  # relit pictures: the photograph times a gain, and rendered from maps alone
@@ -195,6 +196,6 @@ def read_answer(folder: Path, entry: Entry) -> dict[str, np.ndarray]:
         if values.dtype != np.uint8 if name in PICTURES else values.dtype.kind != "f":
             kind = "uint8 (sRGB)" if name in PICTURES else "float (linear)"
             raise UserError(f"{path}: {name} is {values.dtype}, but must be {kind}")
-        if not np.isfinite(values).all():
-            raise UserError(f"{path}: {name} has values that are not finite numbers")
+        if not float(np.abs(values).max()) <= MAX_COEFFICIENT:
+            raise UserError(f"{path}: {name} has values that are not finite numbers, or beyond {MAX_COEFFICIENT:.0e}")
     return arrays

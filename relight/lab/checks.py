@@ -9,6 +9,7 @@ from typing import Any
 from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.core.text import read_table
+from relight.figures.draw.constraints import Constraints
 from relight.lab.made import outdated, read, records_of
 from relight.lab.plan import DATA, Plan
 from relight.meshes.alignment import read_align_table
@@ -32,7 +33,7 @@ def check(plan: Plan) -> None:
 
 
 def check_figures(plan: Plan) -> None:
-    """Raises UserError if there is only one figure, or person: the workflow trains on some and tests on others."""
+    """Raises UserError if no figure can be made, or there is one alone, or one person: some train, others test."""
     if len(plan.figures) < 2:
         raise UserError(
             f"a training and its test need at least two figures, and there is only {plan.figures[0]}: "
@@ -43,6 +44,7 @@ def check_figures(plan: Plan) -> None:
         raise UserError(sentence)
     if figures["source"] != "generated":
         return
+    Constraints(figures["sitting"], *(tuple(figures[key]) for key in ("poses", "garments", "hair")))
     first, count, share = (figures[key] for key in ("first", "count", "per_subject"))
     if split["kind"] == "subject" and first // share == (first + count - 1) // share:
         raise UserError(f"figures.per_subject={share} makes one person of all {count} figures: a split needs two")

@@ -249,6 +249,8 @@ def test_one_person_is_refused_before_anything_runs(calls, tmp_path):
         (["figures.per_subject=6"], "figures.per_subject=6 makes one person of all 6 figures"),
         (["figures.per_subject=12", "figures.first=14"], "figures.per_subject=12 makes one person"),
         (["figures.sitting=1"], "all figures sit"),
+        (["figures.garments=[tiara]"], "tiara"),
+        (["figures.poses=[nope]"], "nope"),
     ):
         with pytest.raises(UserError, match=says):
             run(*words)

@@ -198,10 +198,13 @@ def test_a_run_of_the_environment_is_left_alone(empty_store, tmp_path, monkeypat
     in_folder(tmp_path, train_inside, foreign.info.run_id)
     found = {run.info.run_id: run.data.params["lr"] for run in runs(MlflowClient(f"sqlite:///{tmp_path}/mlflow.db"))}
     assert found.pop(foreign.info.run_id) == "1" and [*found.values()] == ["2"]
+    assert [MlflowClient(f"sqlite:///{tmp_path}/mlflow.db").get_metric_history(run, "loss/train") for run in found] != [
+        []
+    ]
 
 
 def train_inside(run: str) -> None:
-    os.environ["MLFLOW_RUN_ID"] = run
+    os.environ |= {"MLFLOW_RUN_ID": run, "MLFLOW_ACTIVE_MODEL_ID": "m-1"}
     train_again("here", 2)
 
 

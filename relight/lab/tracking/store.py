@@ -38,7 +38,8 @@ EXPERIMENT_TAGS = {
 
 def select_store(uri: str) -> None:
     """Selects the store of this process; MLflow must not have been imported before."""
-    os.environ.pop("MLFLOW_RUN_ID", None)  # of somebody else's run, as `mlflow run` and Databricks set it
+    for variable in ("MLFLOW_RUN_ID", "MLFLOW_ACTIVE_MODEL_ID"):  # somebody else's, as `mlflow run` and Databricks set
+        os.environ.pop(variable, None)
     for variable, value in DEFAULTS.items():
         os.environ.setdefault(variable, value)
     logging.getLogger("alembic").setLevel(logging.WARNING)
