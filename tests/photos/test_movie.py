@@ -165,7 +165,7 @@ def test_frames_without_a_person_stay_and_a_clip_tells_what_a_photo_does(run, we
     assert (shown[0] == [255, 0, 0]).all() and (shown[1] != [255, 0, 0]).any()
     monkeypatch.setattr(movie, "masked", masked_but("01234"))
     (tmp_path / "a.webm").unlink()
-    with pytest.raises(UserError, match="nobody was found in .*clip: give masks"):
+    with pytest.raises(UserError, match=r"nobody was found in .*clip: give masks"):
         run(*words)
     assert [path.name for path in tmp_path.iterdir()] == ["clip"]
 
