@@ -57,6 +57,7 @@ BASELINES = {
     "mean_light": "true maps, mean training light",
     "nearest_light": "true maps, nearest training light",
     "no_occlusion": "true light, true normals without occlusion",
+    "mean_occlusion": "true light, true normals and mean AO",
     "ao_occlusion": "true light, true normals and AO",
     "as_it_is": "the picture as it is",
 }

@@ -14,6 +14,7 @@ from relight.learning.data import RelitSet
 from relight.learning.predict import predict
 from relight.maps import read_maps
 from relight.settings import composed
+from relight.settings.scores import BASELINES
 from relight.sh import unoccluded
 
 
@@ -112,7 +113,7 @@ def test_make_predictors_of_each_baseline(world, tmp_path):
     out = tmp_path / "baselines.csv"
     evaluate_baselines(world.packed, world.lights, world.split, world.condition, out, color="photo")
     scores = read_scores(out)
-    assert list(scores) == ["mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is"]
+    assert [*scores] == [*BASELINES]
     lights = np.load(world.lights)["coefficients"]
     error = np.sqrt(((lights[:4].mean(0) - lights[4]) ** 2).mean())
     assert scores["mean_light"].columns["light_rmse"][0, 0] == pytest.approx(error, rel=1e-5)
@@ -124,6 +125,10 @@ def test_make_predictors_of_each_baseline(world, tmp_path):
     open_transport = unoccluded(maps.normal)[maps.mask] - maps.transport[maps.mask]
     expected = np.sqrt((open_transport**2).sum(-1).mean())
     assert scores["no_occlusion"].columns["transport_rmse"][0] == pytest.approx(expected, rel=2e-3)
+    ao = np.concatenate([maps.ao[maps.mask] for maps in map(read_maps, world.maps[:3])]).mean()
+    mean_transport = ao * unoccluded(maps.normal)[maps.mask] - maps.transport[maps.mask]
+    expected = np.sqrt((mean_transport**2).sum(-1).mean())
+    assert scores["mean_occlusion"].columns["transport_rmse"][0] == pytest.approx(expected, rel=2e-3)
     assert "transport_rmse" not in scores["mean_light"].columns
     assert "light_rmse" not in scores["no_occlusion"].columns
 

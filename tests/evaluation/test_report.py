@@ -280,7 +280,7 @@ def check(html: str) -> Outline:
 def test_head_draws_no_conclusion_from_a_few_subjects(tmp_path):
     for figures, subjects, concludes in ((5, 5, False), (6, 6, True), (10, 5, False)):
         folder = tmp_path / str(figures)
-        made = results(folder, "claim", {"no_occlusion": {"shading_true_light_rmse": 0.6}})
+        made = results(folder, "claim", {"mean_occlusion": {"shading_true_light_rmse": 0.6}})
         for file in (folder / "evaluate" / "test-test").glob("*.csv"):
             table = pd.read_csv(file)
             table[table["figure"].isin(FIGURES[:figures])].to_csv(file, index=False)

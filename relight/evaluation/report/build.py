@@ -104,12 +104,12 @@ def head(name: str, results: Results, outcome: dict[str, Any] | None) -> Markup:
 def _answer(results: Results) -> dict[str, Any] | None:
     """Returns the context of templates/answer.md: comparisons of the shading under the true light.
 
-    `bar`: Ours plus with true normals without occlusion; `constant`: with the mean training figure; `over_ao`: Ours
+    `bar`: Ours plus with true normals and the mean AO; `constant`: with the mean training figure; `over_ao`: Ours
     (min) with SfSNet-AO, None without both. None if the experiment `claim` is not in the run, or lacks a row or test
     figures.
     """
     table = results.table("claim") if "claim" in results.tables else Table(())
-    pairs = {"bar": ("ours_plus", "no_occlusion"), "constant": ("ours_plus", "mean_figure")}
+    pairs = {"bar": ("ours_plus", "mean_occlusion"), "constant": ("ours_plus", "mean_figure")}
     pairs["over_ao"] = ("ours_min", "sfsnet_ao")
     columns = (TRUE_LIGHT, "relit_rmse")  # over which the table of comparisons corrects, too
     compared = {name: compare_rows(table, *pair, columns).get(TRUE_LIGHT) for name, pair in pairs.items()}

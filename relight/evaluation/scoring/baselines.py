@@ -5,8 +5,9 @@
 | `mean_figure`   | each map as its mean over the training figures, and `mean_light` | the mask                   |
 | `mean_light`    | the mean training light                                        | true maps                    |
 | `nearest_light` | the training light nearest to the true one                      | true maps, the true light   |
-| `no_occlusion`  | transport of the true normals: the upper bound of SfSNet        | true normals, albedo, light |
-| `ao_occlusion`  | the same times the true AO: the upper bound of SfSNet-AO        | and the true AO             |
+| `no_occlusion`  | transport of the true normals, at which SfSNet aims             | true normals, albedo, light |
+| `mean_occlusion` | the same times the mean AO of the training figures             | true normals, albedo, light |
+| `ao_occlusion`  | the same times the true AO, at which SfSNet-AO aims             | and the true AO             |
 | `as_it_is`      | the input picture in place of the relit one                     | the picture                 |
 """
 
@@ -51,6 +52,7 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
     mean_light = train_lights.mean(0, keepdims=True)
     order = order_of(mean_light.shape[1])
     mean = _mean_figure(data, figures)
+    mean_ao = np.concatenate([data.ao[pixel_rows(data, figure)].float().numpy() for figure in figures]).mean()
 
     def true(name: str, figure: int) -> np.ndarray:
         """Returns a true map (1,P,C) of a figure at its P pixels; (1,P) for AO."""
@@ -70,6 +72,9 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
     def no_occlusion(figure: int, lights: np.ndarray) -> Inferred:
         return Inferred(transport=unoccluded(true("normal", figure), order).astype(np.float32))
 
+    def mean_occlusion(figure: int, lights: np.ndarray) -> Inferred:
+        return Inferred(transport=no_occlusion(figure, lights).transport * mean_ao)
+
     def ao_occlusion(figure: int, lights: np.ndarray) -> Inferred:
         return Inferred(transport=no_occlusion(figure, lights).transport * true("ao", figure)[..., None])
 
@@ -81,6 +86,7 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
         "mean_light": lambda figure, lights: Inferred(light=np.repeat(mean_light, len(lights), 0)),
         "nearest_light": nearest_light,
         "no_occlusion": no_occlusion,
+        "mean_occlusion": mean_occlusion,
         "ao_occlusion": ao_occlusion,
         "as_it_is": as_it_is,
     }
