@@ -21,13 +21,13 @@ def main() -> None:
     major, minor = sys.version_info[:2]
     if not PYTHONS[0] <= (major, minor) <= PYTHONS[1]:
         names = " to ".join(".".join(map(str, version)) for version in PYTHONS)
-        remedy = "delete .venv, and " * PYTHON.exists() + "make PYTHON=python3.12"
-        sys.exit(f"relight needs Python {names}, and {sys.executable} is {major}.{minor}: {remedy}")
-    from relight.core import libraries
+        advice = "delete .venv, and " * PYTHON.exists() + "make PYTHON=python3.12"
+        sys.exit(f"relight needs Python {names}, and {sys.executable} is {major}.{minor}: {advice}")
+    from relight.core.libraries import LIBRARIES, missing, remedy
 
     if not PYTHON.exists():
         subprocess.run([sys.executable, "-m", "venv", "--clear", "--without-pip", ".venv"], check=True)
-    packages = [libraries.LIBRARIES[name] for name in libraries.missing(LIB)]
+    packages = [LIBRARIES[name] for name in missing(LIB)]
     if not (PIP.exists() or find_spec("ensurepip")):
         packages.append("python3-pip-whl")
     with TemporaryDirectory() as folder:
@@ -35,8 +35,8 @@ def main() -> None:
             get(packages, Path(folder))
         if not PIP.exists():
             subprocess.run([PYTHON, *pip(Path("/"), Path(folder))], stdout=subprocess.DEVNULL, check=True)
-    if names := libraries.missing(LIB):
-        print(f"going on without {', '.join(names)}: `relight run`, `bake` and `scans` will not work; {libraries.remedy(names)}")
+    if names := missing(LIB):
+        print(f"going on without {', '.join(names)}: `relight run`, `bake` and `scans` will not work; {remedy(names)}")
 
 
 def pip(*roots: Path) -> list[str]:
