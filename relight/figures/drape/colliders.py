@@ -30,10 +30,6 @@ def vec3_array(values: np.ndarray) -> wp.array:
 class Collider:
     """A closed or open mesh that moves from `start` to `end` during a frame; for a mesh at rest, both are the same.
 
-    Args:
-        start, end: (V,3) vertices at the start and the end of the frame, metres.
-        faces: (F,3).
-
     Nearest faces and ray hits are searched on `start`, where cloth still is: limbs move further in a frame than they
     are thick.
 
@@ -45,7 +41,7 @@ class Collider:
     """
 
     def __init__(self, start: np.ndarray, end: np.ndarray, faces: np.ndarray):
-        """Builds the search structure from vertices (V,3) at the start and the end of the frame, and faces (F,3)."""
+        """Builds the search structure from vertices (V,3) at both ends of the frame, metres, and faces (F,3)."""
         self.indices: wp.array = wp.array(faces.astype(np.int32).ravel(), dtype=int)
         self.start, self.end = vec3_array(start), vec3_array(end)
         self.normals = vec3_array(normals(end, faces))  # those of its end, for the whole frame
