@@ -149,8 +149,14 @@ def test_doubts_name_limbs_and_places():
     ]  # fmt: skip
     (one,) = said(trunk | legs | pillar | (abs(y - 80) < 3) & (x > 128) & (x < 180))
     assert "mostly at the upper right" in one
-    (one,) = said(trunk | legs | (np.hypot(x - 60, y - 60) < 5))
-    assert one == "a part apart from the body, at the upper left, may be a thing, or background"
+    for thread in (0, 2):
+        (one,) = said(trunk | legs | (np.hypot(x - 60, y - 60) < 5) | (abs(y - 60) < thread) & (x > 60) & (x < 128))
+        assert one == "a part apart from the body, at the upper left, may be a thing, or background"
+    neighbour = np.roll(trunk | legs, 70, 1)
+    other = replace(body_of(neighbour), joints=(joints + [70 / 256, 0, 0]).astype(np.float32))
+    seen = replace(body_of((trunk | legs) + 0.6 * (neighbour & (x < 190))), joints=joints)
+    both = np.where(trunk | legs | neighbour, np.uint8(255), np.uint8(0))
+    assert mask_doubts(both, [seen, other]) == []
     strangers = said(trunk | legs | (x > 220) & (y > 60) & (y < 200))
     assert strangers == ["person 2: no joints were found in this part of the mask: it may be a thing, or background"]
 

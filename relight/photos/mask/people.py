@@ -15,6 +15,7 @@ LOOK = 256  # pixels of a person's longer side at which doubts are looked for
 SLACK = 0.02  # of it: how far a joint may be outside, and half the thickness of what networks may disagree about
 SURE = 0.8  # that a joint is seen
 APART = 0.05  # least share of a mask about which they disagree
+BRIDGE = 5  # pixels: what hangs by less on the body is apart from it
 SPECK = 0.002  # least share of a mask that is apart from the body, for a doubt
 LIMBS = {
     0: "head", 13: "left elbow", 14: "right elbow", 15: "left hand", 16: "right hand", 25: "left knee",
@@ -119,32 +120,36 @@ def mask_doubts(coverage: np.ndarray, bodies: Sequence[Body]) -> list[str]:
     return [
         f"{f'person {number}: ' if len(parts) > 1 else ''}{doubt}"
         for number, part in enumerate(parts, 1)
-        for doubt in _doubts(*part)
+        for doubt in _doubts(*part, coverage, bodies)
     ]
 
 
-def _doubts(coverage: np.ndarray, body: Body | None) -> list[str]:
+def _doubts(own: np.ndarray, body: Body | None, coverage: np.ndarray, bodies: Sequence[Body]) -> list[str]:
+    """Doubts about one person's `own` mask of the whole `coverage`; what a neighbour has is no doubt about them."""
     if body is None:
         return ["no joints were found in this part of the mask: it may be a thing, or background"]
-    rows, columns = extent(coverage >= MASK_THRESHOLD)
-    part, shape = coverage[slice(*rows), slice(*columns)], np.array(coverage.shape)
-    scale = min(LOOK / max(part.shape), 1)
-    size = max(round(part.shape[1] * scale), 1), max(round(part.shape[0] * scale), 1)
-    solid = np.asarray(Image.fromarray(part).resize(size, Image.Resampling.BOX)) >= MASK_THRESHOLD
+    rows, columns = extent(own >= MASK_THRESHOLD)
+    shape, box = np.array(coverage.shape), np.s_[slice(*rows), slice(*columns)]
+    scale = min(LOOK / max(own[box].shape), 1)
+    size = max(round(own[box].shape[1] * scale), 1), max(round(own[box].shape[0] * scale), 1)
+    solid, whole = (
+        np.asarray(Image.fromarray(mask[box]).resize(size, Image.Resampling.BOX)) >= MASK_THRESHOLD
+        for mask in (own, coverage)
+    )
     slack = max(round(SLACK * max(size)), 1)
-    known = np.pad(maximum_filter(np.pad(solid, slack), 2 * slack + 1), 1)
+    known = np.pad(maximum_filter(np.pad(whole, slack), 2 * slack + 1), 1)
     places = ((body.joints[:, 1::-1] * shape - [rows[0], columns[0]]) * scale).astype(int) + slack + 1
     lost = ~known[tuple(places.clip(0, np.array(known.shape) - 1).T)] & (body.joints[:, 2] > SURE)
     lost &= ((body.joints[:, :2] > 0) & (body.joints[:, :2] < 1)).all(1)
     doubts = [f"the {name} is not in the mask" for joint, name in LIMBS.items() if lost[joint]]
-    other = (
-        body.mask(size, [columns[0] / shape[1], rows[0] / shape[0], columns[1] / shape[1], rows[1] / shape[0]]) > 0.5
-    )
-    apart = maximum_filter(minimum_filter(solid ^ other, 2 * slack + 1), 2 * slack + 1)
+    sides = [columns[0] / shape[1], rows[0] / shape[0], columns[1] / shape[1], rows[1] / shape[0]]
+    other, anybody = body.mask(size, sides) > 0.5, np.maximum.reduce([each.mask(size, sides) for each in bodies]) > 0.5
+    apart = (solid & ~anybody) | (other & ~whole)
+    apart = maximum_filter(minimum_filter(apart, 2 * slack + 1), 2 * slack + 1)
     if apart.sum() > APART * solid.sum():
         doubts.append(f"the networks disagree about the mask, mostly at the {_place(apart)}")
-    parts, _ = label(solid)
-    alone = solid & ~np.isin(parts, parts[other])
+    parts, _ = label(minimum_filter(solid, BRIDGE))
+    alone = maximum_filter((parts > 0) & ~np.isin(parts, parts[anybody]), BRIDGE)
     if alone.sum() > SPECK * solid.sum():
         doubts.append(f"a part apart from the body, at the {_place(alone)}, may be a thing, or background")
     return doubts
