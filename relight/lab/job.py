@@ -37,7 +37,8 @@ def job(snakemake: Any) -> Iterator[set[str]]:
     with copied_output(snakemake.log[0], f"{name}: "):
         try:
             outputs, params = [*snakemake.output], dict(snakemake.params.items())
-            record = describe(snakemake.rule, params, snakemake.input, outputs[0])
+            rule = Path(sys.modules["__main__"].__file__ or "").stem  # of the script: `module` may give a prefix
+            record = describe(rule, params, snakemake.input, outputs[0])
             yield begin(outputs, record)
             finish(outputs, record)
         except KeyboardInterrupt:

@@ -1,8 +1,9 @@
 """Records of how results were made: results/<name>/made/<output>.json, which is copied with the results.
 
 A record has the `rule` and the `params` of its job; the hashes of the `code` that this ran, by module; the `inputs` by
-path and the `files` of the output, with bytes and hashes; the `dates` of these; and `unfinished` while a job changes
-the output, true if it keeps some of it. Paths are relative to results/<name>.
+path and the `files` of the output, with bytes and hashes; the `dates` of these, and of the user's files among the
+inputs; and `unfinished` while a job changes the output, true if it keeps some of it. Paths are relative to
+results/<name>.
 """
 
 import json
@@ -48,9 +49,9 @@ def stats(path: str) -> dict[str, os.stat_result]:
     return {name: entry.stat() for name, entry in sorted(entries.items()) if name[:1] != "." and entry.is_file()}
 
 
-def content(path: str) -> Content:
+def content(path: str, record: Record | None = None) -> Content:
     """Returns the content of a file or folder; {} if there is none. Files of recorded size and date are not read."""
-    found, record = {}, read(path)
+    found, record = {}, read(path) if record is None else record
     for name, stat in stats(path).items():
         known = record.get("files", {}).get(name, [])
         same = stat.st_size in known and stat.st_mtime_ns == record.get("dates", {}).get(name)
@@ -58,9 +59,24 @@ def content(path: str) -> Content:
     return found
 
 
-def dates(path: str) -> dict[str, int]:
-    """Returns the dates of the files in `content`, nanoseconds."""
-    return {name: stat.st_mtime_ns for name, stat in stats(path).items()}
+def dated(output: str, record: Record) -> Record:
+    """Returns a record with the dates, nanoseconds, of its files, and of the user's files among the inputs."""
+
+    def dates(path: str) -> dict[str, int]:
+        return {name: stat.st_mtime_ns for name, stat in stats(path).items()}
+
+    sources = {name: path for name in record["inputs"] if not is_result(path := found_at(output, name))}
+    return {**record, "dates": dates(output), "read": {name: dates(path) for name, path in sources.items()}}
+
+
+def found_at(output: str, name: str) -> str:
+    """Returns the path of an input by its name in the record of an output."""
+    return os.path.normpath(folder_of(output) / name)
+
+
+def is_result(path: str) -> bool:
+    """Returns whether a path is of a result, not of a file of the user."""
+    return Path(path).parts[0] == "results"
 
 
 def describe(rule: str, params: Mapping[str, Any], inputs: Iterable[str], output: str) -> Record:
@@ -90,7 +106,7 @@ def begin(outputs: list[str], job: Record) -> set[str]:
     if same_code and all({**before[output], **job, "files": files[output]} == before[output] for output in outputs):
         for output, record in before.items():
             record.pop("unfinished", None)
-            write_json(record_file(output), {**record, "dates": dates(output)})
+            write_json(record_file(output), dated(output, record))
         sys.exit(print("kept: it was made with these inputs, settings and code"))
     stay: set[str] = set()
     if os.path.isdir(folder := outputs[0]):
@@ -113,8 +129,7 @@ def finish(outputs: Iterable[str], job: Record) -> None:
     for output in outputs:
         before = read(output)  # whose code has made what stays
         code = {**(before["code"] if before.get("unfinished") else {}), **code_of(job["rule"])}
-        made = {**job, "code": code, "files": content(output), "dates": dates(output)}
-        write_json(record_file(output), made)
+        write_json(record_file(output), dated(output, {**job, "code": code, "files": content(output)}))
 
 
 def changed_code(record: Record) -> str | None:
@@ -128,9 +143,13 @@ def outdated(output: str, record: Record, read: Callable[[str], Record | None] =
     for name, entry in record["files"].items():
         if found.get(name) != entry:
             return f"{Path(output, name)} {'is another one' if name in found else 'is missing'}"
-    for path, files in record["inputs"].items():
-        if (made := read(os.path.normpath(folder_of(output) / path))) and made["files"] != files:
-            return f"{output} was made of another {path}"
+    for name, files in record["inputs"].items():
+        if is_result(path := found_at(output, name)):
+            now = (read(path) or {}).get("files")
+        else:
+            now = content(path, {"files": files, "dates": record.get("read", {}).get(name, {})})
+        if now and now != files:
+            return f"{output} was made of another {name}"
     return None
 
 
@@ -145,12 +164,12 @@ def records_of(outputs: Iterable[str]) -> Iterator[tuple[str, Record]]:
     while pending:
         if (output := pending.pop(0)) not in found and (record := read(output)):
             found.add(output)
-            pending += [os.path.normpath(folder_of(output) / path) for path in record["inputs"]]
+            pending += [found_at(output, name) for name in record["inputs"]]
             yield output, record
 
 
 def restore(out: str) -> list[str]:
-    """Gives Snakemake the records of results as its metadata, where it has none, those of other files, or old ones.
+    """Gives Snakemake the records of results as its metadata, where it has others or none.
 
     Args:
         out: the folder of the results, relative to the working directory.
@@ -169,18 +188,18 @@ def restore(out: str) -> list[str]:
             continue
         stamp = Path(output, ".snakemake_timestamp") if os.path.isdir(output) else Path(output)
         date = stamp.stat().st_mtime if stamp.exists() else 0.0
-        if not (reason := outdated(output, record, records.get)) and record.get("dates") != dates(output):
-            write_json(record_file(output), {**record, "dates": dates(output)})
+        if not (reason := outdated(output, record, records.get)) and record != (now := dated(output, record)):
+            write_json(record_file(output), now)
         if "unfinished" in record:
             reason = f"{output} is unfinished"
         elif module := changed_code(record):
             reason = f"{module} has changed"
         reasons += [reason] if reason else []
         known = store._read_record(output) or MetadataRecord()
-        if reason or known.endtime != date or any(param.startswith(CHANGED) for param in known.params or ()):
-            params = [*map(repr, record["params"].values()), *([f"{CHANGED}{reason}'"] if reason else [])]
-            inputs = sorted(os.path.normpath(Path(out, path)) for path in record["inputs"])
-            restored = MetadataRecord(rule=record["rule"], params=sorted(params), input=inputs, endtime=date)
+        params = sorted([*map(repr, record["params"].values()), *([f"{CHANGED}{reason}'"] if reason else [])])
+        if (known.endtime, known.params) != (date, params):
+            inputs = sorted(found_at(output, name) for name in record["inputs"])
+            restored = MetadataRecord(rule=record["rule"], params=params, input=inputs, endtime=date)
             restored.record_format_version = RECORD_FORMAT_VERSION
             store._write_record(output, restored)
     return list(dict.fromkeys(reasons))

@@ -1,6 +1,5 @@
 """Plans a workflow for the Snakefile: names of figures, trainings and experiments, and the files of each."""
 
-import os
 import platform
 import shlex
 from collections.abc import Iterable
@@ -26,7 +25,6 @@ BATCH = 10  # generated figures that share a process, since one takes as long to
 DATA = ("packed.safetensors", "lights/lights.npz")  # what other runs take of a run
 BESIDE = (*PHOTO_SUFFIXES, ".mtl", ".bin", ".dds", ".tga")  # suffixes of what meshes refer to
 MAX_TAG = 5000  # characters of a tag in MLflow
-Stamp = list[str | int]  # path, bytes and date of a file, nanoseconds
 
 
 class Plan:
@@ -90,8 +88,8 @@ class Plan:
         return list_scans(self.shared["figures"]["folder"])
 
     @cached_property
-    def scan_stamps(self) -> dict[str, list[Stamp]]:
-        """The `stamps` of the mesh of each scan, and of the files beside it that may be its own, BESIDE.
+    def scan_files(self) -> dict[str, list[str]]:
+        """The mesh of each scan, and the files beside it that may be its own, BESIDE.
 
         A file belongs to meshes of its folder, or of the nearest one above that has some: to all of them, or, if its
         name begins with that of one, to all whose names begin so, too (eve.mtl to eve and eve_sitting).
@@ -103,12 +101,12 @@ class Plan:
                 owners.get((scan.path.parent, scan.path.stem[:end]), []).append(name)
         folders = {folder for folder, _ in owners}
         files = {path for folder in folders for path in folder.rglob("*") if path.suffix.lower() in BESIDE}
-        found = {name: stamps([scan.path]) for name, scan in self.scans.items()}
+        found = {name: [scan.path] for name, scan in self.scans.items()}
         for path in sorted(path for path in files if path.is_file()):
             keys = ((folder, path.name[:end]) for folder in path.parents for end in range(len(path.name), -1, -1))
             for name in next(owners[key] for key in keys if key in owners):
-                found[name] += stamps([path])
-        return found
+                found[name].append(path)
+        return {name: safe(paths) for name, paths in found.items()}
 
     @property
     def table(self) -> list[str]:
@@ -301,11 +299,3 @@ class Plan:
 def safe(paths: Iterable[Path | str]) -> list[str]:
     """Returns the user's files as inputs of rules, without those whose names are unsafe, which the jobs report."""
     return [str(path) for path in paths if not is_unsafe_name(path)]
-
-
-def stamps(paths: Iterable[Path | str | None]) -> list[Stamp]:
-    """Returns path, bytes and date of the user's files, None left out.
-
-    They are params of rules: by dates alone, a file replaced by one that is older than the results would go unseen.
-    """
-    return [[str(path), (stat := os.stat(path)).st_size, stat.st_mtime_ns] for path in paths if path]

@@ -73,25 +73,26 @@ def test_a_second_run_does_nothing(done):
     assert run.returncode == 0 and "Nothing to be done" in run.stdout
 
 
-AFTER_TRAINING = {"evaluate": 2, "tables": 1, "plates": 1, "report": 1, "viewer": 1}
-AFTER_BAKING = {"pack": 1, "split": 1, "train": 2, "baselines": 1, "sheets": 1, **AFTER_TRAINING}
-AFTER_LIGHTS = {"train": 2, "baselines": 1, "sheets": 1, **AFTER_TRAINING}
+AFTER_TRAINING = {"evaluate": 2, "plates": 1, "report": 1, "viewer": 1}
+AFTER_SPLIT = {"train": 2, **AFTER_TRAINING, "evaluate": 3}
+AFTER_BAKING = {"pack": 1, "split": 1, "sheets": 1, **AFTER_SPLIT}
+AFTER_LIGHTS = {"sheets": 1, **AFTER_SPLIT}
 CHANGES = {
     "track.experiment=other": {},
     "train.device=cpu": {},
     "split.least=0.4": {},
     "train.lr=0.5": {"train": 2, **AFTER_TRAINING},
     "augment.camera=0": {},
-    "split.seed=1": {"split": 1, "train": 2, "baselines": 1, **AFTER_TRAINING},
+    "split.seed=1": {"split": 1, **AFTER_SPLIT},
     "bake.rays=8": {"bake": 1, **AFTER_BAKING},
-    "align.up=+y": {"clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
-    "figures.sitting=0.5": {"figure": 1, "clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
+    "align.up=+y": {"align": 1, "bake": 1, **AFTER_BAKING},
+    "figures.sitting=0.5": {"figure": 1, "align": 1, "bake": 1, **AFTER_BAKING},
     "lights.clusters=5": {"lights": 1, **AFTER_LIGHTS},
     # One more network, on the usual figures and lights; and the same network under lights of an experiment's own.
     "experiment=table2 sweep.only=[ours_full,no_tv]": {
-        "train": 1, "evaluate": 1, "tables": 1, "report": 1, "viewer": 1},
+        "train": 1, "evaluate": 1, "report": 1, "viewer": 1},
     "experiment=unusual_lights sweep.only=[ours_full]": {
-        "evaluate": 1, "baselines": 1, "tables": 1, "plates": 1, "report": 1, "viewer": 1},
+        "evaluate": 2, "plates": 1, "report": 1, "viewer": 1},
 }  # fmt: skip
 
 
@@ -114,13 +115,8 @@ EDITS = {
     ("relight/transport/integrate.py", "# A comment.\n"): {},
     ("relight/meshes/gltf.py", "X = 1\n"): {},
     ("relight/core/download.py", "X = 1\n"): {},
-    ("relight/settings/scores.py", "READINGS['ssim'] = Reading('SSIM', 1)\n"): {"tables": 1, "report": 1},
-    ("relight/settings/scores.py", "QUANTITIES['ao'] = Quantity('AO', 2)\n"): {
-        "evaluate": 2,
-        "baselines": 1,
-        "tables": 1,
-        "report": 1,
-    },
+    ("relight/settings/scores.py", "READINGS['ssim'] = Reading('SSIM', 1)\n"): {"report": 1},
+    ("relight/settings/scores.py", "QUANTITIES['ao'] = Quantity('AO', 2)\n"): {"evaluate": 3, "report": 1},
     ("workflow/scripts/bake.py", "# A comment.\n"): {},
     ("workflow/scripts/lights.py", "X = 1\n"): {"lights": 1, **AFTER_LIGHTS},
     ("workflow/rules/lights.smk", "        more=1,\n"): {"lights": 1, **AFTER_LIGHTS},
@@ -130,7 +126,6 @@ EDITS = {
 # Rule -> packages of relight on which its results depend.
 PACKAGES = {
     "figure": "core figures meshes",
-    "clean": "core meshes",
     "align": "core maps meshes sh",
     "bake": "core maps meshes sh transport",
     "pack": "core maps sh",
@@ -138,7 +133,6 @@ PACKAGES = {
     "lights": "core lights panoramas pictures sh",
     "train": "core lab learning lights maps panoramas photos sh",
     "evaluate": "core evaluation lab learning lights maps panoramas photos sh",
-    "baselines": "core evaluation learning lights maps panoramas photos sh",
 }
 
 
@@ -165,12 +159,12 @@ COPIES = {
     ("true", ""): {"report": 1, "viewer": 1},  # which show the name
     ("true", "train.lr=0.5"): {"train": 2, **AFTER_TRAINING},
     ("true", "bake.rays=8"): MADE_AGAIN,
-    ("true", "figures.count=4"): {"figure": 1, "clean": 1, "align": 1, **MADE_AGAIN},
+    ("true", "figures.count=4"): {"figure": 1, "align": 1, **MADE_AGAIN},
     ("rm maps/*/g0001.exr", ""): MADE_AGAIN,
     ("cp maps/*/g0001.exr maps/*/g0002.exr", ""): MADE_AGAIN,
     ("rm -r maps/*", ""): MADE_AGAIN,
-    ("rm figures/*/g0001.npz", ""): {"figure": 1, "clean": 1, "align": 1, **MADE_AGAIN},
-    ("rm split.json", ""): {"split": 1, "train": 2, "baselines": 1, **AFTER_TRAINING},
+    ("rm figures/*/g0001.npz", ""): {"figure": 1, "align": 1, **MADE_AGAIN},
+    ("rm split.json", ""): {"split": 1, **AFTER_SPLIT},
     ("rm train/*.csv", ""): {"train": 2, **AFTER_TRAINING},
     ("cp train/self_all.s0.safetensors train/ours_full.s0.safetensors", ""): {"train": 2, **AFTER_TRAINING},
     ("rm -r made/maps", "bake.rays=8"): {"report": 1, "viewer": 1},
@@ -198,6 +192,50 @@ def test_results_know_how_they_were_made(done, tmp_path):
     assert [path.stat().st_mtime_ns == date for path, date in zip(maps, dates)] == [True, False, True]
     kept = re.findall(r"^(\w+) ?\S*: kept: it was made", run.stdout, re.M)
     assert kept.count("train") == 2 and kept.count("evaluate") == 2 and hashes(repo) == hashes(done)
+
+
+MODULE = """
+module relight:
+    snakefile: "{}/workflow/Snakefile"
+    config: {{"hydra": {}}}
+
+use rule * from relight as relight_*
+
+rule mine:
+    input: rules.relight_all.input
+"""
+
+
+def test_another_workflow_takes_it_as_a_module(done, tmp_path):
+    """With a prefix, by which records do not change."""
+    (tmp_path / "Snakefile").write_text(MODULE.format(done, [*WORDS]))
+    command = [sys.executable, "-m", "snakemake", "--snakefile", tmp_path / "Snakefile", "--cores", "1"]
+    run = output(done, [*command, "mine", "-n"])
+    assert re.findall(r"^(\w+) +\d+$", run.stdout, re.M) == 2 * ["mine", "total"], run.stdout
+    shutil.copytree(done / OUT / "lights", tmp_path / OUT / "lights")
+    shutil.copytree(done / OUT / "made" / "lights", tmp_path / OUT / "made" / "lights")
+    (tmp_path / OUT / "lights" / "lights.csv").unlink()
+    run = output(tmp_path, [*command, "--until", "relight_lights"])
+    assert (
+        run.returncode == 0
+        and json.loads((tmp_path / OUT / "made/lights/lights.csv.json").read_text())["rule"] == "lights"
+    )
+    assert (tmp_path / OUT / "lights" / "lights.csv").read_bytes() == (
+        done / OUT / "lights" / "lights.csv"
+    ).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("all --cache bake", "--cache knows no code of relight"),
+        ("all --config scale=smoke --config name=x", "--config is given twice"),
+        ("evaluate --config scale=smoke", "evaluate has a job for each of many: snakemake --until evaluate"),
+    ],
+)
+def test_what_snakemake_would_take_otherwise_is_refused(done, words, told):
+    run = output(done, [sys.executable, "-m", "snakemake", "-n", *words.split()])
+    assert run.returncode == 1 and told in run.stdout and "Traceback" not in run.stdout
 
 
 def test_errors_are_one_line(done):

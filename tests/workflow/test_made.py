@@ -105,6 +105,12 @@ def test_a_file_is_made_again_for_other_inputs_params_code_or_content(tmp_path):
     assert pack(size=2, scale=0.1) and not pack(size=2, scale=0.1)
     figure(NAMES, "2", cloth="d")
     assert pack(size=2, scale=0.1) and not pack(size=2, scale=0.1)
+    os.utime(scan, (1e9, 1e9))
+    assert outdated(PACKED, read(PACKED)) is None and not pack(size=2, scale=0.1)
+    scan.write_text("3")
+    os.utime(scan, (1e9, 1e9 + 1))  # older than what was made of it, as after unzip
+    assert outdated(PACKED, read(PACKED)) == f"{PACKED} was made of another {scan}"
+    assert pack(size=2, scale=0.1) and not pack(size=2, scale=0.1)
     Path(PACKED).unlink()
     assert pack(size=2, scale=0.1)
 
@@ -143,7 +149,7 @@ def test_snakemake_learns_what_it_does_not_know():
     touched = store._read_record(MAPS)
     touched.params = ["'touched'"]
     store._write_record(MAPS, touched)
-    assert known() == {FIGURES: [], MAPS: []} and metadata(MAPS)["params"] == ["'touched'"], "it knows these files"
+    assert known() == {FIGURES: [], MAPS: []} and metadata(MAPS)["params"] == ["8"], "as by `snakemake --touch`"
     write(f"{MAPS}/.snakemake_timestamp", "")
     assert known() == {FIGURES: [], MAPS: []} and metadata(MAPS)["params"] == ["8"], "they were replaced by others"
     file = Path(MAPS, "g0000.exr").rename("kept")

@@ -15,7 +15,7 @@ import yaml
 from relight.core.errors import UserError
 from relight.lab.checks import check
 from relight.lab.made import describe, finish
-from relight.lab.plan import DATA, Plan, stamps
+from relight.lab.plan import DATA, Plan
 from relight.lab.record import compose_run, expand_sweep, from_config
 from relight.learning.train import learning_rate
 from relight.settings import CONF, Train
@@ -292,8 +292,8 @@ def test_files_beside_a_mesh_are_of_the_meshes_whose_names_begin_like_theirs_or_
     for name in "a.obj a2.obj c.obj a.mtl a2_skin.PNG tex/wood.jpg notes.txt eve/b.obj eve/tex/b.png".split():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
-    stamps = Plan(compose_run(["figures=scans", f"figures.folder={tmp_path}"])).scan_stamps
-    found = {scan: " ".join(os.path.basename(path) for path, *_ in files) for scan, files in stamps.items()}
+    files = Plan(compose_run(["figures=scans", f"figures.folder={tmp_path}"])).scan_files
+    found = {scan: " ".join(map(os.path.basename, paths)) for scan, paths in files.items()}
     shared = {"a": "a.obj a.mtl wood.jpg", "a2": "a2.obj a.mtl a2_skin.PNG wood.jpg", "c": "c.obj wood.jpg"}
     assert found == {**shared, "b": "b.obj b.png"}
 
@@ -302,15 +302,6 @@ def test_a_start_is_a_file_or_the_network_of_a_row(tmp_path):
     plan = plan_of("scale=smoke", a=[], b=["train.start=a"], c=[f"train.start={tmp_path}/x.onnx"])
     starts = [plan.start(training) for training in ("a.s0", "b.s0", "c.s0")]
     assert starts == [[], ["results/smoke/train/a.s0.safetensors"], [f"{tmp_path}/x.onnx"]]
-
-
-def test_a_file_that_was_replaced_is_seen(tmp_path):
-    """By one that is older than the results, too."""
-    file = tmp_path / "start.safetensors"
-    file.write_bytes(b"1")
-    before = stamps([None, file])
-    os.utime(file, (1e9, 1e9))
-    assert stamps([None, file]) == [[str(file), 1, 10**18]] != before
 
 
 def test_a_table_of_scans_belongs_to_scans(tmp_path, monkeypatch):

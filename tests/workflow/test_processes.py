@@ -125,8 +125,8 @@ print("after")
     ],
 )
 def test_what_a_job_prints_is_in_its_log_and_behind_its_name_on_the_console(tmp_path, last, code, told):
-    command = [sys.executable, "-c", SCRIPT.replace("{}", last)]
-    job = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    (tmp_path / "bake.py").write_text(SCRIPT.replace("{}", last))
+    job = subprocess.run([sys.executable, "bake.py"], cwd=tmp_path, capture_output=True, text=True)
     assert job.returncode == code
     if code == 130:
         return

@@ -5,6 +5,10 @@ import shutil
 import sys
 from pathlib import Path
 
+if not isinstance(workflow.current_basedir, (str, os.PathLike)):
+    raise ValueError(
+        "relight's workflow needs its clone: give `module` the path of one"
+    )
 ROOT = Path(workflow.current_basedir).parents[1]
 sys.path.insert(0, str(ROOT))
 os.environ["PYTHONPATH"] = os.pathsep.join(
@@ -17,7 +21,7 @@ from snakemake.logging import logger
 from relight.core.errors import UserError
 from relight.lab.checks import check
 from relight.lab.made import read, restore
-from relight.lab.plan import Plan, safe, stamps
+from relight.lab.plan import Plan
 from relight.lab.run import hold
 from relight.lab.record import from_config
 from relight.settings.scores import BASELINES, QUANTITIES, READINGS, ROWS
@@ -86,6 +90,6 @@ onsuccess:
 
 wildcard_constraints:
     batch="|".join(map(re.escape, PLAN.batches)),
-    training="|".join(map(re.escape, PLAN.trainings)),
+    training="|".join(map(re.escape, [*PLAN.trainings, "baselines"])),
     experiment="|".join(map(re.escape, PLAN.experiments)),
     on="((test|sitting)-(test|unusual)/)?",

@@ -5,8 +5,8 @@ if PLAN.scans:
     rule scan:
         "Reads one of the user's meshes."
         input:
-            mesh=lambda wildcards: safe([PLAN.scans[wildcards.batch].path]),
-            table=PLAN.table,
+            lambda wildcards: PLAN.scan_files[wildcards.batch],
+            PLAN.table,
         output:
             update(directory(f"{DATA}/figures/{{batch}}")),
         log:
@@ -16,7 +16,6 @@ if PLAN.scans:
         params:
             mesh=lambda wildcards: str(PLAN.scans[wildcards.batch].path),
             subject=lambda wildcards: PLAN.scans[wildcards.batch].subject,
-            stamps=lambda wildcards: PLAN.scan_stamps[wildcards.batch],
         script:
             "../scripts/scan.py"
 
@@ -41,24 +40,10 @@ else:
             "../scripts/figure.py"
 
 
-rule clean:
-    "Repairs meshes."
+rule align:
+    "Repairs meshes, turns them upright and towards the camera, and fits them into the image."
     input:
         f"{DATA}/figures/{{batch}}",
-    output:
-        temp(directory(f"{DATA}/clean/{{batch}}")),
-    log:
-        f"{DATA}/log/clean/{{batch}}.log",
-    group:
-        "figures"
-    script:
-        "../scripts/clean.py"
-
-
-rule align:
-    "Turns meshes upright and towards the camera, and fits them into the image."
-    input:
-        f"{DATA}/clean/{{batch}}",
         table=SETTINGS["align"]["table"] or [],
     output:
         update(directory(f"{DATA}/aligned/{{batch}}")),
@@ -67,7 +52,6 @@ rule align:
     group:
         "figures"
     params:
-        stamps=stamps([SETTINGS["align"]["table"]]),
         align=SETTINGS["align"],
     script:
         "../scripts/align.py"

@@ -33,22 +33,21 @@ rule train:
         device=lambda wildcards: PLAN.device(wildcards.training),
     params:
         settings=lambda wildcards: PLAN.settings(wildcards.training),
-        stamps=lambda wildcards: stamps(
-            path
-            for path in PLAN.start(wildcards.training)
-            if not path.startswith(f"{OUT}/")
-        ),
     script:
         "../scripts/train.py"
 
 
 rule evaluate:
-    "Scores one network on every test figure under every test light."
+    "Scores a network, or baselines such as the mean of the training set, on every test figure under every test light."
     input:
-        f"{OUT}/train/{{training}}.safetensors",
-        PACKED,
-        LIGHTS,
-        SPLIT,
+        packed=PACKED,
+        lights=LIGHTS,
+        split=SPLIT,
+        network=lambda wildcards: (
+            [PLAN.network(wildcards.training)]
+            if wildcards.training in PLAN.trainings
+            else []
+        ),
     output:
         update(f"{OUT}/evaluate/{{on}}{{training}}.csv"),
     log:
@@ -56,29 +55,10 @@ rule evaluate:
     resources:
         mem_mb=memory,
         runtime=minutes,
-        gpu=PLAN.gpus,
-    params:
-        scored=SCORED,
-    script:
-        "../scripts/evaluate.py"
-
-
-rule baselines:
-    "Scores what needs no network, such as the mean of the training set."
-    input:
-        PACKED,
-        LIGHTS,
-        SPLIT,
-    output:
-        update(f"{OUT}/evaluate/{{on}}baselines.csv"),
-    log:
-        f"{OUT}/log/evaluate/{{on}}baselines.log",
-    resources:
-        mem_mb=memory,
-        runtime=minutes,
+        gpu=lambda wildcards: PLAN.gpus * (wildcards.training in PLAN.trainings),
     params:
         color=SETTINGS["train"]["color"],
         order=SETTINGS["bake"]["order"],
         scored=SCORED,
     script:
-        "../scripts/baselines.py"
+        "../scripts/evaluate.py"

@@ -9,7 +9,6 @@ rule lights:
     log:
         f"{DATA}/log/lights.log",
     params:
-        stamps=stamps(PLAN.panoramas),
         panoramas=SETTINGS["panoramas"],
         lights=SETTINGS["lights"],
         bake={"order": SETTINGS["bake"]["order"]},

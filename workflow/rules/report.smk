@@ -1,28 +1,6 @@
 FIRST_TABLE = next(map(PLAN.first_trainings, PLAN.experiments), {})
 
 
-rule tables:
-    "Compares the rows of each table, with confidence intervals."
-    input:
-        [path for name in PLAN.experiments for path in PLAN.results_of(name)],
-        record=f"{DATA}/figures.json",
-    output:
-        [
-            shown(
-                f"{OUT}/report/{table}.{kind}", "Tables", experiment=table, format=kind
-            )
-            for table in PLAN.experiments
-            for kind in ("csv", "md")
-        ],
-    log:
-        f"{OUT}/log/tables.log",
-    params:
-        experiments=PLAN.described(),
-        reported=REPORTED,
-    script:
-        "../scripts/tables.py"
-
-
 rule plates:
     "Draws test figures by the first network of each row of a table."
     input:
@@ -65,10 +43,9 @@ rule sheets:
 
 
 rule report:
-    "Writes the page that answers the questions of the experiments."
+    "Writes the page that answers the questions of the experiments, and its tables."
     input:
         networks=[PLAN.network(training) for training in PLAN.scored],
-        tables=expand(f"{OUT}/report/{{table}}.csv", table=PLAN.experiments),
         results=[path for name in PLAN.experiments for path in PLAN.results_of(name)],
         plates=expand(
             f"{OUT}/report/{{experiment}}_{{kind}}.png",
@@ -79,7 +56,14 @@ rule report:
         chain=f"{DATA}/lights/chain.json",
         sheets=rules.sheets.output,
     output:
-        shown(f"{OUT}/report/report.html", "Report"),
+        page=shown(f"{OUT}/report/report.html", "Report"),
+        tables=[
+            shown(
+                f"{OUT}/report/{table}.{kind}", "Tables", experiment=table, format=kind
+            )
+            for table in PLAN.experiments
+            for kind in ("csv", "md")
+        ],
     log:
         f"{OUT}/log/report.log",
     params:

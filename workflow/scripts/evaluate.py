@@ -1,9 +1,13 @@
 from pathlib import Path
 
+from relight.evaluation.scoring.baselines import evaluate_baselines
 from relight.lab.job import job
 from relight.lab.training import evaluate
 
 with job(snakemake):
-    network, packed, lights, split = map(Path, snakemake.input)
-    condition = snakemake.wildcards.on.strip("/") or "test"
-    evaluate(network, packed, lights, split, condition, Path(snakemake.output[0]), snakemake.config["job"]["tracking"])
+    given, params, condition = snakemake.input, snakemake.params, snakemake.wildcards.on.strip("/") or "test"
+    files = Path(given.packed), Path(given.lights), Path(given.split), condition, Path(snakemake.output[0])
+    if given.network:
+        evaluate(Path(str(given.network)), *files, snakemake.config["job"]["tracking"])
+    else:
+        evaluate_baselines(*files, params.color, params.order)
