@@ -65,18 +65,14 @@ def dated(output: str, record: Record) -> Record:
     def dates(path: str) -> dict[str, int]:
         return {name: stat.st_mtime_ns for name, stat in stats(path).items()}
 
-    sources = {name: path for name in record["inputs"] if not is_result(path := found_at(output, name))}
-    return {**record, "dates": dates(output), "read": {name: dates(path) for name, path in sources.items()}}
+    inputs = {name: found_at(output, name) for name in record["inputs"]}
+    sources = {name: dates(path) for name, path in inputs.items() if not path.startswith("results/")}
+    return {**record, "dates": dates(output), "read": sources}
 
 
 def found_at(output: str, name: str) -> str:
     """Returns the path of an input by its name in the record of an output."""
     return os.path.normpath(folder_of(output) / name)
-
-
-def is_result(path: str) -> bool:
-    """Returns whether a path is of a result, not of a file of the user."""
-    return Path(path).parts[0] == "results"
 
 
 def describe(rule: str, params: Mapping[str, Any], inputs: Iterable[str], output: str) -> Record:
@@ -144,7 +140,7 @@ def outdated(output: str, record: Record, read: Callable[[str], Record | None] =
         if found.get(name) != entry:
             return f"{Path(output, name)} {'is another one' if name in found else 'is missing'}"
     for name, files in record["inputs"].items():
-        if is_result(path := found_at(output, name)):
+        if (path := found_at(output, name)).startswith("results/"):
             now = (read(path) or {}).get("files")
         else:
             now = content(path, {"files": files, "dates": record.get("read", {}).get(name, {})})

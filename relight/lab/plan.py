@@ -225,11 +225,6 @@ class Plan:
         experiments = list(map(asdict, self.requested.values()))
         return [label(row, experiments) for row in rows]
 
-    def networks(self, experiment: str) -> dict[str, str]:
-        """Returns the networks of all trainings of an experiment's rows, by training."""
-        rows = self.experiments[experiment].rows
-        return {training: self.network(training) for row in rows for training in self.trainings_of(row)}
-
     def condition(self, experiment: str) -> str:
         """Returns the folder of an experiment's scores in evaluate/: "" for the usual pairs, or "sitting-test/"."""
         figures, lights = self.experiments[experiment].figures, self.experiments[experiment].lights
@@ -279,8 +274,10 @@ class Plan:
         Returns:
             experiment -> files; empty if no experiment is complete, since then there is nothing to report.
         """
-        files = {name: [*self.networks(name).values(), *self.results_of(name)] for name in self.experiments}
-        lacking = {name: [path for path in paths if not is_made(path)] for name, paths in files.items()}
+        lacking = {}
+        for name, experiment in self.experiments.items():
+            networks = [self.network(training) for row in experiment.rows for training in self.trainings_of(row)]
+            lacking[name] = [path for path in (*networks, *self.results_of(name)) if not is_made(path)]
         return {} if all(lacking.values()) else {name: paths for name, paths in lacking.items() if paths}
 
     def write_record(self) -> Path:
