@@ -164,21 +164,21 @@ def records_of(outputs: Iterable[str]) -> Iterator[tuple[str, Record]]:
             yield output, record
 
 
-def restore(out: str) -> list[str]:
+def restore(out: str) -> dict[str, str]:
     """Gives Snakemake the records of results as its metadata, where it has others or none.
 
     Args:
         out: the folder of the results, relative to the working directory.
 
     Returns:
-        What has changed since results were made, settings aside, each once.
+        output -> what has changed since it was made, settings aside.
     """
     from snakemake.persistence import RECORD_FORMAT_VERSION, MetadataRecord
     from snakemake.persistence.file import FilePersistence
 
     store, made = FilePersistence(nolock=True), Path(out, "made")
     outputs = [str(Path(out, file.relative_to(made).with_suffix(""))) for file in made.rglob("[!.]*.json")]
-    records, reasons = {output: read(output) for output in outputs}, list[str]()
+    records, reasons = {output: read(output) for output in outputs}, dict[str, str]()
     for output, record in records.items():
         if not record or not os.path.exists(output):
             continue
@@ -190,7 +190,7 @@ def restore(out: str) -> list[str]:
             reason = f"{output} is unfinished"
         elif module := changed_code(record):
             reason = f"{module} has changed"
-        reasons += [reason] if reason else []
+        reasons |= {output: reason} if reason else {}
         known = store._read_record(output) or MetadataRecord()
         params = sorted([*map(repr, record["params"].values()), *([f"{CHANGED}{reason}'"] if reason else [])])
         if (known.endtime, known.params) != (date, params):
@@ -198,7 +198,7 @@ def restore(out: str) -> list[str]:
             restored = MetadataRecord(rule=record["rule"], params=params, input=inputs, endtime=date)
             restored.record_format_version = RECORD_FORMAT_VERSION
             store._write_record(output, restored)
-    return list(dict.fromkeys(reasons))
+    return reasons
 
 
 def _of(contents: Mapping[str, Content], figure: str) -> dict[str, Content]:

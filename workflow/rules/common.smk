@@ -38,7 +38,13 @@ SPLIT = f"{OUT}/split.json"
 SCORED = repr([[(name, one.span) for name, one in QUANTITIES.items()], [*READINGS]])
 REPORTED = repr([QUANTITIES, READINGS, BASELINES, ROWS])
 if workflow.is_main_process:
-    for reason in restore(OUT)[:4]:
+    told = {
+        reason: output
+        for output, reason in restore(OUT).items()
+        if Path(output).stem in PLAN.trainings  # not of earlier experiments, which stay
+        or not re.search("/(evaluate|report|train)/", output)
+    }
+    for reason in [*told][:4]:
         logger.warning(f"since {OUT} was made: {reason}")
     for output in (PACKED, LIGHTS, *map(PLAN.network, PLAN.trainings)):
         if Path(output).exists() and not read(output):
