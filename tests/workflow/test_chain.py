@@ -143,8 +143,8 @@ def test_a_rule_depends_on_its_packages_alone(done):
         record = json.loads(file.read_text())
         assert f"workflow.scripts.{record['rule']}" in record["code"] and "relight.meshes.read" not in record["code"]
         packages = {name.split(".")[1] for name in record["code"] if name.startswith("relight.")}
-        found[record["rule"]] = " ".join(sorted(packages))
-    assert {rule: found[rule] for rule in PACKAGES} == PACKAGES
+        found.setdefault(record["rule"], set()).update(packages)
+    assert {rule: " ".join(sorted(found[rule])) for rule in PACKAGES} == PACKAGES
 
 
 def test_changed_code_runs_what_it_touches(done, tmp_path):
@@ -191,7 +191,7 @@ def test_results_know_how_they_were_made(done, tmp_path):
     assert run.returncode == 0 and f"{maps[1].relative_to(repo)} is missing" in run.stdout, run.stdout
     assert [path.stat().st_mtime_ns == date for path, date in zip(maps, dates)] == [True, False, True]
     kept = re.findall(r"^(\w+) ?\S*: kept: it was made", run.stdout, re.M)
-    assert kept.count("train") == 2 and kept.count("evaluate") == 2 and hashes(repo) == hashes(done)
+    assert kept.count("train") == 2 and kept.count("evaluate") == 3 and hashes(repo) == hashes(done)
 
 
 MODULE = """
@@ -211,7 +211,7 @@ def test_another_workflow_takes_it_as_a_module(done, tmp_path):
     (tmp_path / "Snakefile").write_text(MODULE.format(done, [*WORDS]))
     command = [sys.executable, "-m", "snakemake", "--snakefile", tmp_path / "Snakefile", "--cores", "1"]
     run = output(done, [*command, "mine", "-n"])
-    assert re.findall(r"^(\w+) +\d+$", run.stdout, re.M) == 2 * ["mine", "total"], run.stdout
+    assert run.returncode == 0 and "Nothing to be done" in run.stdout, run.stdout
     shutil.copytree(done / OUT / "lights", tmp_path / OUT / "lights")
     shutil.copytree(done / OUT / "made" / "lights", tmp_path / OUT / "made" / "lights")
     (tmp_path / OUT / "lights" / "lights.csv").unlink()

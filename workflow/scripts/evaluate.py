@@ -1,13 +1,15 @@
 from pathlib import Path
 
-from relight.evaluation.scoring.baselines import evaluate_baselines
 from relight.lab.job import job
-from relight.lab.training import evaluate
 
 with job(snakemake):
     given, params, condition = snakemake.input, snakemake.params, snakemake.wildcards.on.strip("/") or "test"
     files = Path(given.packed), Path(given.lights), Path(given.split), condition, Path(snakemake.output[0])
     if given.network:
+        from relight.lab.training import evaluate
+
         evaluate(Path(str(given.network)), *files, snakemake.config["job"]["tracking"])
     else:
+        from relight.evaluation.scoring.baselines import evaluate_baselines
+
         evaluate_baselines(*files, params.color, params.order)
