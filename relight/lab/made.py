@@ -1,9 +1,8 @@
 """Records of how results were made: results/<name>/made/<output>.json, which is copied with the results.
 
 A record has the `rule` and the `params` of its job; the hashes of the `code` that this ran, by module; the `inputs` by
-path and the `files` of the output, with bytes and hashes; the `dates` of these, and of the user's files among the
-inputs; and `unfinished` while a job changes the output, true if it keeps some of it. Paths are relative to
-results/<name>.
+path and the `files` of the output, with bytes and hashes; `dates` of these files, and of those that it `read` of the
+user; and `unfinished` while a job changes the output, true if it keeps some. Paths are relative to results/<name>.
 """
 
 import json

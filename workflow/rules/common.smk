@@ -74,9 +74,8 @@ def shown(path, category, **labels):
     return report(update(path), caption=caption, category=category, labels=labels)
 
 
-sys.executable = shlex.quote(
-    sys.executable
-)  # Snakemake pastes it into the command of a script
+# Snakemake pastes it into the command of a script.
+sys.executable = shlex.quote(sys.executable)
 
 
 onstart:
