@@ -13,6 +13,7 @@ from . import light, shader, transport, world
 SIGNATURE = "relight_signature"  # property of an object: of the world and the rotation that its light was made for
 BUSY = Lock()
 WARNINGS = []  # why the light does not follow the world, for the panel
+STALE = set()  # names of the objects whose bake is of another shape
 
 
 def update(scene, depsgraph=None, force=False):
@@ -24,6 +25,7 @@ def update(scene, depsgraph=None, force=False):
     window = depsgraph.mode == "VIEWPORT"  # a render has copies of the objects, and a thread of its own
     if window:
         WARNINGS.clear()
+        STALE.clear()
     items = [item for item in depsgraph.ids if isinstance(item, bpy.types.Object) and transport.AXES in item]
     items = [item for item in items if item.type == "MESH" and item.mode != "EDIT"]
     if not items or not BUSY.acquire(blocking=False):
@@ -40,6 +42,7 @@ def update(scene, depsgraph=None, force=False):
             turned, same = transport.turned(item, items)
             if window and not same:
                 WARNINGS.append(f"{item.name}: bake it again, for its shape or what is beside it has changed")
+                STALE.add(item.name)
             signature = f"{key} {np.round(turned, 6).tolist()}"
             item = item.original if window else item
             if force or item.get(SIGNATURE) != signature:
@@ -97,16 +100,18 @@ class BakeTransport(bpy.types.Operator):
 
     bl_idname, bl_label, bl_options = "relight.bake_transport", "Bake Light Transport", {"REGISTER", "UNDO"}
     rays: bpy.props.IntProperty(name="Rays", default=256, min=16, max=65536, description="Per vertex")
+    again: bpy.props.BoolProperty(options={"HIDDEN", "SKIP_SAVE"})  # what is stale, with what it was baked with
 
     @classmethod
     def poll(cls, context):
-        return context.mode == "OBJECT" and any(item.type == "MESH" for item in context.selected_editable_objects)
+        chosen = any(item.type == "MESH" for item in context.selected_editable_objects)
+        return context.mode == "OBJECT" and (chosen or bool(STALE))
 
     def start(self, context):
         addon = context.preferences.addons.get(__package__)
         program = addon.preferences.program if addon else "relight"
-        items = [item for item in context.selected_editable_objects if item.type == "MESH"]
-        return transport.bake(items, program, self.rays)
+        items = transport.together(STALE) if self.again else context.selected_editable_objects
+        return transport.bake([item for item in items if item.type == "MESH"], program, self.rays)
 
     def execute(self, context):
         return attempt(self, context, lambda: [*self.start(context)][-1])
@@ -157,11 +162,18 @@ class Panel(bpy.types.Panel):
     def draw(self, context):
         for operator in (BakeTransport, ImportMaps, UpdateLight):
             self.layout.operator(operator.bl_idname)
+        if STALE:
+            self.layout.operator(BakeTransport.bl_idname, text="Bake Again").again = True
         for warning in WARNINGS:
             self.layout.label(text=warning, icon="ERROR")
 
 
 CLASSES = (Preferences, BakeTransport, ImportMaps, UpdateLight, Panel)
+
+
+def menu(self, context):
+    """Adds the maps to File > Import."""
+    self.layout.operator(ImportMaps.bl_idname, text="Maps of relight (.exr)")
 
 
 def register():
@@ -170,10 +182,12 @@ def register():
         bpy.utils.register_class(kind)
     for handlers in HANDLERS:
         handlers.append(follow)
+    bpy.types.TOPBAR_MT_file_import.append(menu)
 
 
 def unregister():
     """Called by Blender when the extension is disabled."""
+    bpy.types.TOPBAR_MT_file_import.remove(menu)
     for handlers in HANDLERS:
         with suppress(ValueError):  # others clear the list
             handlers.remove(follow)

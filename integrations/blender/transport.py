@@ -85,6 +85,15 @@ def bake(items, program, rays):
     yield notes
 
 
+def together(names):
+    """Returns the objects of these names, and those that were baked with them."""
+    found = {}
+    for name in names:
+        while name not in found and (item := bpy.data.objects.get(name)):
+            found[name], name = item, item.get(BESIDE, name)
+    return [*found.values()]
+
+
 def evaluated(item, depsgraph):
     """Returns a mesh behind modifiers, its own vertices first: vertices (V,3) in the scene, and triangles (F,3)."""
     attributes, marks = item.data.attributes, np.random.default_rng(0).random((len(item.data.vertices), 3), np.float32)
@@ -148,38 +157,30 @@ def turned(item, items):
 
 
 def read_maps(path):
-    """Returns albedo (H,W,3), transport (H,W,9) and coverage (H,W) of maps of relight, the top row first."""
-    import OpenImageIO  # only Blender itself has it on its path
+    """Returns albedo (H,W,3), transport (H,W,9) and coverage (H,W) of maps of relight, the top row first.
 
-    file = OpenImageIO.ImageInput.open(str(path))
-    if file is None:
-        OpenImageIO.geterror()  # or it prints that nobody read it
+    Albedo and transport are continued beyond the figure, since renders interpolate across its edge.
+    """
+    import OpenImageIO as oiio  # only Blender itself has it on its path
+
+    maps = oiio.ImageBuf(str(path))
+    if not maps.read(force=True):
+        maps.geterror()  # or it prints that nobody read it
         raise Problem(f"{path} is not a readable OpenEXR file")
-    spec, pixels = file.spec(), file.read_image(format="float")
-    file.close()
-    place = {name: i for i, name in enumerate(spec.channelnames)}
+    place = {name: i for i, name in enumerate(maps.spec().channelnames)}
     needed = ["albedo.R", "albedo.G", "albedo.B", *NAMES, "coverage.A"]
-    missing = [name for name in needed if name not in place]
-    if pixels is None or missing:
-        raise Problem(f"{path} holds no maps of relight: it lacks {', '.join(missing) or 'pixels'}")
+    if missing := [name for name in needed if name not in place]:
+        raise Problem(f"{path} holds no maps of relight: it lacks {', '.join(missing)}")
+    pixels = maps.get_pixels(oiio.FLOAT, maps.roi_full)
     for name in NAMES:  # with the mean of what surfaces reflect onto each other: the shader has no color for it
         if bounced := [place[rgb] for c in "RGB" if (rgb := f"bounced{name[9:-1]}{c}") in place]:
             pixels[..., place[name]] += pixels[..., bounced].mean(axis=-1)
-    whole = np.zeros((spec.full_height, spec.full_width, len(needed)), np.float32)
-    top, left = spec.y - spec.full_y, spec.x - spec.full_x
-    whole[top : top + spec.height, left : left + spec.width] = pixels[..., [place[name] for name in needed]]
-    known = whole[..., 3:4] > 0
-    filled = grown(np.dstack([whole[..., :12] * known, known]))
-    return filled[..., :3], filled[..., 3:12], whole[..., 12]
-
-
-def grown(values, steps=4):
-    """Fills values (H,W,C) whose last is 0 by means of neighbors where it is 1: renders interpolate across the edge."""
-    for _ in range(steps):
-        around = sum(np.roll(values, step, axis) for step in (-1, 1) for axis in (0, 1))
-        new = (values[..., -1] == 0) & (around[..., -1] > 0)
-        values[new] = around[new] / around[new, -1:]
-    return values
+    values = pixels[..., [place[name] for name in needed]]
+    known = values[..., 3:4] > 0
+    holes = oiio.ImageBuf(np.ascontiguousarray(np.dstack([values[..., :12] * known, known]), np.float32))
+    holes.specmod().alpha_channel = 12
+    filled = oiio.ImageBufAlgo.fillholes_pushpull(holes).get_pixels()
+    return filled[..., :3], filled[..., 3:12], values[..., 12]
 
 
 def add_plane(path, context):

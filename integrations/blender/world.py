@@ -18,28 +18,28 @@ LIGHTS = {}  # coefficients (9,3) by `state`
 
 def state(world, frame):
     """Returns a text that changes with the light of an evaluated world in a frame, but not with a picture's pixels."""
-    text = repr(world and [world.cycles_visibility.diffuse, *(value for *_, value in leaves(world.node_tree))])
+    text = repr(world and [world.cycles_visibility.diffuse, *leaves(world.node_tree)])
     moves = "'MOVIE'" in text or "'SEQUENCE'" in text
     return hashlib.blake2s(f"{text} {frame if moves else 0}".encode()).hexdigest()
 
 
 def leaves(thing):
-    """Yields what a tree of nodes, or a part of it, depends on: owner, name, and value (a tuple if it is not plain)."""
+    """Yields the values on which a tree of nodes, or a part of it, depends."""
     names = ["nodes", "links"] if isinstance(thing, bpy.types.NodeTree) else thing.bl_rna.properties.keys()
     for name, value in ((name, getattr(thing, name)) for name in names if name not in PLACEMENT):
         if isinstance(value, bpy.types.Image):
-            yield thing, name, (origin(value), value.source)
+            yield origin(value), value.source
         elif isinstance(value, bpy.types.Node | bpy.types.NodeSocket):  # of a link
-            yield thing, name, (value.name, getattr(value, "identifier", ""))
+            yield value.name, getattr(value, "identifier", "")
         elif isinstance(value, bpy.types.ID) and not isinstance(value, bpy.types.NodeTree):
-            yield thing, name, (getattr(value, "matrix_world", value.name_full),)
+            yield getattr(value, "matrix_world", value.name_full)
         elif isinstance(value, bpy.types.bpy_prop_collection):
             for part in value:
                 yield from leaves(part)
         elif isinstance(value, bpy.types.bpy_struct):
             yield from leaves(value)
         else:
-            yield thing, name, list(value) if isinstance(value, bpy.types.bpy_prop_array) else value
+            yield name, list(value) if isinstance(value, bpy.types.bpy_prop_array) else value
 
 
 def light(scene, world, key):
@@ -55,28 +55,27 @@ def render(scene, world):
     A panoramic camera stands in a white ball that only cameras see: the point that it sees in a direction is a matte
     surface, lit by all of the world, whose normal is the opposite direction. No handlers are called.
     """
+    import OpenImageIO  # only Blender itself has it on its path
+
     made = []
 
     def new(kind, *words):
         made.append(getattr(bpy.data, kind).new("relight", *words))
         return made[-1]
 
-    def still(tree, shown):
-        """Gives a copied tree the values that the evaluated one has now, and parts of its own that nothing animates."""
+    def still(tree):
+        """Gives a copy of an evaluated tree parts of its own, which nothing animates."""
         tree.animation_data_clear()
-        for node, other in zip(tree.nodes, shown.nodes):
+        for node in tree.nodes:
             if image := getattr(node, "image", None):
-                node.image = shrunk(image)
-            if getattr(node, "object", None):
+                node.image = shrunk(image.original)
+            if seen := getattr(node, "object", None):
                 node.object = new("objects", None)
-                node.object.matrix_world = other.object.matrix_world
+                node.object.matrix_world = seen.matrix_world
             if group := getattr(node, "node_tree", None):
                 node.node_tree = group.copy()
                 made.append(node.node_tree)
-                still(node.node_tree, other.node_tree)
-        for (thing, name, mine), (*_, value) in zip(list(leaves(tree)), leaves(shown)):
-            if mine != value and not isinstance(value, tuple) and not thing.is_property_readonly(name):
-                setattr(thing, name, value)
+                still(node.node_tree)
 
     handlers = [each for each in bpy.app.handlers if isinstance(each, list)]
     kept = [each[:] for each in handlers]
@@ -84,10 +83,9 @@ def render(scene, world):
         for each in handlers:
             each.clear()
         own, mesh, material, lens = new("scenes"), new("meshes"), new("materials"), new("cameras")
-        own.world = world.original.copy()
+        own.world = world.copy()
         made.append(own.world)
-        still(own.world.node_tree, world.node_tree)
-        own.world.cycles_visibility.diffuse = world.cycles_visibility.diffuse
+        still(own.world.node_tree)
         own.world.cycles.sampling_method, own.world.cycles.sample_map_resolution = "MANUAL", WIDTH
         ball = bmesh.new()
         bmesh.ops.create_icosphere(ball, subdivisions=5, radius=1)
@@ -95,11 +93,8 @@ def render(scene, world):
         ball.free()
         mesh.shade_smooth()
         mesh.materials.append(material)
-        nodes = material.node_tree.nodes
-        nodes.clear()
-        surface, output = nodes.new("ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeOutputMaterial")
-        surface.inputs["Color"].default_value = (1, 1, 1, 1)
-        material.node_tree.links.new(surface.outputs[0], output.inputs["Surface"])
+        white = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED").inputs
+        white["Base Color"].default_value, white["Specular IOR Level"].default_value = (1, 1, 1, 1), 0
         lens.type, lens.panorama_type, lens.clip_start = "PANO", "EQUIRECTANGULAR", 0.01
         own.camera, item = new("objects", lens), new("objects", mesh)
         own.camera.rotation_euler = (np.pi / 2, 0, -np.pi / 2)  # it looks along +x
@@ -117,16 +112,14 @@ def render(scene, world):
         with tempfile.TemporaryDirectory() as folder:
             picture.filepath = str(Path(folder) / "light.exr")
             bpy.ops.render.render(write_still=True, scene=own.name)
-            made.append(bpy.data.images.load(picture.filepath))
-            pixels = np.empty(2 * ROWS * ROWS * 4, np.float32)
-            made[-1].pixels.foreach_get(pixels)
+            pixels = OpenImageIO.ImageBuf(picture.filepath).get_pixels()
     except (RuntimeError, TypeError) as error:
         raise Problem(f"Cycles does not render the light of the world: {str(error).strip()}") from None
     finally:
         bpy.data.batch_remove(made)
         for each, calls in zip(handlers, kept):
             each[:] = calls
-    return np.roll(pixels.reshape(ROWS, 2 * ROWS, 4), ROWS, 1)[..., :3]  # from below, and from behind: the opposite
+    return np.roll(pixels[::-1], ROWS, 1)[..., :3]  # from below, and from behind: the opposite
 
 
 def origin(image):

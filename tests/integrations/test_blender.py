@@ -523,8 +523,9 @@ def test_a_bake_knows_its_shape(addon, scene, tmp_path):
     item.material_slots[0].link = "OBJECT"
     poses["top"].rotation_euler.x = 0.6
     assert told(addon) == [item.name]
-    bpy.ops.relight.bake_transport(rays=16)
-    assert told(addon) == []
+    item.select_set(False)
+    bpy.ops.relight.bake_transport(rays=16, again=True)
+    assert told(addon) == [] and not bpy.ops.relight.bake_transport.poll()
 
 
 def test_a_bake_knows_what_stood_beside_it(addon, scene):
@@ -543,6 +544,12 @@ def test_a_bake_knows_what_stood_beside_it(addon, scene):
     assert sorted(told(addon)) == sorted(item.name for item in items)
     items[0].location.x = 1.5
     assert told(addon) == []
+    items[1].location.x = -1
+    assert len(told(addon)) == 2
+    for item in items:
+        item.select_set(False)
+    bpy.ops.relight.bake_transport(rays=16, again=True)
+    assert told(addon) == [] and items[0][addon.transport.BESIDE] == items[1].name
     bpy.data.objects.remove(items[0])
     assert told(addon) == [items[1].name]
 
@@ -663,6 +670,7 @@ def test_disabling_works_after_others_cleared_the_handlers(addon, scene):
     addon.unregister()
     addon.register()
     assert all(handlers.count(addon.follow) == 1 for handlers in addon.HANDLERS)
+    assert bpy.types.TOPBAR_MT_file_import._dyn_ui_initialize().count(addon.menu) == 1
 
 
 def test_saved_file_keeps_plane_and_light(addon, scene, tmp_path):
