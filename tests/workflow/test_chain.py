@@ -85,8 +85,8 @@ CHANGES = {
     "augment.camera=0": {},
     "split.seed=1": {"split": 1, **AFTER_SPLIT},
     "bake.rays=8": {"bake": 1, **AFTER_BAKING},
-    "align.up=+y": {"align": 1, "bake": 1, **AFTER_BAKING},
-    "figures.sitting=0.5": {"figure": 1, "align": 1, "bake": 1, **AFTER_BAKING},
+    "align.up=+y": {"clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
+    "figures.sitting=0.5": {"figure": 1, "clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
     "lights.clusters=5": {"lights": 1, **AFTER_LIGHTS},
     # One more network, on the usual figures and lights; and the same network under lights of an experiment's own.
     "experiment=table2 sweep.only=[ours_full,no_tv]": {
@@ -126,6 +126,7 @@ EDITS = {
 # Rule -> packages of relight on which its results depend.
 PACKAGES = {
     "figure": "core figures meshes",
+    "clean": "core meshes",
     "align": "core maps meshes sh",
     "bake": "core maps meshes sh transport",
     "pack": "core maps sh",
@@ -159,11 +160,11 @@ COPIES = {
     ("true", ""): {"report": 1, "viewer": 1},  # which show the name
     ("true", "train.lr=0.5"): {"train": 2, **AFTER_TRAINING},
     ("true", "bake.rays=8"): MADE_AGAIN,
-    ("true", "figures.count=4"): {"figure": 1, "align": 1, **MADE_AGAIN},
+    ("true", "figures.count=4"): {"figure": 1, "clean": 1, "align": 1, **MADE_AGAIN},
     ("rm maps/*/g0001.exr", ""): MADE_AGAIN,
     ("cp maps/*/g0001.exr maps/*/g0002.exr", ""): MADE_AGAIN,
     ("rm -r maps/*", ""): MADE_AGAIN,
-    ("rm figures/*/g0001.npz", ""): {"figure": 1, "align": 1, **MADE_AGAIN},
+    ("rm figures/*/g0001.npz", ""): {"figure": 1, "clean": 1, "align": 1, **MADE_AGAIN},
     ("rm split.json", ""): {"split": 1, **AFTER_SPLIT},
     ("rm train/*.csv", ""): {"train": 2, **AFTER_TRAINING},
     ("cp train/self_all.s0.safetensors train/ours_full.s0.safetensors", ""): {"train": 2, **AFTER_TRAINING},

@@ -40,10 +40,24 @@ else:
             "../scripts/figure.py"
 
 
-rule align:
-    "Repairs meshes, turns them upright and towards the camera, and fits them into the image."
+rule clean:
+    "Repairs meshes."
     input:
         f"{DATA}/figures/{{batch}}",
+    output:
+        temp(directory(f"{DATA}/clean/{{batch}}")),
+    log:
+        f"{DATA}/log/clean/{{batch}}.log",
+    group:
+        "figures"
+    script:
+        "../scripts/clean.py"
+
+
+rule align:
+    "Turns meshes upright and towards the camera, and fits them into the image."
+    input:
+        f"{DATA}/clean/{{batch}}",
         table=SETTINGS["align"]["table"] or [],
     output:
         update(directory(f"{DATA}/aligned/{{batch}}")),
