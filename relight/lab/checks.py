@@ -13,7 +13,7 @@ from relight.figures.draw.constraints import Constraints
 from relight.lab.made import outdated, read, records_of
 from relight.lab.plan import DATA, Plan
 from relight.meshes.alignment import read_align_table
-from relight.meshes.scans import TABLE, one_subject
+from relight.meshes.scans import one_subject
 from relight.settings import flat
 
 MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead
@@ -59,9 +59,8 @@ def _files(plan: Plan) -> Iterator[str]:
     for name in sorted(named - set(plan.figures)):
         yield f"align.table={table} names {name}, and no figure is called so: `relight scans list` lists their names"
     files += [*map(Path, plan.panoramas + plan.table), *(scan.path for scan in plan.scans.values())]
-    scans = Path(plan.shared["figures"]["folder"] or "") / TABLE
-    if not table and plan.scans and scans.is_file():
-        for axis in {"up", "front", "turn"}.intersection(read_table(scans)[0]):
+    for scans in [] if table else plan.table:
+        for axis in {"up", "front", "turn"}.intersection(read_table(Path(scans))[0]):
             yield f"{scans} has a column `{axis}`, which is read from align.table: give align.table={scans}, too"
     limit = time.time() + MAX_CLOCK_SKEW
     for path in files:
