@@ -19,12 +19,14 @@ SQLITE = "sqlite:///"
 LOCK = Path(".mlflow.lock")
 ARTIFACTS = Path("mlruns")
 SQLITE_TIMEOUT = 5.0  # seconds to wait for a locked database
-# No telemetry, no logs of migrations, and short timeouts for unreachable servers.
+# No telemetry, no logs of migrations, no list of variables that a model reads, which fails if a thread reads some
+# meanwhile, and short timeouts for unreachable servers.
 DEFAULTS = {
     "MLFLOW_DISABLE_TELEMETRY": "true",
     "DO_NOT_TRACK": "true",
     "MLFLOW_LOGGING_LEVEL": "ERROR",
     "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
+    "MLFLOW_RECORD_ENV_VARS_IN_MODEL_LOGGING": "false",
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "20",
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",
 }
