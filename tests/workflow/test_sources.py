@@ -45,7 +45,8 @@ def test_three_meshes_and_two_panoramas_give_a_data_set(tmp_path):
     jobs, edited = planned(repo, words, words, edits=[None, (str(scans / "plain.mtl"), "#")])
     assert (jobs["scan"], jobs["align"], jobs["bake"], jobs["pack"]) == (1, 5, 5, 1) and "lights" not in jobs
     assert edited["scan"] == 2
-    os.utime(scans / "plain.glb", (1e9, 1e9))
+    for name in ("plain.glb", "plain.mtl"):  # other dates alone scan nothing
+        os.utime(scans / name, (1e9, 1e9))
     write_pfm(panoramas / "room1.pfm", generate_room(3))
     os.utime(panoramas / "room1.pfm", (1e9, 1e9))
     (jobs,) = planned(repo, words)
