@@ -108,7 +108,7 @@ def jobs_of(out: Path) -> list[tuple[Record, list[str]]]:
         found.setdefault(json.dumps([record["rule"], record["inputs"], record["params"]]), (record, []))[1].append(
             output
         )
-    if not any(record["rule"] == "report" for record, _ in found.values()):
+    if not any("report/report.html" in outputs for _, outputs in found.values()):
         raise UserError(f"{out} has no report: finish the run first")
     return sorted(found.values(), key=lambda job: max(job[0]["dates"].values()))
 

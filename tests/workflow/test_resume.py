@@ -22,8 +22,9 @@ pytestmark = pytest.mark.slow
 
 
 def names(repo: Path) -> set[str]:
-    """All that is in the folder of the repository, and all files of its results."""
-    return {str(path.relative_to(repo)) for path in [*repo.iterdir(), *(repo / OUT).rglob("*")]}
+    """All that is in the folder of the repository, and all files of its results but Snakemake's own."""
+    found = [path for path in [*repo.iterdir(), *(repo / OUT).rglob("*")] if path.name != ".snakemake_timestamp"]
+    return {str(path.relative_to(repo)) for path in found}
 
 
 def kill(kind: str, command: subprocess.Popen, repo: Path) -> bool:
