@@ -20,7 +20,6 @@ from relight.pictures.codes import convert_alpha, to_codes, with_alpha
 from relight.sh import order_of
 
 RADII = 45, 6  # of the two passes of `estimate_foreground`, pixels: hair, then detail
-CORRECTED = 1, 0.5  # how much of a pixel's own color each of them takes, whose coverage is not known for sure
 REACH = sum(RADII)  # pixels around a part that its result depends on
 
 
@@ -245,20 +244,20 @@ def estimate_foreground(linear: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     wide, narrow = RADII
     near = np.flatnonzero(maximum_filter(soft, 2 * narrow + 1))  # where the second pass looks at the first one's result
     passes = [
-        (radius, where, a.take(where), _box_mean(a, radius).take(where), corrected)
-        for (radius, where), corrected in zip(((wide, near), (narrow, np.flatnonzero(soft))), CORRECTED)
+        (radius, where, a.take(where), _box_mean(a, radius).take(where))
+        for radius, where in ((wide, near), (narrow, np.flatnonzero(soft)))
     ]
     out = np.copy(linear)  # in its order
     for channel in range(3):
         plane = np.ascontiguousarray(linear[part][..., channel])
         front = behind = plane
-        for radius, where, covered, share, corrected in passes:
+        for radius, where, covered, share in passes:
             mean_front = _box_mean(front * a, radius).take(where) / np.maximum(share, 1e-4)
             mean_behind = _box_mean(behind * (1 - a), radius).take(where) / np.maximum(1 - share, 1e-4)
             error = plane.take(where) - covered * mean_front - (1 - covered) * mean_behind
             front, behind = np.zeros_like(plane), np.zeros_like(plane)
             most = plane.take(where) / np.maximum(covered, 1e-4)  # else the background would be less than black
-            front.put(where, np.clip(mean_front + corrected * covered * error, 0, most))
+            front.put(where, np.clip(mean_front + covered * error, 0, most))
             behind.put(where, mean_behind)
         np.copyto(out[part][..., channel], front, where=soft)
     return out

@@ -68,12 +68,12 @@ function estimateForeground(image, coverage, width) {
   return image.map((plane) => {
     const near = cut(plane), out = plane.slice();
     let figure = near, behind = near;
-    for (const [radius, corrected] of [[WIDE, 1], [NARROW, 0.5]]) {
+    for (const radius of [WIDE, NARROW]) {
       const whole = means(share, wide, 2 * radius + 1, true), others = means(rest, wide, 2 * radius + 1, true);
       const own = blurred(figure, share, radius).map((v, i) => v / Math.max(whole[i], 1e-4));
       behind = blurred(behind, rest, radius).map((v, i) => v / Math.max(others[i], 1e-4));
       figure = own.map((v, i) => {
-        const whole = v + corrected * share[i] * (near[i] - share[i] * v - rest[i] * behind[i]);
+        const whole = v + share[i] * (near[i] - share[i] * v - rest[i] * behind[i]);
         return Math.min(Math.max(whole, 0), near[i] / Math.max(share[i], 1e-4));
       });
     }
