@@ -51,9 +51,9 @@ def test_a_network_is_a_model_that_mlflow_loads(done):
     experiment = mlflow.get_experiment_by_name("smoke").experiment_id
     (run,) = mlflow.search_runs([experiment], "attributes.run_name = 'ours_full.s0'", output_format="list")
     model = mlflow.pyfunc.load_model(f"runs:/{run.info.run_id}/network")
-    assert model.model_id in {
-        found.model_id for found in mlflow.search_logged_models([experiment], output_format="list")
-    }
+    models = {found.model_id: found for found in mlflow.search_logged_models([experiment], output_format="list")}
+    for tags in (run.data.tags, models[model.model_id].tags):
+        assert tags["mlflow.source.name"] == "relight run"
     assert [str(value) for value in model.metadata.signature.inputs] == [
         "'image': Tensor('float32', (-1, 3, -1, -1))",
         "'mask': Tensor('float32', (-1, 1, -1, -1))",

@@ -190,6 +190,27 @@ def test_training_run_is_recorded_in_another_folders_sqlite(tmp_path):
         assert kept.read_bytes() == (folder / f"{network}.safetensors").read_bytes()
 
 
+def finish_what_cannot_be_exported() -> None:
+    network, path = build(NETWORK, 64), Path("ours.s0.safetensors")
+    save_network(path, network, NETWORK, fingerprint="1" * 64)
+    infer = network.infer
+    network.infer = lambda seen, mask: infer(seen[: len(seen)], mask)
+    tracking_run.load_network = lambda path: (network, {})
+    with training_run(tracking(URI), "ours.s0", "1" * 64, {"lr": 1}) as run:
+        run.finish(path)
+    log_scores(tracking(URI), path, "test", {"light_rmse": 0.5}, path)
+
+
+def test_a_network_that_torch_cannot_export_is_said_once(empty_store, tmp_path, capfd):
+    """With its file; its run ends, and has its scores."""
+    shutil.copy(empty_store, tmp_path / "mlflow.db")
+    in_folder(tmp_path, finish_what_cannot_be_exported)
+    (line,) = [line for line in capfd.readouterr().err.splitlines() if "MLflow" in line]
+    assert line.startswith("MLflow has no model of ours.s0, whose network is ours.s0.safetensors: this network cannot")
+    (run,) = runs(MlflowClient(f"sqlite:///{tmp_path}/mlflow.db"))
+    assert run.info.status == "FINISHED" and run.data.metrics["test_light_rmse"] == 0.5
+
+
 def test_a_run_of_the_environment_is_left_alone(empty_store, tmp_path, monkeypatch):
     """`mlflow run` and Databricks set MLFLOW_RUN_ID for the programs that they start."""
     shutil.copy(empty_store, tmp_path / "mlflow.db")

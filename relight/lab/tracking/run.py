@@ -119,22 +119,21 @@ class TrainingRun:
                     steps = pd.read_csv(curve, index_col="step").iterrows()
                     self._send({int(step): values.dropna() for step, values in steps})
                     mlflow.log_artifact(str(curve), "curve")
+            with self.warned(f"MLflow has no model of {self.name}, whose network is {network}"):
                 log_network(self.id, network)
             mlflow.end_run()
 
     @contextmanager
-    def warned(self) -> Iterator[None]:
+    def warned(self, what: str = "") -> Iterator[None]:
         """Turns exceptions into warnings, one for each reason, since MLflow must never end a training."""
+        what = what or f"{self.name} is not recorded in MLflow ({without_passwords(str(self.track.uri))})"
         began = time.monotonic()
         try:
             yield
         except Exception as error:  # of any kind: MLflow raises those of its stores
             reason = str(error).strip().split("\n")[0]
             if reason not in self._warnings:
-                print(
-                    f"{self.name} is not recorded in MLflow ({without_passwords(str(self.track.uri))}): {reason}",
-                    file=sys.stderr,
-                )
+                print(f"{what}: {reason}", file=sys.stderr)
             self._warnings.add(reason)
             # A store that cannot be reached takes long to fail: `log` waits, so that it costs little of the training.
             self._retry_at = time.monotonic() + RETRY_FACTOR * (time.monotonic() - began)

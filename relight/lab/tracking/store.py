@@ -20,7 +20,7 @@ LOCK = Path(".mlflow.lock")
 ARTIFACTS = Path("mlruns")
 SQLITE_TIMEOUT = 5.0  # seconds to wait for a locked database
 # No telemetry, no logs of migrations, no list of variables that a model reads, which fails if a thread reads some
-# meanwhile, and short timeouts for unreachable servers.
+# meanwhile, short timeouts for unreachable servers, and a source that is not the temporary script of a job.
 DEFAULTS = {
     "MLFLOW_DISABLE_TELEMETRY": "true",
     "DO_NOT_TRACK": "true",
@@ -29,6 +29,7 @@ DEFAULTS = {
     "MLFLOW_RECORD_ENV_VARS_IN_MODEL_LOGGING": "false",
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "20",
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",
+    "MLFLOW_RUN_CONTEXT": '{"mlflow.source.name": "relight run"}',
 }
 # Otherwise MLflow's pages are those for language models.
 EXPERIMENT_TAGS = {
