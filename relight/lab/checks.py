@@ -1,6 +1,7 @@
 """Checks a plan before anything runs, so that what would make the workflow fail later is said at once."""
 
 import os
+import re
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -10,8 +11,9 @@ from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.core.text import read_table
 from relight.figures.draw.constraints import Constraints
-from relight.lab.made import outdated, read, records_of
+from relight.lab.made import outdated, read, records_of, restore
 from relight.lab.plan import DATA, Plan
+from relight.lab.record import read_record
 from relight.meshes.alignment import read_align_table
 from relight.meshes.scans import one_subject
 from relight.settings import flat
@@ -53,7 +55,14 @@ def check_figures(plan: Plan) -> None:
 
 
 def _files(plan: Plan) -> Iterator[str]:
-    """Yields messages about the user's files."""
+    """Yields messages about the user's files, and about results that were made of others."""
+    before = flat(read_record(Path(plan.out))["settings"])
+    for key, value in flat({group: plan.shared[group] for group in ("figures", "panoramas")}).items():
+        if key.endswith((".source", ".folder")) and before.get(key, value) != value:
+            yield (
+                f"{plan.out} was made with {key}={before[key]}: give this run a name of its own, name=NAME, or remove "
+                f"the folder {plan.out}"
+            )
     table = plan.shared["align"]["table"]
     files, named = ([Path(table)], read_align_table(table).keys()) if table else ([], set())
     for name in sorted(named - set(plan.figures)):
@@ -96,6 +105,28 @@ def changed(plan: Plan, outputs: Iterable[str]) -> dict[str, tuple[Any, Any]]:
         then, now = flat({group: made[group] for group in made.keys() & asked}), flat(asked)
         found |= {key: (value, now[key]) for key, value in then.items() if now.get(key, value) != value}
     return found
+
+
+def changes(plan: Plan) -> Iterator[str]:
+    """Gives Snakemake the records of a run's results, and yields what to say of them before it begins."""
+    data, networks = [f"{plan.data}/{name}" for name in DATA], [*map(plan.network, plan.trainings)]
+    if settings := sorted(changed(plan, [*data, f"{plan.out}/split.json", *networks])):
+        more = f" and {len(settings) - 4} more" if len(settings) > 4 else ""
+        yield (
+            f"{plan.out} was made with other settings ({', '.join(settings[:4])}{more}): what depends on them is made "
+            "again; to keep both, give this run a name, name=NAME"
+        )
+    told = {
+        reason
+        for output, reason in restore(plan.out).items()
+        if Path(output).stem in plan.trainings  # not of earlier experiments, which stay
+        or not re.search("/(evaluate|report|train)/", output)
+    }
+    for reason in sorted(told)[:4]:
+        yield f"since {plan.out} was made: {reason}"
+    for output in (*data, *networks):
+        if os.path.exists(output) and not read(output):
+            yield f"{output} has no record of how it was made, and is kept"
 
 
 def _rows(plan: Plan) -> Iterator[str]:

@@ -210,11 +210,6 @@ class Plan:
     # Experiments
 
     @property
-    def plates(self) -> list[str]:
-        """The experiments whose networks are shown side by side."""
-        return [name for name, experiment in self.experiments.items() if experiment.plates]
-
-    @property
     def scored(self) -> list[str]:
         """The trainings that the tables compare."""
         rows = {row for experiment in self.experiments.values() for row in experiment.rows}

@@ -62,10 +62,9 @@ def from_config(config: dict[str, Any]) -> Record:
         for key in config.keys() - {*PARTS, "job"}:  # which the Snakefile adds for jobs
             raise UserError(f"{key} is given beside the record of a run, which has all settings: give one of the two")
         return {key: config[key] for key in PARTS if key in config}
-    if sum(word.startswith("hydra=") for word in sys.argv) > 1:
-        raise UserError('--config takes hydra once: write --config hydra="scale=smoke name=mine"')
-    if sum(word in ("--config", "-C") or word.startswith("--config=") for word in sys.argv) > 1:
-        raise UserError("--config is given twice, and Snakemake drops the first: write --config scale=smoke name=mine")
+    keys = [re.sub("=.*", "", word).replace("-C", "--config") for word in sys.argv]
+    for key in (key for key in ("--config", "hydra") if keys.count(key) > 1):
+        raise UserError(f'Snakemake drops one of two {key}: write --config scale=smoke hydra="name=mine"')
     words = config.get("hydra") or []
     given = flat({key: value for key, value in config.items() if key != "hydra"})
     named = [f"{key}={'null' if value is None else str(value)}".replace("'", "") for key, value in given.items()]

@@ -1,4 +1,4 @@
-"""`relight run`: composes the settings, calls Snakemake, and says what has changed."""
+"""`relight run`: composes the settings, and calls Snakemake."""
 
 import fcntl
 import os
@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -16,11 +15,11 @@ from shutil import which
 
 from relight.core.errors import UserError
 from relight.core.processes import end_with_parent
-from relight.lab.checks import changed, check, check_figures
+from relight.lab.checks import check, check_figures
 from relight.lab.code import SCRIPTS
-from relight.lab.plan import DATA, Plan
+from relight.lab.plan import Plan
 from relight.lab.record import compose_run, expand_sweep, read_record
-from relight.settings import ROOT, flat
+from relight.settings import ROOT
 
 LOCK = "lock"  # a file of the results, locked as long as a workflow makes them; Snakemake's own stay after a kill
 INTERRUPTED = 130  # exit code after Ctrl-C
@@ -74,8 +73,6 @@ def run(
             gpu = ["--resources", "gpu=1", "--set-resources", "train:gpu=1", "evaluate:gpu=1"]
     if any("slurm" in word for word in extra):
         import_module("snakemake_executor_plugin_slurm")  # without it Snakemake prints its whole usage
-    for line in change_lines(plan):
-        print(line)
     words = ["--quiet", "rules", "reason", "host", "--nolock", *gpu, "--cores", str(cores or "all"), *extra]
     rules = [target for target in targets if "/" not in target and target != "all"]
     known = sorted({path.stem for path in SCRIPTS.glob("*.py")} - {"figure" if plan.scans else "scan"})
@@ -131,28 +128,6 @@ def rows_of_sweep(given: list[str]) -> dict[str, list[str]] | None:
     settings = read_record(ROOT / "results" / name)["settings"]
     others = any(re.match(r"\+*(experiment|sweep\.rows)", word) for word in given)
     return settings["sweep"]["rows"] if "sweep" in settings.get("experiments", {}) and not others else None
-
-
-def change_lines(plan: Plan) -> Iterator[str]:
-    """Yields what to say before existing results are made again: with which other settings they were made.
-
-    Raises:
-        UserError: if the results are of other people or panoramas.
-    """
-    before, now = flat(read_record(ROOT / plan.out)["settings"]), flat(plan.shared)
-    for key in ("figures.source", "figures.folder", "panoramas.source", "panoramas.folder"):
-        if before.get(key, now[key]) != now[key]:
-            raise UserError(
-                f"{plan.out} was made with {key}={before[key]}: give this run a name of its own, name=NAME, or remove "
-                f"the folder {plan.out}"
-            )
-    outputs = [f"{plan.out}/{name}" for name in (*DATA, "split.json")]
-    if settings := sorted(changed(plan, [*outputs, *map(plan.network, plan.trainings)])):
-        more = f" and {len(settings) - 4} more" if len(settings) > 4 else ""
-        yield (
-            f"{plan.out} was made with other settings ({', '.join(settings[:4])}{more}): what depends on them is made "
-            "again; to keep both, give this run a name, name=NAME"
-        )
 
 
 def snakemake(command: list[str]) -> int:

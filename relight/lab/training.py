@@ -1,7 +1,6 @@
-"""The jobs of one network, trained and scored, with its run in MLflow."""
+"""The training of one network, with its run in MLflow."""
 
 import json
-import math
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,7 @@ from typing import Any
 from relight import extensions
 from relight.core.files import existing_file, file_hash
 from relight.lab.code import code_hash
-from relight.lab.tracking.run import log_scores, training_run
+from relight.lab.tracking.run import training_run
 from relight.learning.train import Inputs, Recipe, fingerprint
 from relight.learning.train import train as train_network
 from relight.settings import ROOT, Augment, Loss, Model, Train
@@ -44,24 +43,3 @@ def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, trac
         train_network(recipe, inputs, out, state, curve, run.log if run else None)
         if run:
             run.finish(out, curve)
-
-
-def evaluate(
-    network: Path, packed: Path, lights: Path, split: Path, condition: str, out: Path, tracking: dict[str, Any]
-) -> None:
-    """Writes the scores of a network, one row per figure and light, and sends their means to its run in MLflow.
-
-    Args:
-        network, packed, lights, split: files.
-        condition: what is scored: test, or FIGURES-LIGHTS such as sitting-test.
-        out: scores (.csv).
-        tracking: of the workflow (`Plan.tracking`).
-    """
-    from relight.evaluation.scoring.evaluate import evaluate as score
-    from relight.evaluation.scoring.scores import read_scores
-
-    score(network, packed, lights, split, condition, out)
-    scores = next(iter(read_scores(out).values()), None)  # None if the condition has no figures or no lights
-    columns = scores.columns if scores else {}
-    means = {name: mean for name, values in columns.items() if not math.isnan(mean := float(values.mean()))}
-    log_scores(tracking, network, condition, means, out)

@@ -133,7 +133,7 @@ PACKAGES = {
     "split": "core learning maps sh",
     "lights": "core lights panoramas pictures sh",
     "train": "core lab learning lights maps panoramas photos sh",
-    "evaluate": "core evaluation lab learning lights maps panoramas photos sh",
+    "evaluate": "core evaluation learning lights maps panoramas photos sh",
 }
 
 
@@ -230,7 +230,7 @@ def test_another_workflow_takes_it_as_a_module(done, tmp_path):
     ("words", "told"),
     [
         ("all --cache bake", "--cache knows no code of relight"),
-        ("all --config scale=smoke --config name=x", "--config is given twice"),
+        ("all --config scale=smoke --config name=x", "Snakemake drops one of two --config"),
         ("evaluate --config scale=smoke", "evaluate has a job for each of many: snakemake --until evaluate"),
     ],
 )

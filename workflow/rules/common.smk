@@ -19,8 +19,7 @@ from snakemake.exceptions import WorkflowError
 from snakemake.logging import logger
 
 from relight.core.errors import UserError
-from relight.lab.checks import check
-from relight.lab.made import read, restore
+from relight.lab.checks import changes, check
 from relight.lab.plan import Plan
 from relight.lab.run import hold
 from relight.lab.record import from_config
@@ -38,17 +37,8 @@ SPLIT = f"{OUT}/split.json"
 SCORED = repr([[(name, one.span) for name, one in QUANTITIES.items()], [*READINGS]])
 REPORTED = repr([QUANTITIES, READINGS, BASELINES, ROWS])
 if workflow.is_main_process:
-    told = {
-        reason: output
-        for output, reason in restore(OUT).items()
-        if Path(output).stem in PLAN.trainings  # not of earlier experiments, which stay
-        or not re.search("/(evaluate|report|train)/", output)
-    }
-    for reason in [*told][:4]:
-        logger.warning(f"since {OUT} was made: {reason}")
-    for output in (PACKED, LIGHTS, *map(PLAN.network, PLAN.trainings)):
-        if Path(output).exists() and not read(output):
-            logger.warning(f"{output} has no record of how it was made, and is kept")
+    for line in changes(PLAN):
+        logger.warning(line)
 # What jobs need to know, and what is no reason to run them again.
 config["job"] = {
     "process": os.getpid(),

@@ -49,7 +49,7 @@ rule report:
         results=[path for name in PLAN.experiments for path in PLAN.results_of(name)],
         plates=expand(
             f"{OUT}/report/{{experiment}}_{{kind}}.png",
-            experiment=PLAN.plates,
+            experiment=[name for name, one in PLAN.experiments.items() if one.plates],
             kind=["plates", "relit", "swapped", "overview"],
         ),
         record=f"{DATA}/figures.json",

@@ -6,9 +6,12 @@ with job(snakemake):
     given, params, condition = snakemake.input, snakemake.params, snakemake.wildcards.on.strip("/") or "test"
     files = Path(given.packed), Path(given.lights), Path(given.split), condition, Path(snakemake.output[0])
     if given.network:
-        from relight.lab.training import evaluate
+        from relight.evaluation.scoring.evaluate import evaluate
+        from relight.lab.tracking.run import log_scores
 
-        evaluate(Path(str(given.network)), *files, snakemake.config["job"]["tracking"])
+        network = Path(str(given.network))
+        evaluate(network, *files)
+        log_scores(snakemake.config["job"]["tracking"], network, condition, files[-1])
     else:
         from relight.evaluation.scoring.baselines import evaluate_baselines
 

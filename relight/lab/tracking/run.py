@@ -272,15 +272,14 @@ def log_report(tracking: dict[str, Any], networks: Iterable[Path], files: Iterab
             client.set_tag(training.id, "mlflow.parentRunId", report.id)
 
 
-def log_scores(tracking: dict, network: Path, condition: str, means: Mapping[str, float], scores: Path) -> None:
+def log_scores(tracking: dict[str, Any], network: Path, condition: str, scores: Path) -> None:
     """Adds the scores of a network to the run of its training, which is made if the store lacks it.
 
     Args:
         tracking: as for `TrainingRun`.
         network: file (.safetensors).
-        condition: what was scored: `test`, whose RMSE become metrics, or others such as `sitting-test`.
-        means: by name.
-        scores: file of all scores.
+        condition: what was scored: `test`, whose mean RMSE become metrics, or others such as `sitting-test`.
+        scores: file of all scores (.csv).
     """
     if not tracking["track"]["uri"]:
         return
@@ -288,10 +287,11 @@ def log_scores(tracking: dict, network: Path, condition: str, means: Mapping[str
     training.finish(network)
     with training.warned():
         import mlflow
+        import pandas as pd
 
         training.open()
         if condition == "test":  # MLflow keeps one of two points that are the same, and shows the latest
-            rmse = {f"test_{name}": mean for name, mean in means.items() if name.endswith("_rmse")}
+            rmse = pd.read_csv(scores).filter(regex="_rmse$").mean(skipna=False).dropna().add_prefix("test_").to_dict()
             written = scores.stat().st_mtime_ns // 10**6
             mlflow.log_metrics(rmse, step=0, run_id=training.id, timestamp=written)
         mlflow.log_artifact(str(scores), f"scores/{condition}", run_id=training.id)
