@@ -4,6 +4,7 @@ import base64
 import hashlib
 import io
 import json
+import os
 import shutil
 import struct
 import tarfile
@@ -12,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 from PIL import Image
 from skimage.metrics import structural_similarity
@@ -81,10 +83,9 @@ def rgbe(pixels: np.ndarray) -> np.ndarray:
     return (codes * (most > 0)).astype(np.uint8)
 
 
-def write_pfm(path: Path, pixels: np.ndarray) -> Path:
+def write_exr(path: Path, pixels: np.ndarray) -> Path:
     """Writes a panorama (H,W,3) without loss."""
-    height, width = pixels.shape[:2]
-    path.write_bytes(b"PF\n%d %d\n-1.0\n" % (width, height) + pixels[::-1].astype("<f4").tobytes())
+    OpenEXR.File({}, {"RGB": np.ascontiguousarray(pixels, np.float32)}).write(os.fspath(path))
     return path
 
 

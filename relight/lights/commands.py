@@ -50,7 +50,6 @@ def numbers(
     ] = "auto",
     yaw: Annotated[float, typer.Option(help="Turns the light about the vertical, degrees, from front to right.")] = 0.0,
     flip: Annotated[bool, typer.Option("--flip", help="Mirror left and right.")] = False,
-    exposure: Annotated[float, typer.Option(help="Factor by which the light is multiplied.")] = 1.0,
     convention: Annotated[
         str | None,
         typer.Option("--from", help="Convention of a file of coefficients: kanamori2018, dpr, ramamoorthi2001 ..."),
@@ -70,7 +69,7 @@ def numbers(
 
     files = [path if path.suffix.lower() == ".png" else light_file(path, to) for path in out or []]
     light = " + ".join(map(_as_place, parts_of(light)))
-    loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair)
+    loaded = load_light(light, order, layout, yaw, flip, convention, repair)
     coefficients = from_relight(loaded.coefficients, to)
     for path in files:  # before anything is printed, which may go to a pipe that closes
         if path.suffix.lower() == ".png":

@@ -19,7 +19,7 @@ from relight.core.npz import read_npy
 from relight.core.numbers import finite
 from relight.core.srgb import decode
 from relight.core.text import read_text
-from relight.lights.light import FACTORS, Light, direction, parts_of, total
+from relight.lights.light import Light, direction, parts_of, total
 from relight.lights.place import PREFIX, read_place
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import read_light_set
@@ -66,13 +66,12 @@ def load_light(
     layout: str = "auto",
     yaw: float = 0.0,
     flip: bool = False,
-    exposure: float = 1.0,
     convention: str | None = None,
     repair: bool = False,
 ) -> Light:
     """Loads the light that `text` names. Its brightness is not normalised.
 
-    kitchen.hdr, .exr, .pfm         a panorama
+    kitchen.hdr, .exr               a panorama
     hall, park, sunset:90 ...       a panorama of Poly Haven, after `relight light setup` (relight.panoramas.polyhaven)
     probe.npy, .txt, .csv, .json    coefficients
     lights.npz:12                   row 12 of a light set
@@ -90,7 +89,6 @@ def load_light(
         layout: layout of a panorama's file (`read_panorama`).
         yaw: degrees of rotation about the vertical, from +z toward +x.
         flip: mirrors left and right, before the rotation.
-        exposure: factor on the radiance.
         convention: of a file of coefficients; by default the one in its JSON or its name (lights.kanamori2018.npy),
             else relight's.
         repair: whether non-finite pixels of a panorama's file are replaced, which otherwise are an error, and a sun
@@ -108,9 +106,9 @@ def load_light(
     text = str(text)
     if not (isinstance(order, Integral) and order >= 0):
         raise UserError(f"order={order!r}: it must be a whole number, at least 0")
-    yaw, exposure = finite("yaw", yaw), finite("exposure", exposure, *FACTORS)
+    yaw = finite("yaw", yaw)
     if len(parts := parts_of(text)) > 1:
-        options = (order, layout, yaw, flip, exposure, convention, repair)
+        options = (order, layout, yaw, flip, convention, repair)
         return total([load_light(part, *options) for part in parts], text)
     kind = None  # of the file, by which options have an effect
     name, colon, rest = text.partition(":")
@@ -156,12 +154,11 @@ def load_light(
         needed = "coefficients" if name == "convention" else "a panorama"
         if is_given and kind != needed:
             raise UserError(f"{text}: {name} has an effect on a file of {needed} only")
-    if yaw or flip or exposure != 1:
+    if yaw or flip:
         if (seen := light.panorama) is not None:
             own_yaw = -seen.yaw if flip else seen.yaw
-            pixels = seen.pixels * np.float32(exposure)
-            seen = replace(seen, pixels=pixels, flip=seen.flip != flip, yaw=own_yaw + yaw)
-        light = replace(light, coefficients=orient(light.coefficients, yaw, flip) * exposure, panorama=seen)
+            seen = replace(seen, flip=seen.flip != flip, yaw=own_yaw + yaw)
+        light = replace(light, coefficients=orient(light.coefficients, yaw, flip), panorama=seen)
     return light.checked().at_order(order)
 
 

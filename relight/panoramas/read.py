@@ -10,10 +10,9 @@ from relight.core.files import existing_file, require_readable
 from relight.panoramas.exr import read_exr
 from relight.panoramas.hdr import read_hdr
 from relight.panoramas.panorama import LAYOUTS, Panorama
-from relight.panoramas.pfm import read_pfm
 from relight.panoramas.repair import repair_pixels, repair_sun
 
-SUFFIXES = (".hdr", ".pic", ".rgbe", ".xyze", ".exr", ".pfm")
+SUFFIXES = (".hdr", ".pic", ".rgbe", ".xyze", ".exr")
 # First bytes of files that are not panoramas, and an error message for each.
 OTHER_FILES = (
     (b"version https://git-lfs", "a git-lfs pointer; fetch the file itself (git lfs pull)"),
@@ -22,13 +21,14 @@ OTHER_FILES = (
     (b"GIF8", "a GIF picture, whose range is too low for light; use its .hdr or .exr"),
     (b"II*\x00", "a TIFF picture; save it as .exr"),
     (b"MM\x00*", "a TIFF picture; save it as .exr"),
+    (b"PF", "a portable float map; save it as .exr"),
     (b"PK\x03\x04", "a zip archive; unpack it first"),
     (b"\x1f\x8b", "a gzip archive; unpack it first"),
 )
 
 
 def read_panorama(path: Path | str, layout: str = "auto", repair: bool = False) -> Panorama:
-    """Reads a .hdr, .exr or .pfm panorama; the format is detected from the content, not the name.
+    """Reads a .hdr or .exr panorama; the format is detected from the content, not the name.
 
     Args:
         path: of the file.
@@ -79,15 +79,12 @@ def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
     if start.startswith(b"#?"):
         pixels, repairs = read_hdr(path)
         return pixels, None, repairs
-    if start[:2] in (b"PF", b"Pf"):
-        pixels, repairs = read_pfm(path)
-        return pixels, None, repairs
     for magic, description in OTHER_FILES:
         if start.startswith(magic):
             raise UserError(f"{path}: {description}")
     if start.lstrip()[:1] == b"<":
         raise UserError(f"{path}: a web page, not a picture; download it again")
-    raise UserError(f"{path}: not a panorama; Radiance .hdr, OpenEXR and .pfm are read")
+    raise UserError(f"{path}: not a panorama; Radiance .hdr and OpenEXR are read")
 
 
 def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str | None) -> str:

@@ -28,7 +28,7 @@ Lights, for --light:
   place:street.jpg        the light of a place; @-60,40 says where it is from
   room:7  sky:3  lamps:5  generated surroundings, each number another one;
                           room:7:40 is turned by 40 degrees
-  kitchen.hdr  .exr .pfm  a panorama
+  kitchen.hdr  .exr       a panorama
   light.json  .npy .csv   coefficients
   other.jpg               the light of another photo of somebody
 

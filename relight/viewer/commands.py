@@ -33,7 +33,6 @@ def view(
         str | None,
         typer.Option("--background", "-b", help="Background to show first: studio, light, color, clear or photo."),
     ] = None,
-    title: Annotated[str, typer.Option(help="Title of the page; by default the file's name.")] = "",
     size: Size = 1024,
     weights: Weights = None,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
@@ -53,7 +52,7 @@ def view(
         raise UserError(f"page {out}: the name must end in .html")
     relighter = load(weights) if photos else None
     figures = [figure_of(path, relighter, mask, size) for path in progress(paths, "figures inferred")]
-    build_viewer(out, figures, named_lights(light or ()), background, title or figures[0].title)
+    build_viewer(out, figures, named_lights(light or ()), background, figures[0].title)
     typer.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
     for note in (f"note: {figure.title}: {note}" for figure in figures for note in figure.notes):
         typer.echo(note)
@@ -72,7 +71,6 @@ def web_build(
         typer.Argument(help="Maps (.exr) or photos to show first; by default a portrait (NASA).", metavar="FILE"),
     ] = None,
     light: Lights = None,
-    title: Annotated[str, typer.Option(help="Title of the page.")] = "Turn the light in a photo",
     size: Size = 1024,
     weights: Weights = None,
 ) -> None:
@@ -87,7 +85,7 @@ def web_build(
         raise UserError(f"the site needs a network of order 2; {network} has order {relighter.network.order}")
     figures = [figure_of(path, relighter, size=size) for path in progress(paths or (), "figures inferred")]
     figures = figures or [portrait(relighter)]
-    build_site(out, network, relighter.network.size, figures, named_lights(light or ()), title)
+    build_site(out, network, relighter.network.size, figures, named_lights(light or ()))
     size = sum(path.stat().st_size for path in out.iterdir())
     typer.echo(f"{out}: {size / 1e6:.0f} MB")
     serve = f"python -m http.server --bind 127.0.0.1 --directory {shlex.quote(str(out))}"

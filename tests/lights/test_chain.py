@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from samples import write_pfm
+from samples import write_exr
 
 from relight.core.errors import UserError
 from relight.lights import (
@@ -243,22 +243,22 @@ def test_table_round_trip(rooms, tmp_path):
 def test_broken_files_of_a_folder_are_skipped_and_recorded(tmp_path):
     rng = np.random.default_rng(0)
     (tmp_path / "deep").mkdir()
-    for name in ("a.pfm", "deep/b.pfm"):
+    for name in ("a.exr", "deep/b.exr"):
         pixels = rng.random((16, 32, 3)) ** 4
-        write_pfm(tmp_path / name, pixels)
+        write_exr(tmp_path / name, pixels)
     pixels[3, 4] = np.nan
-    write_pfm(tmp_path / "nan.pfm", pixels)
+    write_exr(tmp_path / "nan.exr", pixels)
     (tmp_path / "c.hdr").write_bytes(b"<html>")
-    (tmp_path / os.fsdecode(b"\xff.pfm")).write_bytes((tmp_path / "a.pfm").read_bytes())
+    (tmp_path / os.fsdecode(b"\xff.exr")).write_bytes((tmp_path / "a.exr").read_bytes())
     (tmp_path / "notes.txt").write_text("not a panorama")
     folder = replace(ROOMS, source="folder", folder=str(tmp_path))
     lights, record = build_light_set(folder, replace(SETTINGS, clusters=6, test=2), 2)
-    assert set(lights.source) == {"a.pfm", "deep/b.pfm"}
-    assert list(record["unreadable"]) == ["c.hdr", "nan.pfm", "\\udcff.pfm"]  # for pages in UTF-8
-    assert record["steps"][0]["why"] == {"unreadable": 3} and "rename it" in record["unreadable"]["\\udcff.pfm"]
-    assert "1 of 512 pixels are not finite" in record["unreadable"]["nan.pfm"] and record["repaired"] == {}
+    assert set(lights.source) == {"a.exr", "deep/b.exr"}
+    assert list(record["unreadable"]) == ["c.hdr", "nan.exr", "\\udcff.exr"]  # for pages in UTF-8
+    assert record["steps"][0]["why"] == {"unreadable": 3} and "rename it" in record["unreadable"]["\\udcff.exr"]
+    assert "1 of 512 pixels are not finite" in record["unreadable"]["nan.exr"] and record["repaired"] == {}
     _, record = build_light_set(replace(folder, repair=True), replace(SETTINGS, clusters=6, test=2), 2)
-    assert list(record["unreadable"]) == ["c.hdr", "\\udcff.pfm"] and list(record["repaired"]) == ["nan.pfm"]
+    assert list(record["unreadable"]) == ["c.hdr", "\\udcff.exr"] and list(record["repaired"]) == ["nan.exr"]
     with pytest.raises(UserError, match="no such folder"):
         build_light_set(replace(folder, folder=str(tmp_path / "nowhere")), SETTINGS, 2)
 
@@ -267,18 +267,18 @@ def test_of_copies_of_a_panorama_the_largest_is_used(tmp_path):
     """Copies are in one folder, and their names differ in size or format only; one that cannot be read is none."""
     rng = np.random.default_rng(0)
     (tmp_path / "b").mkdir()
-    names = "park_1k.pfm park_2K.pfm park2_1k.pfm b/park_4k.pfm lamp_3200k.pfm lamp_5600k.pfm hall_8k.pfm hall.pfm"
+    names = "park_1k.exr park_2K.exr park2_1k.exr b/park_4k.exr lamp_3200k.exr lamp_5600k.exr hall_8k.exr hall.exr"
     for name in names.split():
-        write_pfm(tmp_path / name, 0.5 + rng.random((16, 32, 3)))
-    (tmp_path / "park_2k.hdr").write_bytes((tmp_path / "park_2K.pfm").read_bytes())
+        write_exr(tmp_path / name, 0.5 + rng.random((16, 32, 3)))
+    (tmp_path / "park_2k.hdr").write_bytes((tmp_path / "park_2K.exr").read_bytes())
     (tmp_path / "park_16k.hdr").write_bytes(b"<html>")
     folder = replace(ROOMS, source="folder", folder=str(tmp_path))
     lights, record = build_light_set(folder, replace(SETTINGS, clusters=50, test=10), 2)
-    used = {"park_2K.pfm", "park2_1k.pfm", "b/park_4k.pfm", "lamp_3200k.pfm", "lamp_5600k.pfm", "hall.pfm"}
+    used = {"park_2K.exr", "park2_1k.exr", "b/park_4k.exr", "lamp_3200k.exr", "lamp_5600k.exr", "hall.exr"}
     assert set(lights.source.tolist()) == used
     assert record["steps"][0] == {"step": "read", "in": 10, "out": 6, "why": {"unreadable": 1, "copies": 3}}
     told = "3 of 9 panoramas are copies of others in another size or format, and were left out: "
-    assert f"{told}hall_8k.pfm; park_1k.pfm; park_2k.hdr" in record["warnings"]
+    assert f"{told}hall_8k.exr; park_1k.exr; park_2k.hdr" in record["warnings"]
 
 
 def test_what_a_folder_does_not_give_is_said(tmp_path):
@@ -287,21 +287,21 @@ def test_what_a_folder_does_not_give_is_said(tmp_path):
     sky = np.linspace(1, 0.3, 16)[:, None, None] * np.ones((16, 32, 3)) * (1 + rng.random((16, 32, 3)))
     blue = sky * np.array([0.05, 0.2, 3])
     for name, pixels in {"a": sky, "b": sky[:, ::-1] ** 1.3, "blue": blue, "down": sky[::-1]}.items():
-        write_pfm(tmp_path / f"{name}.pfm", pixels)
+        write_exr(tmp_path / f"{name}.exr", pixels)
     folder = replace(ROOMS, source="folder", folder=str(tmp_path))
     lights, record = build_light_set(folder, replace(SETTINGS, clusters=8, test=3), 2)
-    assert record["unlit"] == {"blue.pfm": "dim at 36 of 36 headings, color at 36 of 36 headings"}
-    assert "blue.pfm" not in lights.of("train").source
+    assert record["unlit"] == {"blue.exr": "dim at 36 of 36 headings, color at 36 of 36 headings"}
+    assert "blue.exr" not in lights.of("train").source
     told = " | ".join(record["warnings"])
-    assert "1 of 4 panoramas gave no light" in told and "blue.pfm: dim at 36 of 36 headings" in told
-    assert "1 of 4 panoramas are brighter from below (are their rows upside down?): down.pfm" in told
+    assert "1 of 4 panoramas gave no light" in told and "blue.exr: dim at 36 of 36 headings" in told
+    assert "1 of 4 panoramas are brighter from below (are their rows upside down?): down.exr" in told
     assert "the 3 test lights come from" in told
 
 
 @pytest.mark.parametrize("source", ["generated", "folder"])
 def test_every_setting_of_panoramas_is_read_or_says_that_it_is_not(tmp_path, monkeypatch, source):
     """A setting that the source does not read is refused where a user gives it: none is forgotten."""
-    write_pfm(tmp_path / "a.pfm", np.ones((8, 16, 3)))
+    write_exr(tmp_path / "a.exr", np.ones((8, 16, 3)))
     read = set()
 
     class Spy(Panoramas):

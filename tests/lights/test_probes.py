@@ -1,7 +1,7 @@
 """An angular map gives the coefficients of Ramamoorthi & Hanrahan 2001, by a twin of their program."""
 
 import numpy as np
-from samples import write_pfm
+from samples import write_exr
 
 from relight.lights import load_light
 from relight.sh import from_relight
@@ -44,7 +44,7 @@ def angular(n):
 def test_an_angular_map_agrees_with_a_twin_of_prefilter_c(tmp_path):
     """But for its half pixel, which is 3 % of L00 here and .3 % at the 1,000 px of a probe; a wrong sign is 30 %."""
     pixels = angular(100)
-    path = write_pfm(tmp_path / "a_probe.pfm", pixels)
+    path = write_exr(tmp_path / "a_probe.exr", pixels)
     ours = from_relight(load_light(path, layout="angular").coefficients, "ramamoorthi2001")
     assert abs(ours - prefilter(pixels)).max() < 0.04 * ours[0].max()
     assert abs(ours[1:]).max(1).min() > 0.1 * ours[0].max()  # no coefficient is so small that its sign would not show

@@ -109,7 +109,6 @@ def panoramas(rng: np.random.Generator) -> dict[str, bytes]:
     }
     header = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1.5\nCOLORCORR=1 1 1\n\n-Y 24 +X 48\n"
     found = {f"{coding}.hdr": header + b"".join(line() for _ in range(24)) for coding, line in lines.items()}
-    found["a.pfm"] = b"PF\n48 24\n-1.0\n" + values().tobytes()
     for name in ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "DWAA"):
         half = np.float16 if name in ("B44", "PIZ") else np.float32
         found[f"{name}.exr"] = exr({"RGB": values(half)}, compression=getattr(OpenEXR, f"{name}_COMPRESSION"))

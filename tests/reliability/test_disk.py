@@ -226,7 +226,7 @@ def test_a_photo_with_too_little_memory_is_one_line(tmp_path):
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="Linux only")
 def test_too_little_memory_is_one_line(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
-    words = ["bake", "a.obj", "--as-is", "--size", "8192", "--threads", "1"]
+    words = ["bake", "a.obj", "--as-is", "--size", "8192"]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-c", MEMORY, *words]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)

@@ -30,10 +30,10 @@ def run(*arguments):
 def test_view_writes_a_page_for_baked_maps(tmp_path, maps):
     maps.info.update(name="balls", order=2)
     write_maps(tmp_path / "b.exr", maps)
-    result = run(tmp_path / "b.exr", tmp_path / "b.exr", "--title", "Two")
+    result = run(tmp_path / "b.exr", tmp_path / "b.exr")
     assert result.exit_code == 0 and "b.html" in result.output and "MB" in result.output
     page, figures = embedded(tmp_path / "b.html")
-    assert page["title"] == "Two" and [light["name"] for light in page["lights"]] == list(LIGHTS)
+    assert page["title"] == "balls" and [light["name"] for light in page["lights"]] == list(LIGHTS)
     assert [figure["title"] for figure in figures] == ["balls", "balls"]
     assert not any("light" in figure for figure in figures)
     run(tmp_path / "b.exr", "-l", "key:#ffffff@0,0", "-l", "room:2", "-o", tmp_path / "c.html", "-b", "light")

@@ -7,7 +7,7 @@ import shutil
 import pytest
 from people import write_people
 from repo import copy, planned, relight
-from samples import write_pfm
+from samples import write_exr
 
 from relight.maps import read_info
 from relight.panoramas import generate_room
@@ -22,7 +22,7 @@ def test_three_meshes_and_two_panoramas_give_a_data_set(tmp_path):
     (scans / "broken.ply").write_bytes((scans / "colored.ply").read_bytes()[:500])
     panoramas.mkdir()
     for seed in (1, 2):
-        write_pfm(panoramas / f"room{seed}.pfm", generate_room(seed))
+        write_exr(panoramas / f"room{seed}.exr", generate_room(seed))
     table = repo / "axes.csv"
     table.write_text("name,turn\nplain,0\n")
     (scans / "plain.mtl").touch()
@@ -47,7 +47,7 @@ def test_three_meshes_and_two_panoramas_give_a_data_set(tmp_path):
     assert edited["scan"] == 2
     for name in ("plain.glb", "plain.mtl"):  # other dates alone scan nothing
         os.utime(scans / name, (1e9, 1e9))
-    write_pfm(panoramas / "room1.pfm", generate_room(3))
-    os.utime(panoramas / "room1.pfm", (1e9, 1e9))
+    write_exr(panoramas / "room1.exr", generate_room(3))
+    os.utime(panoramas / "room1.exr", (1e9, 1e9))
     (jobs,) = planned(repo, words)
     assert (jobs["scan"], jobs["lights"]) == (1, 1)

@@ -3,7 +3,7 @@
 const LONGEST = 4096; // pixels: larger photos are scaled down by the browser, for textures have a largest size
 
 function isPicture(file) {
-  return file.type.startsWith("image/") && !/\.(hdr|pic|rgbe|xyze|exr|pfm)$/i.test(file.name);
+  return file.type.startsWith("image/") && !/\.(hdr|pic|rgbe|xyze|exr)$/i.test(file.name);
 }
 
 async function readPhoto(file, longest = LONGEST) {
