@@ -1,7 +1,6 @@
 """Cuts and trims of garments: hulls, drops, necklines, collars, bands, belts, ties, fits."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,9 +9,9 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from relight.figures.body.motion import build_motion
-from relight.figures.cut import patterns, suit
+from relight.figures.cut import patterns
 from relight.figures.cut.level import Level
-from relight.figures.drape import collars, dress, trims
+from relight.figures.drape import collars, trims
 from relight.figures.drape.colliders import Collider, signed_distance
 from relight.figures.draw import fitting
 from relight.figures.draw.garments import wardrobe
@@ -46,63 +45,6 @@ def test_build_pattern_has_no_length_for_the_hollow_of_the_seat(body, name):
     assert hollow(seat) > 0.009, "the body is hollow there"
 
 
-def test_trunk_hull_bridges_heights_without_vertices():
-    """A cone whose vertices have a gap of 8 cm, as between the rings of a very tall person."""
-    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
-    heights = np.concatenate([np.arange(0.0, 0.2, 0.005), np.arange(0.28, 0.5, 0.005)])
-    points = np.concatenate([(0.1 + 0.2 * y) * np.stack([np.sin(turn), 0 * turn, np.cos(turn)], 1) for y in heights])
-    points[:, 1] = np.repeat(heights, len(turn))
-    fields = {"arm_shareL": np.zeros(len(points)), "arm_shareR": np.zeros(len(points))}
-    hull = suit.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25, "neck": 0.45})
-    for y in (0.2, 0.24, 0.28):
-        assert hull.radius(np.array([[0.0, y, 0.05]]))[0] == pytest.approx(0.1 + 0.2 * y, abs=5e-3)
-
-
-def test_hull_straightened_spans_hollows():
-    """A body of revolution as slim as an hourglass between a chest and a seat of one width, and a bump at its foot."""
-    heights = np.linspace(0, 1, 21)
-    radii = np.repeat((0.2 - 0.08 * np.sin(np.pi * heights))[:, None], suit.BEARINGS, axis=1)
-    hull = suit.Hull(0.0, heights, radii)
-    np.testing.assert_allclose(hull.straightened(-1.0, 1.0).radii, 0.2, atol=1e-12)
-    np.testing.assert_allclose(hull.straightened(-1.0, 0.5).radii, (0.2 + radii) / 2, atol=1e-12)
-    above = hull.straightened(0.5, 1.0).radii  # straight from the waist up to the chest, as cut below it
-    np.testing.assert_allclose(above[:11], radii[:11], atol=1e-12)
-    np.testing.assert_allclose(above[10:, 0], 0.12 + 0.16 * (heights[10:] - 0.5), atol=1e-12)
-    bulging = suit.Hull(0.0, heights, 0.4 - radii)
-    np.testing.assert_allclose(bulging.straightened(-1.0, 1.0).radii, bulging.radii, atol=1e-12)
-
-
-def test_cleft_is_where_two_boxes_meet():
-    """Two boxes beside each other: the sides by which they meet, at the height of the seat, and no others."""
-    boxes = [trimesh.creation.box((0.1, 0.6, 0.1)).apply_translation((x, 0, 0)) for x in (-0.055, 0.055)]
-    both = trimesh.util.concatenate([box.subdivide().subdivide().subdivide() for box in boxes])
-
-    found = dress.cleft(SimpleNamespace(heights={"crotch": 0.0}), both.vertices, both.faces)
-    middle, normal = both.triangles_center[found], both.face_normals[found]
-    assert found.sum() > 40 and (np.abs(middle[:, 0]) < 0.006).all() and (np.abs(normal[:, 0]) > 0.99).all()
-    low, high = dress.CLEFT_HEIGHTS
-    inner = np.abs(both.triangles_center[:, 0]) < 0.006
-    within = (both.triangles_center[:, 1] > low) & (both.triangles_center[:, 1] < high)
-    assert found.sum() == (inner & within).sum()
-
-
-def lengths(points: np.ndarray, ring: np.ndarray) -> float:
-    return float(np.linalg.norm(points[np.roll(ring, -1)] - points[ring], axis=1).sum())
-
-
-@pytest.mark.parametrize("name", ["dress", "pleated skirt"])
-def test_drop_rows_start_in_folds_of_the_same_length(body, name):
-    pattern = cut(body, name)
-    level = pattern.levels[0]
-    hem = next(ring for ring in border_loops(level.faces) if (pattern.fields["drop"][ring] > 0.999).all())
-    top = pattern.fields["drop"] == 0
-    waist = level.rest_shape[top][np.argsort(level.rest_shape[top][:, 1])[:30]]
-    assert lengths(level.rest_shape, hem) > 2.2 * np.pi * np.ptp(waist[:, 0])
-    assert lengths(level.start, hem) == pytest.approx(lengths(level.rest_shape, hem), rel=0.02)
-    wide = [np.ptp(x[hem], axis=0)[[0, 2]].mean() for x in (level.start, level.rest_shape)]
-    assert wide[0] < 0.9 * wide[1], "it hangs narrower than it is cut"
-
-
 def tube() -> tuple[np.ndarray, np.ndarray]:
     """A dome with a round hole, as shoulders are to a neck: vertices and faces turned outward."""
     rings = [(0.06, 0.0), (0.09, -0.012), (0.13, -0.04), (0.18, -0.10), (0.20, -0.2), (0.20, -0.3)]
@@ -124,25 +66,6 @@ def test_collar_of_a_closed_neckline_is_smooth(kind):
     band = vertices[len(ring) : 2 * len(ring)]  # above the row that is sewn to the cloth
     assert np.ptp(np.hypot(points[ring, 0], points[ring, 2])) > 0.003
     assert np.ptp(np.hypot(band[:, 0], band[:, 2])) < 0.0006
-
-
-def test_banded_smooths_the_neckline_and_the_cloth_beside_it():
-    """Cloth bunched at the neckline, 30 mm wide and 20 mm high: most of that goes, and what is away from it stays."""
-    smooth, faces = tube()
-    ring = max(border_loops(faces), key=lambda ring: smooth[ring, 1].mean())
-    turn = np.arctan2(smooth[:, 0], smooth[:, 2])
-    near = np.exp(-((0.06 * (turn - 1.0) / 0.015) ** 2)) * np.clip(1 + smooth[:, 1] / 0.04, 0, 1)
-    drape = smooth + 0.02 * near[:, None] * UP + [0.01, -0.005, 0.0]
-    held = collars.banded(drape, faces, smooth, NECK)
-    bump = [np.ptp((x - smooth)[ring, 1]) for x in (drape, held)]
-    assert bump[0] > 0.019 and bump[1] < 0.45 * bump[0]
-    far = np.linalg.norm(drape[:, None] - drape[ring], axis=-1).min(1) > collars.BAND_RANGE
-    np.testing.assert_array_equal(held[far], drape[far])
-    still = collars.banded(smooth + [0.01, 0, 0], faces, smooth, NECK)
-    np.testing.assert_allclose(still, smooth + [0.01, 0, 0], atol=1e-12)  # a neckline that moved as a whole stays so
-    assert collars.banded(smooth, faces, smooth, NECK._replace(base=np.array([0, 9.0, 0]))) is smooth, (
-        "no neckline there"
-    )
 
 
 @pytest.mark.parametrize("kind", ["hood", "lapel"])

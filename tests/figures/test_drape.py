@@ -1,4 +1,4 @@
-"""The cloth solver, its colliders, and cloth that passes through cloth."""
+"""The cloth solver, its colliders, cloth that passes through cloth, and rings around a bone."""
 
 import numpy as np
 import pytest
@@ -97,15 +97,6 @@ def test_relax_torn_edges_spreads_one_torn_edge():
     assert solver.strain().max() < 0.4 * before
 
 
-def test_raycast_meets_the_first_face():
-    vertices, faces = ball()
-    face, depth = Collider(vertices, vertices, faces).raycast(
-        np.array([[0, 0.8, 1.0], [1, 0.8, 1]]), np.array([[0, 0, -1.0]] * 2)
-    )
-    assert face[0] >= 0 and face[1] == -1
-    assert depth[0] == pytest.approx(0.88, abs=1e-3) and depth[1] == np.inf
-
-
 def standing(n=21):
     """The square of cloth, upright in the plane x = 8 mm and 10 mm up, so that no vertex of one lies in the other."""
     vertices, faces = square(n)
@@ -145,3 +136,20 @@ def test_pin_holds_a_fully_pinned_vertex_at_its_target():
     solver.pin(pinned, np.array([1.0, 0.5]), target, under, 0.0)
     np.testing.assert_allclose(solver.positions()[40], target[0], atol=1e-6)
     assert np.linalg.norm(solver.positions()[41] - [0, 0.95, 0]) > 0.12
+
+
+def test_winding_of_a_ring_to_one_side():
+    """Rings of any shape against the turns of the angle at the bone: a loose sleeve is not centred on it."""
+    rng = np.random.default_rng(0)
+    inside = 0
+    for _ in range(300):
+        angle = np.sort(rng.uniform(0, 2 * np.pi, 15))
+        flat = np.exp(rng.normal(0, 0.5, 15))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        place = rng.normal(0, 0.8, 2)
+        seen = np.arctan2(*(flat - place).T[::-1])
+        turns = (np.diff(seen, append=seen[:1]) + np.pi) % (2 * np.pi) - np.pi
+        points = np.insert(flat, 2, 1.0, axis=1)
+        bone = np.array([[*place, 0.0], [*place, 2.0]])
+        assert winding(np.stack([points, np.roll(points, -1, 0)], axis=1), bone) == round(turns.sum() / (2 * np.pi))
+        inside += abs(round(turns.sum() / (2 * np.pi)))
+    assert 50 < inside < 250

@@ -16,15 +16,15 @@ from relight.figures.body.shape import build_body
 from relight.figures.cut import patterns
 from relight.figures.cut.footwear import upper
 from relight.figures.cut.level import Level
-from relight.figures.drape import clearance, collars, scarves
+from relight.figures.drape import collars, scarves
 from relight.figures.drape.colliders import Collider, signed_distance
-from relight.figures.drape.dress import DETAILS, DrapedGarment, drape_outfit, drape_scarf, fallen_over
+from relight.figures.drape.dress import DETAILS, DrapedGarment, drape_outfit, drape_scarf
 from relight.figures.drape.simulate import DrapeResult
 from relight.figures.draw import fitting, outfits
 from relight.figures.draw.fabrics import Fabric
 from relight.figures.draw.garments import Worn, group, wardrobe
 from relight.figures.draw.person import sample_person
-from relight.figures.draw.poses import Pose, poses
+from relight.figures.draw.poses import poses
 from relight.figures.draw.shoes import shoes
 from relight.figures.dye import panels
 from relight.figures.gates import checks
@@ -136,56 +136,11 @@ def test_tucked_top_is_pinned_below_the_waistband_only(body):
     assert (pinned[(y > edge + 0.035) & (pattern.fields["arm_shareL"] + pattern.fields["arm_shareR"] < 0.1)] == 0).all()
 
 
-def folded_sheet(over: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A sheet 30 cm wide that faces +z, with a wave in its middle whose crest leans over by that many metres: vertices,
-    faces, and how far along the sheet each face is."""
-    s = np.linspace(0, 0.36, 73)
-    lift = np.clip(1 - np.abs(s - 0.18) / 0.04, 0, 1)
-    x = np.cumsum(np.r_[0, np.diff(s) * np.where(np.abs(s[1:] - 0.18) < 0.03, 0.2, 1)]) + over * lift**2
-    line = np.stack([x, 0 * s, 0.02 * lift], axis=1)
-    points = np.concatenate([line + [0, y, 0] for y in np.arange(0, 0.3, 0.005)])
-    k = np.arange(len(points) - len(s)).reshape(-1, len(s))[:, :-1].ravel()
-    faces = np.concatenate([np.stack([k, k + 1, k + 74], 1), np.stack([k, k + 74, k + 73], 1)])
-    return points, faces, np.tile(s, len(points) // len(s))[faces].mean(1)
-
-
-def test_fallen_over_finds_gathers_that_fell_and_no_upright_ones():
-    points, faces, _ = folded_sheet(0.0)
-    assert not fallen_over(points, faces).any()
-    points, faces, along = folded_sheet(0.05)
-    found = fallen_over(points, faces)
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    assert np.array_equal(found, np.cross(b - a, c - a)[:, 2] < 0)
-    assert found.any() and np.abs(along[found] - 0.18).max() < 0.04
-
-
 def box(open_side: bool) -> tuple[np.ndarray, np.ndarray]:
     """A cube of side 2 around the origin, without its +z side if `open_side`."""
     cube = trimesh.creation.box((2, 2, 2))
     kept = cube.face_normals[:, 2] < 0.5 if open_side else np.ones(12, bool)
     return cube.vertices, cube.faces[kept]
-
-
-@pytest.mark.parametrize("open_side", [False, True])
-def test_sees_outside_through_the_open_side_of_a_box(open_side):
-    vertices, faces = box(open_side)
-    points = np.array([[0, 0, 0], [0.5, 0.3, -0.9], [0, 0, 0]])
-    normal = np.array([[0.0, 0, 1], [0, 0, 1], [0, 0, -1]])  # the last turns its back to the open side
-    out = layers.sees_outside(points, normal, Collider(vertices, vertices, faces))
-    assert out.tolist() == ([True, True, False] if open_side else [False] * 3)
-
-
-def test_push_under_moves_skin_under_cloth_and_none_out_of_a_fold():
-    a = np.linspace(-0.1, 0.1, 21)
-    skin = np.stack([*np.meshgrid(a, a), np.zeros((21, 21))], -1).reshape(-1, 3)
-    faces = grid_faces(21, 21)[:, ::-1]
-    facing, free = np.tile([0.0, 0, 1], (441, 1)), np.ones(441, bool)
-    inner = (np.abs(skin[:, :2]) < 0.06).all(1)
-
-    through = layers.push_under(skin, faces, (skin - [0, 0, 0.005], faces), 0.002, free, facing)
-    np.testing.assert_allclose(through[inner], skin[inner] - [0, 0, 0.007], atol=1e-6)
-    turned = skin + [0, 0, 0.005], faces[:, ::-1]  # the inner side of a fold lies before the skin
-    np.testing.assert_array_equal(layers.push_under(skin, faces, turned, 0.002, free, facing), skin)
 
 
 def test_cover_does_not_hide_skin_under_a_lifted_garment():
@@ -245,13 +200,6 @@ def hands(body, pose):
     hand = makehuman.bone_weights("finger", "metacarpal", "wrist") > 0.5
     _, distance, _ = signed_distance(skin[hand], Collider(skin, skin, faces[trunk[faces].all(1)]), 0.3)
     return np.percentile(distance, 5)
-
-
-def test_clear_hands_makes_room_for_clothes(body):
-    loose = replace(poses()["straight"].left, wrist=(0.05, -0.95, 0.06))
-    pose = Pose("", loose, loose)
-    assert hands(body, pose) < 0.0
-    assert hands(body, clearance.clear_hands(body, pose, (0.04, 0.02))) > 0.025
 
 
 @pytest.mark.parametrize(("gap", "share", "turned"), [(0.02, 1.0, False), (0.2, 0.0, False), (0.02, 0.0, True)])

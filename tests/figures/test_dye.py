@@ -21,13 +21,6 @@ def grid(side=200, span=0.4):
     return np.meshgrid(a, a)
 
 
-def test_band_has_its_period_and_share():
-    _, v = grid(800, 0.55)
-    share = texture.band(v, 0.055, 0.42)
-    assert share.mean() == pytest.approx(0.42, abs=0.01)
-    np.testing.assert_allclose(share[:80], share[80:160], atol=1e-6)
-
-
 def test_lattice_is_the_same_everywhere():
     i = np.array([0, 1, -3, 70000])
     np.testing.assert_allclose(texture.lattice(i, i[::-1], 7), LATTICE, atol=1e-8)
@@ -55,12 +48,6 @@ def test_lay_out_panels_do_not_overlap_and_uv_finds_the_paint():
     middle = cloth.mean(1)
     want = texture.coded(np.stack([middle[:, 0] / 10 + 0.3, middle[:, 1] / 10 + 0.3, panel / 4], -1))
     assert np.abs(seen.astype(int) - want.astype(int)).max() <= 3
-
-
-def test_noise_on_a_grid_is_the_same_noise():
-    a, b = np.linspace(-3, 9, 70), np.linspace(-2, 5, 40)
-    u, v = np.broadcast_arrays(a[None], b[:, None])
-    np.testing.assert_allclose(texture.noise(u, v, 3), texture.noise(u.copy(), v.copy(), 3), atol=1e-12)
 
 
 def test_grain_finer_than_a_texel_leaves_its_mean():

@@ -7,7 +7,7 @@ import pytest
 
 from relight.figures.assemble.assembly import Assembly
 from relight.figures.assemble.builder import Builder
-from relight.figures.assemble.hair import combing, facial, locks, strands
+from relight.figures.assemble.hair import facial, strands
 from relight.figures.assemble.hair.heads import HairPart, build_hair
 from relight.figures.body import makehuman
 from relight.figures.body.motion import build_motion
@@ -93,11 +93,6 @@ def test_a_hat_has_no_seam_in_its_texture(heads, style):
     assert hats and max(np.ptp(uv[faces], axis=1).max() for _, faces, uv in hats) < 0.1
 
 
-def test_build_hair_of_a_seed_is_the_same(head, heads):
-    for (_, strip), (_, twin) in zip(heads["ponytail"], grown(head, "ponytail"), strict=True):
-        assert all(map(np.array_equal, strip, twin))
-
-
 def test_grow_locks_fall_and_lie_on_the_shoulders(head, heads):
     _, _, (posed, faces) = head
     ((vertices, _, _),) = strips(heads["long"], "hair")
@@ -127,40 +122,6 @@ def test_build_hair_shows_little_scalp_from_any_side(head, name):
         _, depth = cover.raycast(start, np.broadcast_to(-direction, start.shape))
         seen, total = seen + int((depth > 0.4).sum()), total + len(facing)
     assert seen / total < 0.15
-
-
-def test_spread_strands_start_at_their_roots_and_draw_together(head):
-    _, motion, below = head
-    comb = hairstyles.Comb(40, 0.15, clump=0.6, fray=0.0)
-    guides, roots = (combing.plant_roots(motion, count, 3 + count) for count in (40, 600))
-    direction, length = combing.comb_directions(comb, guides)
-    points, facing = locks.grow_guides(comb, guides, direction, length, colliders.Collider(below[0], *below), 8, 3)
-    lines, _ = strands.spread_strands(comb, guides, points, facing, roots, length, 9, 4)
-    own = np.linalg.norm(guides.points[None] - roots.points[:, None], axis=2).argmin(1)
-    sunk = points[:, 0] - guides.points  # guides start a little inside the skin
-    np.testing.assert_allclose(np.linalg.norm(sunk, axis=1), 0.002, rtol=1e-6)
-    np.testing.assert_allclose(lines[:, 0], roots.points + sunk[own], atol=1e-9)
-
-    def widths(at: int) -> np.ndarray:
-        """Distances between strands of one guide that end alike, at one of their points."""
-        alike = (own[:, None] == own) & (np.abs(roots.random[:, :1] - roots.random[:, 0]) < 0.05)
-        i, j = np.nonzero(np.triu(alike, 1))
-        return np.linalg.norm(lines[i, at] - lines[j, at], axis=1)
-
-    assert np.median(widths(-1) / widths(0)) == pytest.approx(0.4, abs=0.12)
-
-
-def test_ribbons_are_as_wide_as_asked_and_face_outward():
-    line = np.stack([np.zeros(6), -np.linspace(0, 0.1, 6), np.zeros(6)], 1)[None]
-    random = np.array([[0.5, 0.5, 0.5, 0.5]])  # of middle width, not turned
-    vertices, faces, uv = strands.ribbons(0.003, line, np.broadcast_to([0.0, 0, 1], line.shape), random, 0.4)
-    across = vertices.reshape(6, 2, 3)
-    np.testing.assert_allclose(
-        np.linalg.norm(across[:, 1] - across[:, 0], axis=1), 0.003 * np.interp(np.linspace(0, 1, 6), *strands.OUTLINE)
-    )
-    a, b, c = vertices[faces].swapaxes(0, 1)
-    assert (np.cross(b - a, c - a)[:, 2] > 0).all()
-    assert (np.diff(uv.reshape(6, 2, 2)[:, 0, 1]) < 0).all() and np.ptp(uv[:, 0]) < 0.05
 
 
 def test_beard_grows_on_jaw_and_lip_only(head, heads):

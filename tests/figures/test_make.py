@@ -175,7 +175,6 @@ def lifted(x, pattern):
         (lambda x, strain, pattern: (x, np.where(np.arange(1000) < 5, 4.0, strain)), "torn"),
         (lambda x, strain, pattern: (x + [2.0, 0, 0], strain), "flew"),
         (lambda x, strain, pattern: (x - [0, 0.3, 0], strain), "slid|inside"),
-        (lambda x, strain, pattern: (lifted(x, pattern), strain), "swept"),
         (lambda x, strain, pattern: (x * [0.6, 1, 0.6], strain), "inside"),
     ],
 )

@@ -26,12 +26,6 @@ def test_clip_keeps_the_exact_area_and_no_slivers(at):
     assert np.linalg.norm(np.cross(b - a, c - a), axis=1).min() > 1e-4
 
 
-def test_clip_of_a_slanted_line():
-    vertices, faces = plate(17)
-    matrix, kept = surfaces.clip(sparse.identity(len(vertices), format="csr"), faces, vertices @ [1.0, 0.37, 0] - 0.61)
-    assert trimesh.Trimesh(matrix @ vertices, kept).area == pytest.approx(1 - (0.61 - 0.37 / 2), abs=0.004)
-
-
 def test_split_loses_nothing_and_puts_edges_on_the_line():
     vertices, faces = plate(11)
     field = vertices @ [1.0, 0.37, 0] - 0.61
