@@ -124,12 +124,12 @@ class Gltf:
         type = np.dtype(COMPONENTS[accessor["componentType"]])
         if not 0 <= count <= 3 * MAX_FACES:
             raise UserError(f"{self.path}: an accessor promises {count} values")
+        if "sparse" in accessor:
+            raise UserError(f"{self.path} has a sparse accessor, which is not read here: export it without")
         if "bufferView" not in accessor:  # zeros by the standard, of any number: no surface needs them
             raise UserError(f"{self.path}: an accessor of {count} values comes without data")
         data, stride = self.view(accessor["bufferView"])
         values = self._strided(data, accessor.get("byteOffset", 0), type, count, width, stride)
-        if "sparse" in accessor:
-            values = self._sparse(accessor["sparse"], values, type, width)
         if accessor.get("normalized") and type.kind in "iu":
             values = np.maximum(values / np.iinfo(type).max, -1)
         return values[:, 0] if width == 1 else values
@@ -149,18 +149,3 @@ class Gltf:
         if not count:
             return np.zeros((0, width), type)
         return np.ndarray((count, width), type, data, start, (stride, type.itemsize))
-
-    def _sparse(self, sparse: dict[str, Any], values: np.ndarray, type: np.dtype, width: int) -> np.ndarray:
-        """Returns a copy of values (N,width) with those of a sparse accessor replaced."""
-
-        def read(part: dict[str, Any], type: np.dtype, width: int) -> np.ndarray:
-            data, _ = self.view(part["bufferView"])  # the standard allows no stride here
-            return self._strided(data, part.get("byteOffset", 0), type, sparse["count"], width, stride=None)
-
-        rows = read(sparse["indices"], np.dtype(COMPONENTS[sparse["indices"]["componentType"]]), 1)[:, 0]
-        new = read(sparse["values"], type, width)
-        if len(rows) and int(rows.max()) >= len(values):
-            raise UserError(f"{self.path}: a sparse accessor writes past its end")
-        values = values.copy()
-        values[rows.astype(np.int64)] = new
-        return values

@@ -67,12 +67,6 @@ def test_relit_errors_agree_with_scikit_image(two):
     assert darker["_factor"] < 0.006 < 0.05 < darker[""]  # the rounding to 8 bits is all that is left
 
 
-def test_errors_and_leaks_of_missing_maps(two):
-    seen, true = two
-    assert errors(Intrinsics(true.mask), true) == {} == leaks(Intrinsics(true.mask))
-    assert set(errors(Intrinsics(true.mask, light=seen.light), true)) == {"light", "light_factor"}
-
-
 def turned(seen: Intrinsics, **changes) -> Intrinsics:
     return Intrinsics(**{**vars(seen), **changes})
 

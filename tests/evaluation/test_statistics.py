@@ -139,28 +139,6 @@ def test_estimate_interval_with_the_spread_of_trainings():
     assert pooled_spread([calm[:1]]).freedom == 0
 
 
-@pytest.mark.parametrize("noisy", [1, 6])
-def test_estimate_prefers_the_larger_spread(noisy):
-    """With the degrees of freedom of the pooled spread, 12 % of p-values would be under .05."""
-    found = []
-    for trial in range(600):
-        rng = np.random.default_rng(trial)
-        scale = np.where(np.arange(8) == 0, noisy, 1)[:, None, None, None]
-        rows = 0.05 * scale * rng.normal(0, 1, (8, 3, 1, 1)) + rng.normal(0, 0.001, (8, 3, 12, 1))
-        spread = pooled_spread(list(rows))
-        found.append(compare(*(estimate(row, spread, resamples=2) for row in rows[:2])).p)
-    assert np.mean(np.array(found) < 0.05) <= 0.075 and np.mean(np.array(found) < 0.001) <= 0.015
-
-
-@pytest.mark.parametrize("figures", [2, 5, 6, 7])
-def test_compare_decides_what_a_sign_test_could(figures):
-    """All figures agree, by 30 times their spread: Student's t is sure of two, a sign test of six."""
-    first, second = (
-        estimate(np.linspace(*ends, figures)[None, :, None], resamples=9) for ends in ((0.5, 0.51), (0.8, 0.83))
-    )
-    assert (compare(first, second).p < 0.05) == (stats.binomtest(figures, figures).pvalue < 0.05)
-
-
 def test_holm_by_hand():
     np.testing.assert_allclose(holm([0.01, 0.04, 0.03, 0.005]), [0.03, 0.06, 0.06, 0.02])
     np.testing.assert_allclose(holm([0.6, 0.7]), [1, 1])

@@ -13,7 +13,6 @@ from relight.figures.cut import patterns
 from relight.figures.cut.level import Level
 from relight.figures.drape import collars, trims
 from relight.figures.drape.colliders import Collider, signed_distance
-from relight.figures.draw import fitting
 from relight.figures.draw.garments import wardrobe
 from relight.figures.draw.poses import poses
 from relight.figures.surfaces import border_loops, edges, grid_faces, loop
@@ -112,34 +111,6 @@ def test_band_of_a_closed_front_has_its_width_and_offset(front):
     np.testing.assert_allclose(uv, vertices[solid][..., :2], atol=1e-9)
 
 
-def test_belt_goes_around_with_its_buckle_in_front():
-    body = trimesh.creation.cylinder(0.15, 0.6, sections=64)
-    points = body.vertices[:, [1, 2, 0]]
-    turn = np.linspace(0, 2 * np.pi, 20)
-    ring = np.stack([0.15 * np.sin(turn), 0 * turn, 0.15 * np.cos(turn)], 1)
-    ribbon, buckle = trims.belt(points, body.faces, ring, AHEAD, 0.03)
-    for vertices, faces in (ribbon, buckle):
-        shell = trimesh.Trimesh(vertices, faces, process=False)
-        assert shell.is_watertight and shell.is_winding_consistent and shell.volume > 0
-    radius = np.hypot(ribbon[0][:, 0], ribbon[0][:, 2])
-    assert 0.149 < radius.min() and radius.max() < 0.157
-    assert np.ptp(ribbon[0][:, 1]) == pytest.approx(0.03, abs=1e-4)
-    assert buckle[0][:, 2].min() > 0.145 and np.abs(buckle[0][:, 0]).max() < 0.03
-    assert trims.belt(points[points[:, 2] > -9] + [9.0, 0, 0], body.faces, ring, AHEAD, 0.03) == [], "nothing to hold"
-
-
-def test_tie_lies_on_the_shirt():
-    points, faces = sheet(0.5, 0.1)
-    vertices, solid = trims.tie(points, faces, NECK._replace(base=np.array([0, 0.4, 0.0])))
-    shell = trimesh.Trimesh(vertices, solid, process=False)
-    assert shell.is_watertight and shell.is_winding_consistent and shell.volume > 0
-    assert vertices[:, 2].min() > 0.1 and vertices[:, 2].max() < 0.125
-    assert np.ptp(vertices[:, 1]) == pytest.approx(trims.TIE, abs=0.02) and np.ptp(vertices[:, 0]) == pytest.approx(
-        0.072, abs=0.004
-    )
-    assert trims.tie(points - [5, 0, 0], faces, NECK._replace(base=np.array([0, 0.4, 0.0]))) is None
-
-
 def front(points, faces, neck, part):
     """The vertices of a collar, of the cords or of a tie on cloth."""
     if part == "tie":
@@ -160,16 +131,6 @@ def test_what_lies_on_the_chest_turns_with_it(part, degrees):
     turn = Rotation.from_euler("y", degrees, degrees=True)
     found = front(turn.apply(points), faces, collars.Neck(*turn.apply(neck)), part)
     np.testing.assert_allclose(found, turn.apply(front(points, faces, neck, part)), atol=1e-4)
-
-
-def test_over_leaves_room_for_the_inner_garment():
-    rng = np.random.default_rng(1)
-    for _ in range(20):
-        inner, outer = (fitting.tailored(rng, wardrobe()[name]) for name in ("sweater", "blazer"))
-        outer = fitting.over(outer, inner)
-        assert all(o > i for o, i in zip(outer.torso_ease, inner.torso_ease)) and all(
-            o > i for o, i in zip(outer.arm_ease, inner.arm_ease)
-        )
 
 
 @pytest.mark.parametrize("name", sorted(wardrobe()))

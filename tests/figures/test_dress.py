@@ -5,18 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from scipy.spatial.transform import Rotation
 
 from relight.figures.assemble import layers
-from relight.figures.assemble.assembly import Assembly
-from relight.figures.assemble.builder import Builder
 from relight.figures.body import makehuman
 from relight.figures.body.motion import build_motion
 from relight.figures.body.shape import build_body
 from relight.figures.cut import patterns
 from relight.figures.cut.footwear import upper
 from relight.figures.cut.level import Level
-from relight.figures.drape import collars, scarves
+from relight.figures.drape import collars
 from relight.figures.drape.colliders import Collider, signed_distance
 from relight.figures.drape.dress import DETAILS, DrapedGarment, drape_outfit, drape_scarf
 from relight.figures.drape.simulate import DrapeResult
@@ -56,17 +53,6 @@ def test_drape_scarf_lies_around_the_neck_and_hangs_in_front(body, standing, gar
     assert np.percentile(distance, 1) > -0.002
 
 
-@pytest.mark.parametrize("garment", group("scarves").values(), ids=lambda garment: garment.name)
-def test_build_scarf_turns_with_the_body(body, standing, garment):
-    turned = build_motion(body, replace(poses()["straight"], turn=70.0), 1)
-    straight, found = (
-        scarves.build_scarf(motion, garment, Collider.at_rest(motion.posed_skin, makehuman.base().faces["body"]), 0)
-        for motion in (standing[0], turned)
-    )
-    turn = Rotation.from_euler("y", 70, degrees=True)
-    np.testing.assert_allclose(found.levels[0].start, turn.apply(straight.levels[0].start), atol=1e-3)
-
-
 @pytest.mark.parametrize("spine", [0.0, 40.0, -40.0])
 def test_hood_opens_before_the_chest_of_a_turned_trunk(body, spine):
     """By the bearings, in degrees, of its opening from the neck, and of its middle from that of the neckline."""
@@ -96,35 +82,6 @@ def test_a_collar_has_no_smeared_texture(body, standing, name):
         for part in (vertices[faces], flat)
     )
     assert true[drawn < 0.3 * true].sum() < 0.2 * true.sum()
-
-
-def test_hem_has_the_texture_of_one_panel(body, standing):
-    """Each face's longest side in the texture, in metres, against its longest side in space."""
-    outfit = outfits.sample_outfit(np.random.default_rng(0), body.person)
-    for name in ("t-shirt", "jeans"):
-        pattern, garment = patterns.build_pattern(body, wardrobe()[name], 0), Worn(wardrobe()[name], CLOTH)
-        level = pattern.levels[0]
-        x = standing[0].skin(level.weights, level.rest_shape)
-        worn, builder = DrapedGarment(pattern, CLOTH, DrapeResult(x, [], np.ones(1))), Builder()
-        detail = DETAILS["draft"]
-        Assembly(builder, standing[0], replace(outfit, garments=[garment]), [worn], detail, 0).add_garment(0, worn)
-        atlas = panels.lay_out(*panels.cloth_coordinates(pattern), detail.texture)
-        corners = builder.vertices[0][builder.faces[0]], builder.uv[0] * atlas.side / atlas.scale
-        true, drawn = (np.linalg.norm(part - np.roll(part, 1, axis=1), axis=2).max(1) for part in corners)
-        hem = slice(len(level.faces), None)
-        assert len(true[hem]) > 200 and (drawn < 4 * true)[hem].all()
-
-
-def test_belt_has_no_seam_in_its_texture(body, standing):
-    outfit = replace(outfits.sample_outfit(np.random.default_rng(0), body.person), belt=CLOTH)
-    pattern, builder = patterns.build_pattern(body, wardrobe()["jeans"], 0), Builder()
-    level = pattern.levels[-1]
-    x = standing[0].skin(level.weights, level.fitted)
-    worn = DrapedGarment(pattern, CLOTH, DrapeResult(x, [], np.ones(1)))
-    Assembly(builder, standing[0], outfit, [worn], DETAILS["draft"], 0).add_belt([x])
-    corners = builder.vertices[0][builder.faces[0]], builder.uv[0]  # of the ribbon, its texture 1 metre wide
-    true, drawn = (np.linalg.norm(part - np.roll(part, 1, axis=1), axis=2).max(1) for part in corners)
-    assert len(true) > 100 and (drawn < 1.5 * true).all() and 0 <= builder.uv[0].min() <= builder.uv[0].max() <= 1
 
 
 def test_tucked_top_is_pinned_below_the_waistband_only(body):

@@ -50,20 +50,6 @@ def test_lay_out_panels_do_not_overlap_and_uv_finds_the_paint():
     assert np.abs(seen.astype(int) - want.astype(int)).max() <= 3
 
 
-def test_grain_finer_than_a_texel_leaves_its_mean():
-    """Averages of a fine grain over texels, against what is drawn at once for texels of that size."""
-    side, coarse = 1600, 0.008
-    a = (np.arange(side) + 0.5) * 0.0005
-    u, v = np.broadcast_arrays(a[None], a[:, None])
-    fine = texture.grain(u, v, 0.002, 0.002, 0.0005, 1)
-    assert fine.std() == pytest.approx(1, abs=0.15)
-    k = round(coarse / 0.0005)
-    means = fine.reshape(side // k, k, side // k, k).mean((1, 3))
-    drawn = texture.grain(u[::k, ::k].copy(), v[::k, ::k].copy(), 0.002, 0.002, coarse, 1)
-    assert 0.5 < drawn.std() / means.std() < 2
-    assert drawn.std() < 0.4
-
-
 @pytest.mark.parametrize("kind", [*KINDS, "denim"])
 def test_woven_is_uneven_for_each_kind(kind):
     """The scatter of ln albedo between places 2.5 mm apart, which scans of cloth have as well."""
@@ -100,18 +86,6 @@ def test_images_show_marks_in_the_atlas():
     want = np.abs(u - 0.2)[8:-8]
     assert np.abs(found["seam"][inside] - want).max() < 0.003
     assert np.abs(found["edge"][inside] - want / 2).max() < 0.0015
-
-
-def test_images_have_no_holes_in_an_atlas_finer_than_the_samples():
-    a = np.linspace(0, 0.4, 33)  # samples are 6 mm or 32 pixels apart
-    faces = grid_faces(33, 33)[:, ::-1]
-    cloth = np.stack(np.meshgrid(a, a), -1).reshape(-1, 2)[faces]
-    laid = panels.lay_out(["front"], np.zeros(len(faces), int), cloth, 2048)
-    found = marks.images(laid, {"seam": np.full(faces.shape, 0.1), "edge": cloth[..., 0]})
-    np.testing.assert_allclose(found["seam"], 0.1, atol=1e-6)
-    _, _, column, row, w, h = laid.boxes[0]
-    u = (np.arange(w) + 0.5 - panels.GUTTER) / laid.scale
-    assert np.abs(found["edge"][row : row + h, column : column + w] - u).max() < 0.006
 
 
 def test_aged_sews_seams_and_hems_and_fades_knees():

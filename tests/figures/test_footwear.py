@@ -82,11 +82,3 @@ def test_build_shoes_are_alike_on_both_feet(body):
         assert left.name == right.name
         assert left.vertices[:, 0].mean() > 0.02 and right.vertices[:, 0].mean() < -0.02
         assert len(left.vertices) == pytest.approx(len(right.vertices), rel=0.05)
-
-
-@pytest.mark.parametrize("pose", ["walking", "stepping", "knee bent"])
-def test_build_shoes_bend_on_tiptoe(body, pose):
-    shoe = shoes()[0]
-    parts = footwear.build_shoes(motion_in(shoe, body, pose), shoe)
-    soles = [part.vertices[:, 1].min() for part in parts if part.name == "sole"]
-    assert abs(soles[0] - soles[1]) < 0.02, "both stand on the ground"

@@ -57,13 +57,6 @@ def test_loop_keeps_a_straight_border_straight():
     assert (~inside).any(1).sum() >= len(border) - 4  # all but the rounded corners stay on the square
 
 
-def test_border_loops_of_a_tube():
-    tube = trimesh.creation.cylinder(1.0, 2.0, sections=24)
-    wall = tube.faces[np.abs(tube.face_normals[:, 2]) < 0.5]
-    rings = surfaces.border_loops(np.asarray(wall))
-    assert [len(ring) for ring in rings] == [24, 24]
-
-
 def test_thickened_cloth_is_closed_at_its_border():
     vertices, faces = plate(7)
     out, solid, source = surfaces.thickened(vertices, faces, 0.01, rings=None)
@@ -72,9 +65,3 @@ def test_thickened_cloth_is_closed_at_its_border():
     assert shell.volume == pytest.approx(0.01)
     np.testing.assert_allclose(out[solid][..., :2], vertices[faces.ravel()[source]][..., :2], atol=1e-12)
     assert (np.ptp(source // 3, axis=1) == 0).all(), "each face comes from one face"
-
-
-def test_normals_of_a_sphere_point_outward():
-    ball = trimesh.creation.icosphere(subdivisions=3)
-    normals = surfaces.normals(np.asarray(ball.vertices), np.asarray(ball.faces))
-    assert (np.einsum("nd,nd->n", normals, ball.vertices) > 0.999).all()

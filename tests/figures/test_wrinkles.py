@@ -57,24 +57,6 @@ def test_folds_run_across_the_compression_and_use_up_its_length():
     assert np.corrcoef(other.reshape(n, n)[10:-10, 10:-10].ravel(), h.ravel())[0, 1] < 0.3  # no two are the same
 
 
-def test_folds_do_not_grow_with_the_density_of_vertices():
-    columns = np.concatenate(
-        [np.arange(-0.25, -0.03, 0.0062), np.arange(-0.03, 0.03, 0.0016), np.arange(0.03, 0.25, 0.0062)]
-    )
-    flat, faces = sheet(columns=columns)
-    level = Level(flat, flat, flat, np.zeros(len(flat)), np.zeros((len(flat), 1)), faces)
-    longer = []
-    for seed in range(3):
-        h = wrinkles.folds([level], [], flat * [1.0, 0.9, 1.0], CRIMP, np.zeros(len(flat)), seed)
-        steep = np.diff(h.reshape(-1, len(columns)), axis=0) / 0.0062
-        inside = np.abs(columns) < 0.025
-        outside = (np.abs(columns) > 0.05) & (np.abs(columns) < 0.2)
-        longer.append([(np.sqrt(0.81 + steep[10:-10, part] ** 2) - 0.9).mean() for part in (inside, outside)])
-    dense, usual = np.mean(longer, axis=0)
-    assert 0.75 < dense / usual < 1.35
-    assert 0.6 < usual / (wrinkles.SHARES[0] * 0.1) < 1.3
-
-
 def test_folds_of_taut_or_pinned_cloth_are_none():
     flat, _ = sheet()
     assert np.abs(heights(flat * [1.3, 1.3, 1.0])).max() == 0

@@ -138,15 +138,6 @@ def test_tint_goes_to_the_light_and_follows_the_white_balance_of_lamps(data, aug
     torch.testing.assert_close(new.albedo[:, : batch.albedo.shape[1]], batch.albedo[:, : new.albedo.shape[1]])
 
 
-def test_exposure_is_on_the_picture_alone(data, augment):
-    batch = batch_of(data)
-    new = augment_batch(batch, augment(exposure=[-1.0, -1.0]), generators(4), data.size)
-    assert new.exposure.tolist() == [0.5] * 4
-    torch.testing.assert_close(new.light, batch.light)
-    lit = batch.scatter(batch.relit).amax(1, keepdim=True) < 0.9
-    torch.testing.assert_close(new.image * lit, batch.image * lit * 0.5, atol=0.01, rtol=0)
-
-
 @pytest.mark.parametrize("seed", range(2))
 def test_recolored_albedo_stays_an_albedo_and_keeps_texture(data, seed, augment):
     batch = batch_of(data)

@@ -137,12 +137,6 @@ def test_black_light_is_refused(tmp_path):
     assert isinstance(CliRunner().invoke(app, [str(tmp_path / "a.npy")]).exception, UserError)
 
 
-def test_a_name_that_contradicts_the_convention_is_refused(tmp_path):
-    with pytest.raises(UserError, match=r"x\.dpr\.npy: its name says dpr, but .* in relight"):
-        write_light(load_light("room:3"), tmp_path / "x.dpr.npy")
-    assert write_light(load_light("room:3"), tmp_path / "x.dpr.npy", "dpr").name == "x.dpr.npy"
-
-
 def test_impossible_lights_get_a_note(tmp_path):
     sharp = load_light("key:ffffff@0,30,0").coefficients * np.repeat([1, 1.5, 2.5], [1, 3, 5])[:, None]
     np.save(tmp_path / "a.npy", sharp)

@@ -8,7 +8,7 @@ import pytest
 from samples import random_maps
 
 from relight.core.errors import UserError
-from relight.maps import LeftOut, coefficient_names, read_info, read_maps, write_left_out, write_maps
+from relight.maps import LeftOut, read_info, read_maps, write_left_out, write_maps
 
 
 @pytest.mark.parametrize("order", [0, 2, 3])
@@ -49,14 +49,6 @@ def test_layers_are_named_for_other_programs(tmp_path):
     assert "1/pi" in file.header()["convention"] and "+z toward the camera" in file.header()["frame"]
     assert file.header()["compression"] == OpenEXR.ZIP_COMPRESSION
     assert file.channels()["transport.L0M0.Y"].pixels.dtype == np.float16
-
-
-def test_names_follow_the_index():
-    names = coefficient_names(3)
-    assert len(names) == 16 and len(set(names)) == 16
-    for l in range(4):
-        for m in range(-l, l + 1):
-            assert names[l * l + l + m] == f"L{l}M{m}".replace("-", "n")
 
 
 def test_left_out(tmp_path):

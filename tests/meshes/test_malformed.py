@@ -14,7 +14,6 @@ from samples import encoded, glb_of, png_of_size
 from relight.core.errors import UserError
 from relight.meshes import read_mesh
 
-CASES = int(os.environ.get("RELIGHT_FUZZ", "150"))  # places where a file is cut and altered
 PLY = b"ply\nformat %s 1.0\nelement vertex %d\nproperty float x\nproperty float y\nproperty float z\n"
 FACE = b"element face %d\nproperty list uchar int vertex_indices\n"
 END = b"end_header\n"
@@ -184,6 +183,7 @@ BROKEN = {
          "without data"),
     "gltf accessor of unknown type": ({"a.gltf": gltf(setting("accessors", 0, "type", "VEC7"))}, "damaged"),
     "gltf accessor of negative offset": ({"a.gltf": gltf(setting("accessors", 0, "byteOffset", -8))}, "over the end"),
+    "gltf with a sparse accessor": ({"a.gltf": gltf(setting("accessors", 0, "sparse", {}))}, "sparse"),
     "gltf with an index out of range": (
         {"a.gltf": gltf(binary=POINTS.tobytes() + np.full(12, 9, "<u2").tobytes())}, "names vertex 9"),
     "gltf with nodes in a circle": ({"a.gltf": gltf(setting("nodes", [{"children": [1]}, {"children": [0]}]))}, "tree"),
@@ -225,21 +225,3 @@ def test_broken_files_give_one_sentence(tmp_path, name):
     assert says in sentence and "\n" not in sentence and str(tmp_path) in sentence
     assert len(sentence.replace(str(tmp_path), "")) < 200
     assert peak < 64 << 20
-
-
-@pytest.mark.parametrize("name", ["a.ply", "a.glb", "a.obj"])
-@pytest.mark.slow
-def test_files_cut_or_altered_anywhere_never_crash(tmp_path, name):
-    content = {"a.ply": binary_ply(), "a.glb": glb_of(gltf()), "a.obj": obj()}[name]
-    random = np.random.default_rng(0)
-    path = tmp_path / name
-    for place in np.linspace(1, len(content), CASES, endpoint=False).astype(int):
-        altered = bytearray(content)
-        altered[place] = random.integers(256)
-        for data in (content[:place], bytes(altered)):
-            path.write_bytes(data)
-            try:
-                mesh = read_mesh(path)
-            except UserError:
-                continue
-            assert mesh.faces.max() < len(mesh.vertices) and mesh.faces.min() >= 0

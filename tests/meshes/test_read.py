@@ -177,19 +177,6 @@ def test_long_obj_is_the_same_in_chunks(tmp_path, truth, monkeypatch):
     np.testing.assert_array_equal(whole.faces, truth.faces)
 
 
-@pytest.mark.parametrize("mode", ["L", "P", "RGBA", "CMYK", "I;16", "1"])
-def test_pictures_of_every_kind_become_rgb(tmp_path, mode):
-    path = tmp_path / ("t.tif" if mode == "CMYK" else "t.png")
-    if mode == "I;16":
-        Image.fromarray(np.full((3, 4), 0x7FFF, np.uint16)).save(path)
-    else:
-        picture(path, (255, 255, 255) if mode == "1" else (153, 153, 153), mode)
-    (tmp_path / "a.mtl").write_text(f"newmtl skin\nmap_Kd {path.name}\n")
-    texture = read_mesh(quad_obj(tmp_path / "a.obj", "skin", extra="mtllib a.mtl")).materials[0].texture
-    assert texture.shape == (3, 4, 3) and texture.dtype == np.uint8
-    assert abs(int(texture[-1, -1, 0]) - {"I;16": 127, "1": 255}.get(mode, 153)) <= 1
-
-
 def test_glb_of_another_writer(tmp_path):
     """Two textured nodes under a turned, scaled and a mirrored transform, against trimesh's own reading."""
     scene = trimesh.Scene()

@@ -13,6 +13,7 @@ from PIL import Image, ImageCms
 
 PLAIN = {  # readers whose result needs no check
     "record": "meshes.mesh:Mesh.load",
+    "mesh": "meshes:read_mesh",
     "network": "learning.checkpoint:load_network",
     "photo": "pictures.picture:Picture.of",
     "scores": "evaluation.scoring.scores:read_scores",
@@ -122,6 +123,7 @@ def panoramas(rng: np.random.Generator) -> dict[str, bytes]:
 
 def write_whole(folder: Path) -> dict[str, list[Path]]:
     """Files of each kind, by the name of the reader."""
+    import trimesh
     from samples import encoded, lights_of, mesh_of, random_maps
 
     from relight.learning.checkpoint import save_network
@@ -156,6 +158,9 @@ def write_whole(folder: Path) -> dict[str, list[Path]]:
     write_maps(add("maps", "maps.exr"), random_maps("a", 12))
     write_left_out(add("maps", "left_out.exr"), {"name": "b"}, "torn")
     pack_maps([folder / "whole.maps.exr"], add("packed", "packed.safetensors"))
+    for suffix in ("ply", "glb", "obj", "stl"):
+        box = trimesh.creation.box().export(file_type=suffix)
+        add("mesh", f"box.{suffix}", box)
     materials = [Material(texture=np.zeros((2, 2, 3), np.uint8))]
     mesh_of(np.eye(3), [0, 1, 2], materials=materials, info={"name": "a"}).save(add("record", "record.npz"))
     model = Model(name="unet", width=0.1, norm="batch", dropout=0.0, order=1, albedo="clip", light_head="pooled",

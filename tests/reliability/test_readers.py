@@ -1,7 +1,7 @@
 """Damaged and hostile files of every kind: read, or refused in one sentence, in little time and memory.
 
-Meshes have a test of their own beside their readers. The suite takes a seeded sample, `make fuzz` more (RELIGHT_FUZZ:
-damaged files of all kinds together). Files that once broke a reader are in `found/`.
+The suite takes a seeded sample, `make fuzz` more (RELIGHT_FUZZ: damaged files of all kinds together). Files that once
+broke a reader are in `found/`.
 """
 
 import json
@@ -22,8 +22,8 @@ from relight.core.errors import UserError
 from relight.lights import load_light
 
 CASES = int(os.environ.get("RELIGHT_FUZZ", "450"))
-READERS = ("light", "light_set", "training_lights", "split", "record", "maps", "packed", "network", "photo", "mask",
-           "textured", "scores", "axes", "panorama")  # fmt: skip
+READERS = ("light", "light_set", "training_lights", "split", "record", "mesh", "maps", "packed", "network", "photo",
+           "mask", "textured", "scores", "axes", "panorama")  # fmt: skip
 FOUND = Path(__file__).parent / "found"
 MEMORY = 900_000  # kilobytes of one reader, torch and its libraries among them
 

@@ -168,14 +168,6 @@ def test_normals_of_gltf_turn_with_their_node(tmp_path):
     np.testing.assert_allclose(baked.normals[3:], want[3:], atol=1e-5)
 
 
-def test_albedo_is_the_vertex_s_own():
-    mesh, _ = two_balls()
-    color = np.random.default_rng(0).random((len(mesh.vertices), 3)).astype(np.float32)
-    mesh.color = color[mesh.faces]
-    mesh.materials = [Material(), Material()]
-    np.testing.assert_allclose(bake_vertices(mesh, 1).albedo[:-1], color[:-1], atol=1e-6)
-
-
 def test_a_vertex_of_several_colors_is_noted():
     mesh, n = two_balls()
     assert not bake_vertices(mesh, 1).notes

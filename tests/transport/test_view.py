@@ -151,14 +151,6 @@ def test_the_figure_fills_the_picture_from_everywhere(offset):
         assert np.ptp(at, axis=0).max() == pytest.approx(long, rel=1e-9)
 
 
-def test_directions_of_a_view():
-    """The front goes to image right for yaw > 0, and a camera that stands higher sees the top."""
-    np.testing.assert_allclose(View(90).rotation @ [0, 0, 1], [1, 0, 0], atol=1e-15)
-    top = View(0, 10).rotation @ [0, 1, 0]
-    assert top[2] == pytest.approx(np.sin(np.radians(10))) and top[1] > 0
-    np.testing.assert_allclose(View(90, 10).rotation @ [0, 0, 1], [1, 0, 0], atol=1e-15)  # turned first, then seen
-
-
 def test_the_frontal_view_is_left_as_it_is():
     mesh = balls()
     mesh.vertices -= (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
