@@ -53,6 +53,9 @@ def bake(
     as_is: Annotated[
         bool, typer.Option("--as-is", help="Neither repair nor align: the camera sees x and y from -1 to 1.")
     ] = False,
+    threads: Annotated[
+        int, typer.Option(min=0, help="Threads; 0 uses every core. The result does not depend on it.")
+    ] = 0,
 ) -> None:
     """Bake light transport (spherical harmonics), AO, albedo, normals and depth of a mesh.
 
@@ -110,7 +113,7 @@ def bake(
 
         prepared = source if as_is else _cleaned_and_aligned(source, up, front, padding)
         settings = {"order": order, "supersample": supersample, "bounces": bounces}
-        maps = bake_maps(prepared, size, rays, view, threads=0, **settings)
+        maps = bake_maps(prepared, size, rays, view, threads=threads, **settings)
         for target in of_maps:
             if target.suffix.lower() == ".png":
                 write_maps_picture(target, maps)
@@ -122,7 +125,7 @@ def bake(
     if of_vertices:
         from relight.transport.vertices import bake_vertices
 
-        baked = bake_vertices(source, rays, order, bounces=bounces, threads=0)
+        baked = bake_vertices(source, rays, order, bounces=bounces, threads=threads)
         for target in of_vertices:
             baked.save(target)
         typer.echo(f"{mesh.name}: {len(source.vertices):,} vertices", err=True)
