@@ -1,7 +1,9 @@
 """What is composited behind the people: the photo's own background, a color, a picture, a panorama, or nothing."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import count, repeat
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ from relight.photos.tone import apply_gain, roll_off
 from relight.pictures.codes import on_white
 from relight.pictures.opening import is_picture
 from relight.pictures.picture import Given, Picture
+from relight.pictures.video import at_constant_rate, is_video, read_frames
 
 MAX_BLUR = 60  # degrees
 KINDS = ("keep", "transparent", "color", "picture", "panorama")
@@ -28,7 +31,9 @@ class Background:
     Attributes:
         kind: keep | transparent | color | picture | panorama.
         color: (3,) uint8 sRGB.
-        picture: (h,w,3) uint8 sRGB.
+        picture: (h,w,3) uint8 sRGB; of a clip, its first frame.
+        clip: a video or a folder of frames.
+        film: what it shows at each frame of a movie, such pictures.
         panorama: in the unit of the light that it was projected to.
         gain: factor on the panorama's radiance.
         tint: (3,) factor on the picture's linear values.
@@ -43,6 +48,8 @@ class Background:
     kind: str = "keep"
     color: np.ndarray | None = None
     picture: np.ndarray | None = field(default=None, repr=False)
+    clip: Path | None = None
+    film: Iterator[np.ndarray] | None = field(default=None, repr=False)
     panorama: Panorama | None = field(default=None, repr=False)
     gain: float = 1.0
     tint: np.ndarray | float = 1.0
@@ -58,14 +65,26 @@ class Background:
             raise UserError(f"a panorama or a picture behind can be blurred, not the background {self.name}")
 
     @property
-    def turns(self) -> bool:
-        """Whether it turns with the light."""
-        return self.kind == "panorama"
+    def moves(self) -> bool:
+        """Whether it is another one in the next frame, as a panorama is that turns with the light."""
+        return self.kind == "panorama" or self.film is not None
 
     @property
     def replaced(self) -> bool:
         """Whether the photo's own background is covered."""
         return self.kind not in ("keep", "transparent")
+
+    def playing(self, fps: float) -> "Background":
+        """Returns this for the frames of one movie: a clip plays at its own speed, again from its start at its end."""
+
+        def film(clip: Path) -> Iterator[np.ndarray]:
+            numbers = count()
+            while True:
+                frames, shown, rate = read_frames(clip)
+                for frame, i in zip(at_constant_rate(frames, shown), numbers):
+                    yield from repeat(on_white(frame.rgba), round((i + 1) * fps / rate) - round(i * fps / rate))
+
+        return replace(self, film=film(self.clip)) if self.clip else self
 
     def matched(self, light: np.ndarray, factor: float, level: float = 1.0) -> "Background":
         """Matches exposure and white balance to people under a new light.
@@ -101,14 +120,16 @@ class Background:
             return np.broadcast_to(LINEAR[self.color], (*shape, 3))
         if self.kind == "picture" and self.picture is not None:
             gain = np.float32(self.tint) * np.ones(3, np.float32) * 2**stops
-            behind = LINEAR[resize_to_cover(self.picture, shape)]
+            behind = LINEAR[resize_to_cover(next(self.film) if self.film else self.picture, shape)]
             return apply_gain(blurred(behind, self.blur) if self.blur else behind, gain)
         assert self.panorama is not None  # the one kind that is left
         view = camera_view(self.panorama, shape, turn=turn, blur=self.blur)
         return roll_off(view * np.float32(np.pi * self.gain * 2**stops))
 
 
-def read_background(given: Background | Given, blur: float = 0.0, shadow: bool = True) -> Background:
+def read_background(
+    given: Background | Given, blur: float = 0.0, shadow: bool = True, moving: bool = False
+) -> Background:
     """Reads a background as a user gives it.
 
     Args:
@@ -116,6 +137,7 @@ def read_background(given: Background | Given, blur: float = 0.0, shadow: bool =
             `Picture.of` takes it; or a `Background`.
         blur: of the panorama or picture, degrees.
         shadow: whether people cast shadows on it.
+        moving: whether it may be a clip, too: a video or a folder of frames.
 
     Raises:
         UserError: if it is none of these.
@@ -128,6 +150,12 @@ def read_background(given: Background | Given, blur: float = 0.0, shadow: bool =
     text = str(given)
     if text in ("keep", "transparent", "panorama"):
         return Background(text, blur=blur, shadow=shadow, name=text)
+    path = Path(text)
+    if is_video(path) if path.is_file() else path.is_dir() and text not in ImageColor.colormap:
+        if not moving:
+            raise UserError(f"background {text} is a clip, which is for `relight movie`: give a picture")
+        codes = on_white(next(read_frames(path)[0]).rgba)
+        return Background("picture", picture=codes, blur=blur, shadow=shadow, name=text, clip=path)
     if is_picture(text):
         codes = on_white(Picture.of(text, "background").rgba)
         return Background("picture", picture=codes, blur=blur, shadow=shadow, name=text)
@@ -136,7 +164,7 @@ def read_background(given: Background | Given, blur: float = 0.0, shadow: bool =
     except ValueError:
         if re.search(r"\.\w+$", text) and Path(text).is_file():
             raise UserError(f"background {text} is not a picture: give JPEG, PNG, WebP or TIFF") from None
-        words = "keep, transparent, panorama, a color (#334455) or a picture file"
+        words = f"keep, transparent, panorama, a color (#334455) or a picture file{', or a clip' * moving}"
         raise UserError(f"background {text!r} is not {words}") from None
     return Background("color", color=color, blur=blur, shadow=shadow, name=text)
 

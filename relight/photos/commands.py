@@ -62,7 +62,12 @@ Stops = Annotated[float, lit(min=-8, max=8, metavar="STOPS", help="Brighten the 
 Absolute = Annotated[bool, lit("--absolute", help="Keep the light's own strength, not matched to the photo.")]
 Behind = Annotated[
     str,
-    behind("--background", "-b", metavar="WORD", help="keep, transparent, panorama, a color (#334455) or a picture."),
+    behind(
+        "--background",
+        "-b",
+        metavar="WORD",
+        help="keep, transparent, panorama, a color (#334455), a picture; of a movie, also a clip.",
+    ),
 ]
 Blur = Annotated[float, behind(min=0, max=60, metavar="DEGREES", help="Blur of the panorama or picture behind.")]
 Shadow = Annotated[bool, behind(help="Cast shadows on the ground of a new background.")]
@@ -226,7 +231,8 @@ def movie(
 
     network = read_network(weights)
     read_by = network, mask_model, white_balance
-    look = Look(light, mode, read_background(background, blur, shadow), turn, stops, not absolute, *read_by)
+    shown = read_background(background, blur, shadow, moving=True)
+    look = Look(light, mode, shown, turn, stops, not absolute, *read_by)
     options: SceneOptions = {"mask_model": mask_model, "white_balance": white_balance}
     options["lit_by"] = known_light(lit_by, *read_by)
     require_unused(out, path, mask, look, options["lit_by"])

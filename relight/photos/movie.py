@@ -67,7 +67,7 @@ def write_movie(
         mask: of the photo; for a clip, a video of masks, or a folder of them, with the names of the frames or in their
             order. By default masks are found.
         out: the video file.
-        look: at the start.
+        look: at the start; its background is made ready to play, if it is a clip.
         seconds: length, for a photo; by default SECONDS.
         fps: frames per second of the movie of a photo or a folder; by default FPS. A video keeps its own.
         turns: of the light; by default 1 for a photo and 0 for a clip.
@@ -91,11 +91,13 @@ def write_movie(
             raise UserError(f"{path} is a clip and keeps its length: --seconds is for photos, --fps also for folders")
         notes: dict[str, list[str]] = {}
         frames, count, clip_fps = _relight_clip(network, path, mask, look, size, turns or 0.0, notes, **options)
-        sound = path if path.is_file() else None
-        write_video(out, progress(frames, "frames", total=count), fps or clip_fps, sound)
+        fps, sound = fps or clip_fps, path if path.is_file() else None
+        look.background = look.background.playing(fps)
+        write_video(out, progress(frames, "frames", total=count), fps, sound)
         alike = sorted(notes.values(), key=len, reverse=True)
         return [said[0] if len(said) == count else f"{said[0]} (frames: {len(said)})" for said in alike]
     scene, fps = Scene.of(path, mask, network, size=size, **options), fps or FPS
+    look.background = look.background.playing(fps)
     count = max(1, round((seconds or SECONDS) * fps))
     turn = 2 * np.pi * (1.0 if turns is None else turns) / count
     exposed = scene.exposed(look, turning=turn != 0)

@@ -110,7 +110,7 @@ def frames(
     if people and background.replaced and background.shadow:
         coverages, bodies = zip(*((person.coverage, person.body) for person in people))
         ground = ground_under(coverages, order_of(people[0].transport.shape[-1]), bodies)
-    still = background.linear(shape, stops=stops) if background.replaced and not background.turns else None
+    still = background.linear(shape, stops=stops) if background.replaced and not background.moves else None
     parts = list(tiles((0, shape[0]), (0, shape[1])))
     layers: Iterable[_Layers | None] = (
         _split_layers(pixels, people, coverage, window, transparent, alpha) if coverage[window].any() else None
@@ -120,7 +120,7 @@ def frames(
         layers = list(layers)  # of a single picture, which may be large, there is one at a time
     for light, turn in lights:
         maps = _fit_maps(people, light, mode)
-        behind = background.linear(shape, turn, stops) if background.turns else still
+        behind = background.linear(shape, turn, stops) if background.moves else still
         if ground and behind is not None:
             behind = ground.with_shadows(behind, light)
         out = pixels.copy() if shown is None else with_alpha(pixels, shown)

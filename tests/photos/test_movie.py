@@ -99,6 +99,35 @@ def test_movie_of_a_photo(run, photo_files, weights, tmp_path, monkeypatch):
             run("movie", me, "--out", tmp_path / "b.mp4", "--turns", turns)
 
 
+@pytest.mark.parametrize("form", ["behind.mp4", "behind.gif", "behind"])
+@pytest.mark.parametrize("of", ["photo", "clip"])
+def test_a_clip_behind_plays_at_its_speed_and_begins_again(run, photo_files, weights, tmp_path, monkeypatch, form, of):
+    """Three greys of a tenth or a 25th of a second each (a folder), behind frames of a 20th or a 25th."""
+    me, _, pixels, mask = photo_files
+    greys, fps = [40, 120, 200], 25 if form == "behind" else 10
+    frames = [np.full((60, 80, 3), grey, np.uint8) for grey in greys]
+    (tmp_path / "behind").mkdir()
+    for i, frame in enumerate(frames):
+        Image.fromarray(frame).save(tmp_path / "behind" / f"{i}.png")
+    if form != "behind":
+        write_video(tmp_path / form, frames, fps)
+    (tmp_path / "clip").mkdir()
+    for i in range(9):
+        Image.fromarray(pixels).save(tmp_path / "clip" / f"{i}.png")
+        Image.fromarray(mask).save(tmp_path / "clip" / f"{i}_mask.png")
+    shown = []
+    monkeypatch.setattr(movie, "write_video", lambda out, frames, *given: shown.extend(frames))
+    words = ["--background", tmp_path / form, "--weights", weights, "--fps", 20, "--no-shadow", "--light", "even"]
+    run("movie", *([me, "--seconds", 0.45] if of == "photo" else [tmp_path / "clip"]), *words)
+    assert len(shown) == 9
+    values = [frame[5, -5].mean() for frame in shown]
+    steps = [round((n + 1) * 20 / fps) - round(n * 20 / fps) for n in range(12)]
+    expected = [greys[n % 3] for n, times in enumerate(steps) for _ in range(times)][:9]
+    np.testing.assert_allclose(np.array(values) / values[0], np.array(expected) / 40, rtol=0.1)
+    with pytest.raises(UserError, match=rf"{form} is a clip, which is for `relight movie`"):
+        run("photo", me, "--background", tmp_path / form, "--weights", weights)
+
+
 def test_a_gif_of_one_picture_is_a_photo(run, weights, draw, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name, image in zip(("me.gif", "me_mask.png"), draw()):
