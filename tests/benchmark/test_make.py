@@ -1,15 +1,13 @@
 """Sets come whole: picture by picture, the same whether they were made at once or in pieces."""
 
-import numpy as np
 import pytest
 
 from relight.benchmark import make as making
 from relight.benchmark.files import BenchmarkSet
-from relight.benchmark.make import make, write_panorama
+from relight.benchmark.make import make
 from relight.benchmark.picture import Settings
 from relight.core.errors import UserError
 from relight.figures import make as generate
-from relight.panoramas import Panorama, project, read_panorama
 
 
 def test_make_resumes_an_interrupted_set(painter, drawn, settings, tmp_path, monkeypatch):
@@ -74,11 +72,3 @@ def test_make_mesh_takes_a_spare_seed(monkeypatch):
     with pytest.raises(UserError, match="seed 900003: it does not pass the gates"):
         making.make_mesh(900_003, Settings())
     assert asked == [900_003, 901_003, 902_003]
-
-
-def test_write_panorama_round_trip(tmp_path):
-    pixels = np.random.default_rng(0).gamma(0.5, 4, (64, 128, 3)).astype(np.float32)
-    write_panorama(tmp_path / "light.exr", Panorama(pixels))
-    found = read_panorama(tmp_path / "light.exr")
-    assert np.array_equal(found.pixels, pixels) and found.layout == "latlong" and not found.corners
-    assert np.allclose(project(found, 2), project(Panorama(pixels), 2))
