@@ -9,7 +9,6 @@ import pytest
 import yaml
 
 import relight
-from relight.viewer.site import readme
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -86,11 +85,9 @@ def test_card_of_the_weights_has_what_a_hub_and_an_open_model_ask_for():
     assert [row for row in asked if f"| {row} |" not in text] == [] and "Limits:" in text
 
 
-@pytest.mark.parametrize("title", ["Turn the light in a photo", 'My "light": #1\n---\nsdk: gradio \\ \u00e9'])
-def test_readme_of_a_site_has_what_a_static_space_asks_for(tmp_path, title):
-    (tmp_path / "README.md").write_text(readme(title))
-    header, text = front_matter(tmp_path / "README.md")
-    assert header["title"] == title and header["sdk"] == "static" and header["app_file"] == "index.html"
+def test_readme_of_a_site_has_what_a_static_space_asks_for():
+    header, text = front_matter(ROOT / "relight" / "viewer" / "web" / "studio" / "space.md")
+    assert header["title"] and header["sdk"] == "static" and header["app_file"] == "index.html"
     colors = "red yellow green blue indigo purple pink gray".split()
     assert header["colorFrom"] in colors and header["colorTo"] in colors
     assert len(header["emoji"]) == 1 and header["pinned"] is False and len(header["short_description"]) <= 60

@@ -1,7 +1,6 @@
 """A static site with the viewer in which photos are opened, masked and inferred in the browser."""
 
 import hashlib
-import json
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,12 +24,7 @@ POLICY = (
 
 
 def build_site(
-    out: Path,
-    network: Path,
-    size: int,
-    figures: Sequence[Figure],
-    lights: Mapping[str, np.ndarray],
-    title: str = "Turn the light in a photo",
+    out: Path, network: Path, size: int, figures: Sequence[Figure], lights: Mapping[str, np.ndarray]
 ) -> None:
     """Writes the site into the folder `out`, which is replaced as a whole.
 
@@ -42,7 +36,6 @@ def build_site(
         size: S, of the network's images in pixels.
         figures: what the page offers before a photo is opened, in the order shown; at least one.
         lights: radiance coefficients (9,3) by name, in the order shown.
-        title: title of the page.
 
     Raises:
         UserError: if the folder is the current one or holds anything else, onnxruntime-web is not set up, the figures
@@ -73,18 +66,12 @@ def build_site(
             worker=bundle(STUDIO / "worker.js"),
             settings={"web": {"size": size, "files": known}},
         )
-        build_viewer(folder / "index.html", figures, lights, title=title, additions=additions)
+        build_viewer(folder / "index.html", figures, lights, title="Turn the light in a photo", additions=additions)
         shutil.copyfile(STUDIO / "licenses.txt", folder / "LICENSES.txt")
-        (folder / "README.md").write_text(readme(title), encoding="utf-8")
+        shutil.copyfile(STUDIO / "space.md", folder / "README.md")  # its header makes a Space of a model hub of it
         version = hashlib.sha256()
         for path in sorted(folder.iterdir()):
             version.update(path.read_bytes())
         # The service worker's version is a hash of all other files, so that browsers notice a site that was made anew.
         service = (STUDIO / "sw.js").read_text(encoding="utf-8")
         (folder / "sw.js").write_text(service.replace("%version%", version.hexdigest()[:16]), encoding="utf-8")
-
-
-def readme(title: str) -> str:
-    """Returns the README.md of a site, whose header makes the folder a static Space of a model hub."""
-    text = (STUDIO / "space.md").read_text(encoding="utf-8")
-    return text.replace("%title%", json.dumps(title, ensure_ascii=False))  # such a string is YAML, too
