@@ -73,6 +73,7 @@ def test_a_body_is_where_it_is_in_the_photo(monkeypatch, size, angle):
     for color, (x, y) in places.items():
         draw.ellipse([x - 9, y - 9, x + 9, y + 9], fill=color)
     (body,) = pose.find_bodies(np.asarray(image))
+    assert abs(body.score - 1 / (1 + np.exp(-2))) < 1e-6
     x, y, seen = body.joints[15]
     assert np.abs(np.array([x, y]) * size - places[BLUE]).max() < 1.5 and seen > 0.99
     solid = np.asarray(drawn) > 127
@@ -152,6 +153,11 @@ def test_doubts_name_limbs_and_places():
     for thread in (0, 2):
         (one,) = said(trunk | legs | (np.hypot(x - 60, y - 60) < 5) | (abs(y - 60) < thread) & (x > 60) & (x < 128))
         assert one == "a part apart from the body, at the upper left, may be a thing, or background"
+    solid = np.where(trunk | legs, np.uint8(255), np.uint8(0))
+    (one,) = mask_doubts(solid, [replace(body, score=0.65)])
+    assert one == "hardly recognized as a person: parts may be missing"
+    (one,) = mask_doubts(solid, [replace(body, seen=body.seen * np.where(y < 160, 0.7, 1).astype(np.float32))])
+    assert one == "the outline is unclear: background may be in the mask"
     neighbour = np.roll(trunk | legs, 70, 1)
     other = replace(body_of(neighbour), joints=(joints + [70 / 256, 0, 0]).astype(np.float32))
     seen = replace(body_of((trunk | legs) + 0.6 * (neighbour & (x < 190))), joints=joints)

@@ -14,7 +14,8 @@ MIN_SIZE = 8  # pixels; a person smaller than this in both directions is dirt
 LOOK = 256  # pixels of a person's longer side at which doubts are looked for
 SLACK = 0.02  # of it: how far a joint may be outside, and half the thickness of what networks may disagree about
 SURE = 0.8  # that a joint is seen
-APART = 0.05  # least share of a mask about which they disagree
+APART = 0.03  # least share of a mask about which they disagree
+KNOWN_AS, UNCLEAR = 0.7, 0.6  # least score of a person; most pixels of .1 to .9 over those of the person, in their mask
 BRIDGE = 5  # pixels: what hangs by less on the body is apart from it
 SPECK = 0.002  # least share of a mask that is apart from the body, for a doubt
 LIMBS = {
@@ -128,6 +129,9 @@ def _doubts(own: np.ndarray, body: Body | None, coverage: np.ndarray, bodies: Se
     """Doubts about one person's `own` mask of the whole `coverage`; what a neighbour has is no doubt about them."""
     if body is None:
         return ["no joints were found in this part of the mask: it may be a thing, or background"]
+    doubts = ["hardly recognized as a person: parts may be missing"] * (body.score < KNOWN_AS)
+    if ((body.seen > 0.1) & (body.seen < 0.9)).sum() > UNCLEAR * (body.seen > 0.5).sum():
+        doubts.append("the outline is unclear: background may be in the mask")
     rows, columns = extent(own >= MASK_THRESHOLD)
     shape, box = np.array(coverage.shape), np.s_[slice(*rows), slice(*columns)]
     scale = min(LOOK / max(own[box].shape), 1)
@@ -141,7 +145,7 @@ def _doubts(own: np.ndarray, body: Body | None, coverage: np.ndarray, bodies: Se
     places = ((body.joints[:, 1::-1] * shape - [rows[0], columns[0]]) * scale).astype(int) + slack + 1
     lost = ~known[tuple(places.clip(0, np.array(known.shape) - 1).T)] & (body.joints[:, 2] > SURE)
     lost &= ((body.joints[:, :2] > 0) & (body.joints[:, :2] < 1)).all(1)
-    doubts = [f"the {name} is not in the mask" for joint, name in LIMBS.items() if lost[joint]]
+    doubts += [f"the {name} is not in the mask" for joint, name in LIMBS.items() if lost[joint]]
     sides = [columns[0] / shape[1], rows[0] / shape[0], columns[1] / shape[1], rows[1] / shape[0]]
     other, anybody = body.mask(size, sides) > 0.5, np.maximum.reduce([each.mask(size, sides) for each in bodies]) > 0.5
     apart = (solid & ~anybody) | (other & ~whole)

@@ -7,7 +7,7 @@ pose_landmarks_to_roi).
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from PIL import Image
@@ -34,11 +34,13 @@ class Body:
         joints: (33,3) x, y, and in [0,1] how sure it is that the joint is seen; in the order of MediaPipe.
         seen: (256,256) float32 in [0,1], the mask in the square.
         square: (2,3) from x, y and 1 in pixels of the square to the photo.
+        score: of the first network, in [FOUND,1].
     """
 
     joints: np.ndarray
     seen: np.ndarray
     square: np.ndarray
+    score: float = 1.0
 
     def mask(self, size: tuple[int, int], part: Sequence[float] = (0, 0, 1, 1)) -> np.ndarray:
         """Returns the mask (height,width) in [0,1] of a part (left, upper, right, lower), `size` (width, height)."""
@@ -59,7 +61,7 @@ def find_bodies(pixels: np.ndarray) -> list[Body]:
         found += [(score, (hips + [left, 0], top + [left, 0])) for score, (hips, top) in _detect(pixels[:, left:right])]
     bodies: list[Body] = []
     places: list[tuple[np.ndarray, float]] = []
-    for _, (hips, top) in sorted(found, key=lambda each: -each[0]):
+    for score, (hips, top) in sorted(found, key=lambda each: -each[0]):
         radius = float(np.hypot(*(top - hips)))
         is_known = any(
             np.hypot(*(hips - other)) < CLOSE * max(radius, size) and 1 / ALIKE < radius / size < ALIKE
@@ -70,7 +72,7 @@ def find_bodies(pixels: np.ndarray) -> list[Body]:
         places.append((hips, radius))
         body = _look_at(pixels, hips, top)
         if body and not any(_are_one(body, other) for other in bodies):
-            bodies.append(body)
+            bodies.append(replace(body, score=score))
     return bodies
 
 
