@@ -4,12 +4,10 @@ As in all of ComfyUI, IMAGE is a float tensor (B,H,W,3) of sRGB codes, and MASK 
 RELIGHT_LIGHT is a `relight.lights.Light`. torch is ComfyUI's own; relight computes with NumPy and ONNX Runtime.
 """
 
-import hashlib
 import logging
 import os
 from dataclasses import replace
-from functools import cache, lru_cache, partial, wraps
-from weakref import WeakValueDictionary
+from functools import cache, wraps
 
 import comfy.model_management
 import comfy.utils
@@ -17,15 +15,15 @@ import folder_paths
 import numpy as np
 import torch
 from server import PromptServer
+from torch.utils.weak import WeakTensorKeyDictionary
 
 from relight.core import srgb
-from relight.core.errors import UserError
 from relight.lights import Light
 from relight.lights.light import parts_of, total
 from relight.lights.place import split_place
 from relight.lights.show import lit_ball
-from relight.maps.square import MASK_THRESHOLD, tiles
-from relight.panoramas import Panorama, orient, polyhaven, project
+from relight.maps.square import MASK_THRESHOLD
+from relight.panoramas import Panorama, orient, project
 from relight.photos.api import load
 from relight.photos.look import Look
 from relight.photos.mask.find import NobodyFound, masked
@@ -34,18 +32,13 @@ from relight.photos.write import placed_maps
 from relight.pictures.picture import Picture
 from relight.sh import mean_direction
 
-MEMORY = 32_000_000  # pixels whose scenes are kept, so that turning a light is quick: an inference takes CPU-seconds
+MEMORY = 32_000_000  # pixels of an IMAGE whose scenes are kept: an inference takes CPU-seconds, another light does not
 LIGHT = "RELIGHT_LIGHT"  # type of a `relight.lights.Light` in ComfyUI
 DISPLAY_STRENGTH = 0.5  # shading may exceed 1: half of it is shown
-SCENES = WeakValueDictionary()  # the `Scenes` of all nodes: gone with the last of them, when the user frees the cache
+SCENES = WeakTensorKeyDictionary()  # of an IMAGE, until ComfyUI frees it: mask, own light, encoding and its scenes
 BALL = 256  # pixels of a light's preview
 NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS = {}, {}
 IMAGE = ("IMAGE", {"tooltip": "Pictures, one or a batch."})
-SAID = {  # of results, by their names
-    "mask": "White on the people, black where a picture shows nobody.", "light": "For Relight people.",
-    "ball": "A matte white ball in the light.", "image": "The relit pictures.", "albedo": "Color without light.",
-    "shading": "Light without color, at half its strength.", "normal": "As in OpenGL.",
-}  # fmt: skip
 MASK = ("MASK", {"tooltip": "White on the people: one for all pictures, or one for each. Found if none is given."})
 NAMES = {"default": "room:7", "tooltip": "As described, a file in the input folder, or any file's path there."}
 ENCODING = (["sRGB", "linear"], {"tooltip": "Linear if it comes from a loader of EXR or HDR files."})
@@ -57,34 +50,33 @@ STOPS = ("FLOAT", {"default": 0.0, "min": -8.0, "max": 8.0, "step": 0.1, "toolti
 relighter = cache(load)  # of the weights that come with relight
 
 
-class Scenes(dict):
-    """Scenes by what `scene_of` takes, the oldest first."""
+def inferred(image, mask, lit_by, encoding):
+    """Returns a function of a picture's index and coverage that infers its scene, or takes the one that is kept."""
+    kept = SCENES.get(image)
+    if not kept or kept[0] is not mask or kept[1] is not lit_by or kept[2] != encoding:
+        kept = SCENES[image] = mask, lit_by, encoding, {}
+
+    def find(i, coverage):
+        scene = kept[3].get(i) or relighter().scene(pixels_of(image[i], encoding), coverage, lit_by=lit_by)
+        if image[..., 0].numel() <= MEMORY:
+            kept[3][i] = scene
+        return scene
+
+    return find
 
 
-def scene_of(scenes, pixels, coverage, lit_by=None):
-    """Infers the people of a picture (H,W,3), uint16 sRGB or float32 linear, once; coverage is (H,W) uint8 or None."""
-    parts = pixels, coverage, lit_by and lit_by.coefficients
-    key = pixels.shape, *(part is not None and hashlib.blake2b(np.ascontiguousarray(part)).digest() for part in parts)
-    if key not in scenes:
-        scene = relighter().scene(pixels, coverage, lit_by=lit_by)
-        while scenes and sum(kept.picture.pixels.size for kept in [scene, *scenes.values()]) > 3 * MEMORY:
-            del scenes[next(iter(scenes))]
-        scenes[key] = scene
-    return scenes[key]
-
-
-def each(node, image, mask, encoding, find):
-    """Yields the index of each picture of an IMAGE that shows people, and what `find` returns for it (as `scene_of`).
+def each(node, image, mask, find):
+    """Yields the index of each picture of an IMAGE that shows people, and what `find` returns of that and its coverage.
 
     Between pictures the user may interrupt. What is to be told of the pictures goes to the node's notes, once.
     """
     bar, told = comfy.utils.ProgressBar(len(image)), {}
-    for i, (picture, coverage) in enumerate(zip(image, coverages(mask, image.shape[:3]))):
+    for i, coverage in enumerate(coverages(mask, image.shape[:3])):
         comfy.model_management.throw_exception_if_processing_interrupted()
         if coverage is not None and coverage.min() >= MASK_THRESHOLD:
             raise ValueError(f"the mask of picture {i + 1} is white everywhere: make it white on the people alone")
         try:
-            found = find(pixels_of(picture, encoding), coverage)
+            found = find(i, coverage)
             yield i, found
             notes = [note.partition("; `relight")[0] for note in found.notes]  # no commands here
         except NobodyFound as error:
@@ -99,10 +91,7 @@ def pixels_of(picture, encoding):
     """Returns a picture (H,W,C) as (H,W,3) uint16 sRGB, or as float32 linear if it is linear or has values above 1."""
     if encoding == "linear" or not picture[..., :3].max() <= 1:
         return linear_of(picture, encoding)
-    pixels = np.empty((*picture.shape[:2], 3), np.uint16)
-    for window in tiles((0, len(pixels)), (0, pixels.shape[1])):
-        pixels[window] = (65535 * picture[window][..., :3].float().clamp_min(0)).round().cpu().numpy()
-    return pixels
+    return picture[..., :3].float().clamp_min(0).mul_(65535).round_().cpu().numpy().astype(np.uint16)
 
 
 def linear_of(picture, encoding):
@@ -124,8 +113,7 @@ def coverages(mask, shape):
     masks = mask.reshape(-1, 1, *mask.shape[-2:]).float().cpu()
     if len(masks) not in (1, count):
         raise ValueError(f"there are {len(masks)} masks for {count} pictures: give one, or one for each")
-    if list(masks.shape[-2:]) != size:  # as ComfyUI does it
-        masks = torch.nn.functional.interpolate(masks, size=size, mode="bilinear")
+    masks = torch.nn.functional.interpolate(masks, size=size, mode="bilinear")  # as ComfyUI does it
     return (255 * masks[:, 0].clamp(0, 1)).round().to(torch.uint8).expand(count, *size).numpy()
 
 
@@ -135,16 +123,19 @@ def node(key, title, aliases, returns, optional=None, **required):
     def register(run):
         @wraps(run)
         def run_and_tell(self, *values, unique_id=None, **given):
-            self.notes, self.scenes = [], SCENES.setdefault("all", getattr(self, "scenes", Scenes()))
+            self.notes = []
             try:
                 return run(self, *values, **given)
             finally:
-                tell(dict.fromkeys(self.notes), unique_id)
+                for note in (notes := dict.fromkeys(self.notes)):
+                    logging.warning("relight: %s", note)
+                if unique_id is not None:
+                    PromptServer.instance.send_progress_text("\n".join(notes), unique_id)
 
         inputs = {"required": required, "optional": optional or {}, "hidden": {"unique_id": "UNIQUE_ID"}}
         parts = {"CATEGORY": "relight", "FUNCTION": "run", "DESCRIPTION": " ".join(run.__doc__.split())}
         parts |= {"run": run_and_tell, "SEARCH_ALIASES": aliases.split(", "), "RETURN_NAMES": tuple(returns)}
-        parts |= {"RETURN_TYPES": tuple(returns.values()), "OUTPUT_TOOLTIPS": tuple(SAID[name] for name in returns)}
+        parts |= {"RETURN_TYPES": tuple(returns.values()), "OUTPUT_TOOLTIPS": (parts["DESCRIPTION"],) * len(returns)}
         parts["INPUT_TYPES"] = classmethod(lambda cls: inputs)
         NODE_DISPLAY_NAME_MAPPINGS[key], NODE_CLASS_MAPPINGS[key] = title, type(key, (), parts)
         return run
@@ -152,61 +143,34 @@ def node(key, title, aliases, returns, optional=None, **required):
     return register
 
 
-def tell(notes, node_id):
-    """Shows notes in ComfyUI's console, and under the node in its window."""
-    for note in notes:
-        logging.warning("relight: %s", note)
-    if node_id is not None and hasattr(PromptServer.instance, "send_progress_text"):  # from 0.3.31
-        PromptServer.instance.send_progress_text("\n".join(notes), node_id)
-
-
 @node("RelightFindMask", "Mask of people", "segment, matte", {"mask": "MASK"}, {"encoding": ENCODING}, image=IMAGE)
 def find_mask(self, image, encoding="sRGB"):
     """White on the people of a picture. Needs `relight mask setup`, once, in ComfyUI's environment."""
     found = torch.zeros(image.shape[:3])
-    for i, picture in each(self, image, None, encoding, lambda pixels, _: masked(Picture.of(pixels))):
-        found[i] = torch.from_numpy(picture.coverage) / 255
+    for i, one in each(self, image, None, lambda i, _: masked(Picture.of(pixels_of(image[i], encoding)))):
+        found[i] = torch.from_numpy(one.coverage) / 255
     return (found,)
 
 
 @node("RelightNamedLight", "Light by name", "hdri, lamp", {"light": LIGHT}, light=("STRING", NAMES))
 def named_light(self, light):
     """room:7, sky:3, lamps:5, key:#ffe6c8@50,40,0.3 (color, degrees right and up, fill), or a file."""
-    light = light_of(changed(None, light))
-    self.notes += light.notes if light else ()
+    light = relighter().read_light(changed(None, light)[0])
+    self.notes += light.notes if light else ()  # `auto` is none
     return (light,)
 
 
 def changed(cls, light):
-    """Returns a value that differs when the light does: its name, and when the files in it changed; None by a link."""
+    """Returns a value that differs when a light does: its path, and when the files in it changed; None by a link."""
     if light is None:
         return None
-    own = os.path.join(folder_paths.get_input_directory(), light)
-    light = own if os.path.isfile(own) else light
+    if os.path.isfile(own := os.path.join(folder_paths.get_input_directory(), light)):
+        light = own
     names = [name for part in parts_of(light) for name in (split_place(part)[0], part.rpartition(":")[0])]  # a.npz:12
     return light, *(os.stat(name).st_mtime_ns for name in names if os.path.isfile(name))
 
 
-@lru_cache(64)
-def light_of(state):
-    """Reads the light of what `changed` returned."""
-    return relighter().read_light(state[0])
-
-
-def validated(cls, light):
-    """Returns True, or what is wrong with a light's name. Files take long: they are read when the node runs."""
-    try:
-        for part in parts_of(light or ""):
-            name, files = part.partition(":")[0], changed(cls, part)[1:]
-            if part and not files and name not in polyhaven.NAMES:
-                light_of((part,))
-    except UserError as error:
-        return str(error)
-    return True
-
-
 NODE_CLASS_MAPPINGS["RelightNamedLight"].IS_CHANGED = classmethod(changed)
-NODE_CLASS_MAPPINGS["RelightNamedLight"].VALIDATE_INPUTS = classmethod(validated)
 
 
 @node("RelightPanoramaLight", "Light of a panorama", "hdri", {"light": LIGHT}, panorama=IMAGE, encoding=ENCODING)
@@ -225,7 +189,7 @@ def panorama_light(self, panorama, encoding):
     {"other": (LIGHT, {"tooltip": "Added as it is."})}, light=TURNED, turn=TURN, stops=STOPS,
 )  # fmt: skip
 def combine_lights(self, light, turn, stops, other=None):
-    """A light that is turned about the vertical and made brighter or darker, plus another; and a preview of it."""
+    """A light that is turned about the vertical and made brighter, plus another; and a white ball in it."""
     gain, seen = 2.0**stops, light.panorama
     seen = seen and replace(seen, yaw=seen.yaw + turn, pixels=seen.pixels * np.float32(gain))
     light = replace(light, coefficients=orient(light.coefficients, turn) * gain, panorama=seen)
@@ -247,21 +211,16 @@ def combine_lights(self, light, turn, stops, other=None):
     stops=STOPS,
 )
 def relight(self, image, light, mode, strength, turn, stops, mask=None, background=None, encoding="sRGB", lit_by=None):
-    """The people of a picture under another light. What is not of them stays as it is."""
+    """The people of a picture under another light, and their mask. What is not of them stays as it is."""
     behind = ["keep"] if background is None else [pixels_of(picture, encoding) for picture in background]
     looks = [Look(light, mode, picture, turn, stops, strength != "its own") for picture in behind]
-    out, alpha = torch.empty(*image.shape[:3], 3), torch.zeros(image.shape[:3])  # filled late: an 8k picture is 768 MB
-    for i, scene in each(self, image, mask, encoding, partial(scene_of, self.scenes, lit_by=lit_by)):
+    out, alpha = image[..., :3].float().cpu().clone(), torch.zeros(image.shape[:3])
+    for i, scene in each(self, image, mask, inferred(image, mask, lit_by, encoding)):
         relit, coverage = scene.relit(looks[i % len(looks)]), scene.picture.coverage
         self.notes += scene.notes_on(looks[0])
-        out[i], alpha[i] = image[i, ..., :3], torch.from_numpy(coverage) / 255
-        for window in tiles((0, len(relit)), (0, relit.shape[1])):
-            part = relit[window]
-            part = part / np.float32(65535) if part.dtype == np.uint16 else encoded(part, encoding)
-            own = True if background is not None else coverage[window][..., None] > 0
-            np.copyto(out[i][window].numpy(), part, where=own)
-    nobody = alpha.amax((1, 2)) == 0
-    out[nobody] = image[nobody.to(image.device), ..., :3].float().cpu()
+        alpha[i] = torch.from_numpy(coverage) / 255
+        relit = relit / np.float32(65535) if relit.dtype == np.uint16 else encoded(relit, encoding)
+        np.copyto(out[i].numpy(), relit, where=(coverage[..., None] > 0) | (background is not None))
     return out, alpha
 
 
@@ -274,11 +233,11 @@ def relight(self, image, light, mode, strength, turn, stops, mask=None, backgrou
     image=IMAGE,
 )
 def maps_of(self, image, mask=None, encoding="sRGB", lit_by=None):
-    """What the network infers, 0 where nobody is. The shading is shown at half its strength. Normals are mean
+    """What the network infers, 0 where nobody is: albedo, shading at half its strength, and mask. Normals are mean
     unoccluded directions as in OpenGL, (n + 1) / 2, toward the camera where nobody is."""
     maps = [torch.zeros(*image.shape[:3], 3) for _ in range(3)]
     alpha, maps[2][:] = torch.zeros(image.shape[:3]), torch.tensor([0.5, 0.5, 1])
-    for i, scene in each(self, image, mask, encoding, partial(scene_of, self.scenes, lit_by=lit_by)):
+    for i, scene in each(self, image, mask, inferred(image, mask, lit_by, encoding)):
         alpha[i] = torch.from_numpy(scene.picture.coverage) / 255
         for person in scene.people:
             fits = person.fitted_albedo, person.fitted_transport
