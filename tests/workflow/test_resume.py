@@ -64,6 +64,9 @@ def test_killed_anywhere_it_ends_in_the_same_bytes(done, tmp_path):
 
     Whenever it is done, it begins anew, with nothing.
     """
+    for number in (signal.SIGINT, signal.SIGHUP):  # which the background jobs of a shell ignore, and nohup
+        if signal.getsignal(number) == signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL)
     repo, rng, killed = copy(tmp_path / "0"), random.Random(KILLS), 0
     total = len(outputs(done))
     while killed < KILLS:
