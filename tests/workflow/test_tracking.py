@@ -119,11 +119,10 @@ def test_connect_processes_share_a_new_store(client, folder):
         assert run.data.tags.items() >= tags.items()
 
 
-def write_scores(shading: float, days: int) -> None:
+def write_scores(shading: float) -> None:
     """Scores of two pairs, whose mean is `shading`; a score that a pair lacks has no mean."""
     rows = f"0,{shading - 0.25},,0.75\n1,{shading + 0.25},0.5,0.75\n"
     SCORES.write_text(f"figure,shading_rmse,light_rmse,shading_ssim\n{rows}")
-    os.utime(SCORES, (1e9 + days, 1e9 + days))
 
 
 def record(uri: str, losses: dict[str, float]) -> None:
@@ -142,9 +141,9 @@ def record(uri: str, losses: dict[str, float]) -> None:
             training.log({"loss": 0.5, "validation/loss": loss + 1}, 4)
             training.finish(network, curve)
             assert not training._warnings
-        for condition in ("test", "sitting-test", "test"):
-            for days, shading in enumerate((0.6, 0.5 - loss)):  # is scored again by better code
-                write_scores(shading, days)
+        for condition in ("test", "sitting-test"):
+            for shading in (0.6, 0.5 - loss, 0.5 - loss):  # is scored again by better code, and again after a kill
+                write_scores(shading)
                 log_scores(tracking(uri), network, condition, SCORES)
     Path("run.yaml").write_text("track: {uri: 'postgresql://me:secret@host/runs'}\n")
     left = TrainingRun(tracking(uri), "left.s0", "1" * 64, {})
@@ -170,7 +169,7 @@ def check_record(address: str) -> None:
         assert run.info.status == "FINISHED" and run.data.params == {"train.color": "paper"}
         scores = {name for name in run.data.metrics if name.startswith("test")}
         assert scores == {"test_shading_rmse"}
-        assert run.data.metrics["test_shading_rmse"] == 0.5 - LOSSES[run.info.run_name]
+        assert run.data.metrics["test_shading_rmse"] == pytest.approx(0.5 - LOSSES[run.info.run_name])
         assert len(client.get_metric_history(run.info.run_id, "test_shading_rmse")) == 2
         points = client.get_metric_history(run.info.run_id, "loss/train")
         assert [(point.step, point.value) for point in points] == [(4, 0.5), (8, 0.25)]
@@ -206,7 +205,7 @@ def finish_what_cannot_be_exported() -> None:
     tracking_run.load_network = lambda path: (network, {})
     with training_run(tracking(URI), "ours.s0", "1" * 64, {"lr": 1}) as run:
         run.finish(path)
-    write_scores(0.5, days=0)
+    write_scores(0.5)
     log_scores(tracking(URI), path, "test", SCORES)
 
 

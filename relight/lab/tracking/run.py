@@ -290,8 +290,8 @@ def log_scores(tracking: dict[str, Any], network: Path, condition: str, scores: 
         import pandas as pd
 
         training.open()
-        if condition == "test":  # MLflow keeps one of two points that are the same, and shows the latest
+        if condition == "test":
             rmse = pd.read_csv(scores).filter(regex="_rmse$").mean(skipna=False).dropna().add_prefix("test_").to_dict()
-            written = scores.stat().st_mtime_ns // 10**6
-            mlflow.log_metrics(rmse, step=0, run_id=training.id, timestamp=written)
+            known = mlflow.get_run(training.id).data.metrics.items()  # of a job that was killed, or scores again
+            mlflow.log_metrics(dict(rmse.items() - known), step=0, run_id=training.id)
         mlflow.log_artifact(str(scores), f"scores/{condition}", run_id=training.id)
