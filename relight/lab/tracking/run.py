@@ -119,8 +119,8 @@ class TrainingRun:
                     steps = pd.read_csv(curve, index_col="step").iterrows()
                     self._send({int(step): values.dropna() for step, values in steps})
                     mlflow.log_artifact(str(curve), "curve")
-            with self.warned(f"MLflow has no model of {self.name}, whose network is {network}"):
-                log_network(self.id, network)
+                with self.warned(f"MLflow has no model of {self.name}, whose network is {network}"):
+                    log_network(self.id, network)
             mlflow.end_run()
 
     @contextmanager
