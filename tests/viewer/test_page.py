@@ -365,8 +365,17 @@ def test_the_page_opens_with_one_turn_that_a_touch_ends(page, html):
     assert page.run("relight.state.yaw") == yaw != 0
 
 
+AS_FIREFOX = """{ const { prototype } = CanvasCaptureMediaStreamTrack, own = prototype.requestFrame;
+MediaStream.prototype.requestFrame = function () { own.call(this.getVideoTracks()[0]); };
+delete prototype.requestFrame; }"""
+
+
 @pytest.mark.slow
-def test_a_movie_is_one_turn_at_the_size_of_the_image(balls, tmp_path, maps, lights):
+@pytest.mark.parametrize("browser", ["", AS_FIREFOX], ids=["Chromium", "Firefox"])
+def test_a_movie_is_one_turn_at_the_size_of_the_image(page, html, tmp_path, maps, lights, browser):
+    balls = page
+    balls.open(html)
+    balls.run(browser)
     balls.run(f"relight.set({json.dumps(START | {'yaw': 15})})")
     data = balls.run(
         """(async () => { const movie = await relight.record(() => {}, 1.5);
@@ -405,9 +414,20 @@ def test_a_browser_without_webgl_is_told_what_helps_for_good(page, html):
 def test_a_wrong_file_is_told_and_changes_nothing(balls):
     balls.run("relight.openPanorama(new File(['no'], 'no.hdr'))")
     assert "not a Radiance" in balls.run("document.getElementById('toast').innerText")
-    balls.run("relight.openPanorama(new File([new Uint8Array([0x76, 0x2f, 0x31, 1, 2])], 'no.exr'))")
-    assert "OpenEXR" in balls.run("document.getElementById('toast').innerText")
     assert balls.run("relight.lights().length") == 3
+
+
+def test_a_dropped_exr_is_refused_with_what_helps(page, html):
+    page.open(html)
+    told = page.run(
+        """new Promise((done) => { const data = new DataTransfer();
+        data.items.add(new File([new Uint8Array([0x76, 0x2f, 0x31, 1, 2])], "room.exr"));
+        const toast = document.getElementById("toast");
+        new MutationObserver(() => done(toast.innerText)).observe(toast, { childList: true, characterData: true });
+        document.dispatchEvent(new DragEvent("drop", { dataTransfer: data, bubbles: true, cancelable: true })); })"""
+    )
+    assert told == "OpenEXR panoramas are not read here: save it as Radiance .hdr."
+    assert page.run("relight.lights().length") == 3 and page.run("document.getElementById('drop').hidden")
 
 
 @pytest.mark.slow
@@ -440,21 +460,28 @@ HTMLAnchorElement.prototype.click = function () { window.saved = this.download; 
 document.getElementById(button).click(); })"""
 
 
-def test_saved_pictures_are_the_picture_at_its_own_size(balls):
-    state = START | {"background": "clear", "yaw": 33}
-    expected = balls.pixels(**state)
-    images = {}
-    for button in ("save", "jpeg"):
-        saved = balls.call(SAVED, button)
-        images[button] = Image.open(io.BytesIO(bytes(saved)))
-        name = balls.run("window.saved")
-        assert name == f"Six balls Window.{'png' if button == 'save' else 'jpg'}"
-    image, jpeg = images["save"], np.asarray(images["jpeg"]).astype(float)
-    np.testing.assert_array_equal(np.asarray(image)[expected[..., 3] == 255], expected[expected[..., 3] == 255])
+def saved_picture(balls, button):
+    """The picture that a button saves in a state, which one would see there, and its name."""
+    expected = balls.pixels(**START | {"background": "clear", "yaw": 33})
+    image = Image.open(io.BytesIO(bytes(balls.call(SAVED, button))))
+    return image, expected, balls.run("window.saved")
+
+
+def test_a_saved_png_is_the_picture_at_its_own_size(balls):
+    image, expected, name = saved_picture(balls, "save")
+    opaque = expected[..., 3] == 255
+    np.testing.assert_array_equal(np.asarray(image)[opaque], expected[opaque])
     assert image.mode == "RGBA" and (np.asarray(image)[..., 3] == expected[..., 3]).all()
+    assert name == "Six balls Window.png"
+
+
+def test_a_saved_jpeg_is_the_picture_on_white(balls):
+    image, expected, name = saved_picture(balls, "jpeg")
     alpha = expected[..., 3:] / 255
     on_white = expected[..., :3] * alpha + 255 * (1 - alpha)
-    assert np.abs(jpeg - on_white).mean() < 2 < 20 < np.abs(expected[..., :3] * alpha - on_white).mean()
+    assert image.format == "JPEG" and name == "Six balls Window.jpg"
+    off = [np.abs(np.asarray(image) - picture).mean() for picture in (on_white, expected[..., :3] * alpha)]
+    assert off[0] < 2 < 20 < off[1]
 
 
 def test_every_control_has_a_name_and_nothing_was_fetched(page, photo_html):

@@ -43,7 +43,7 @@ function fullScreen() {
 async function movie() {
   const button = element("movie");
   button.disabled = true;
-  const isSaved = await saveMovie((share) => (button.textContent = `${Math.round(100 * share)} %`));
+  const isSaved = await saveMovie((share) => (button.textContent = `${Math.round(100 * share)} %`)).catch(() => false);
   button.disabled = false;
   button.textContent = "Movie";
   if (!isSaved) notify("This browser cannot record a movie.");

@@ -54,7 +54,7 @@ async function record(onProgress, seconds = SECONDS) {
   for (let share = 0; share < 1; share = (performance.now() - began) / 1000 / seconds) {
     set({ yaw: from + 360 * share });
     context.putImageData(new ImageData(pixels(), width, height), 0, 0);
-    track.requestFrame();
+    (track.requestFrame ? track : stream).requestFrame(); // Firefox has it at the stream
     onProgress(share);
     await new Promise((done) => setTimeout(done, 1000 / RATE));
   }
