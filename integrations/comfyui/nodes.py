@@ -180,8 +180,7 @@ def panorama_light(self, panorama, encoding):
     pixels = linear_of(panorama[0], encoding).clip(0)
     if pixels.shape[1] != 2 * pixels.shape[0]:
         raise ValueError(f"the panorama is {pixels.shape[1]} x {pixels.shape[0]}: give one twice as wide as high")
-    panorama = Panorama(pixels)
-    return (Light(project(panorama, relighter().network.order), "panorama of ComfyUI", panorama),)
+    return (Light(project(Panorama(pixels), relighter().network.order), "panorama of ComfyUI"),)
 
 
 @node(
@@ -190,9 +189,7 @@ def panorama_light(self, panorama, encoding):
 )  # fmt: skip
 def combine_lights(self, light, turn, stops, other=None):
     """A light that is turned about the vertical and made brighter, plus another; and a white ball in it."""
-    gain, seen = 2.0**stops, light.panorama
-    seen = seen and replace(seen, yaw=seen.yaw + turn, pixels=seen.pixels * np.float32(gain))
-    light = replace(light, coefficients=orient(light.coefficients, turn) * gain, panorama=seen)
+    light = replace(light, coefficients=orient(light.coefficients, turn) * 2.0**stops, panorama=None)
     light = total([light, other], f"{light} + {other}") if other else light
     return light, torch.from_numpy(np.float32(lit_ball(light.coefficients, BALL)))[None]
 
