@@ -31,7 +31,7 @@ class _Own:
         person: whose they are.
         window: of the photo, within the person's and the part.
         inside: the same as an index of the part.
-        mask: (h,w) bool, the person's among the pixels of the window.
+        share: (h,w) the person's, of the people's, in [0,1].
         detail: (h,w,3), from `Person.detail`.
         excess: (h,w,3), as `color.clipping_excess`, or 0 if nothing is clipped.
     """
@@ -39,7 +39,7 @@ class _Own:
     person: Person
     window: Window
     inside: Window
-    mask: np.ndarray
+    share: np.ndarray
     detail: np.ndarray
     excess: np.ndarray | float
 
@@ -133,8 +133,8 @@ def frames(
 
 
 def total_coverage(people: Sequence[Person]) -> np.ndarray:
-    """Returns the coverage (H,W) uint8 of all people together."""
-    return np.maximum.reduce([person.coverage for person in people])
+    """Returns the coverage (H,W) uint8 of all people together, each of whom has a part of it."""
+    return np.add.reduce([person.coverage for person in people], dtype=np.uint8)
 
 
 def _fit_maps(people: Sequence[Person], light: np.ndarray, mode: str) -> list[tuple[FittedMap, ...]]:
@@ -167,7 +167,11 @@ def _split_layers(
         foreground, linear = estimate_foreground(linear, share)[inside], linear[inside]
     else:
         foreground = linear = _planes(pixels[window])
-    found = {number: own for number, person in enumerate(people) if (own := _own_pixels(person, window, foreground))}
+    found = {
+        number: own
+        for number, person in enumerate(people)
+        if (own := _own_pixels(person, coverage, window, foreground))
+    }
     part = _Layers(linear, alpha[inside], share[inside], foreground, found)
     if opaque:
         part.linear, part.share = part.foreground, np.ones_like(part.share)
@@ -179,13 +183,13 @@ def _planes(pixels: np.ndarray) -> np.ndarray:
     return np.moveaxis(to_linear(np.ascontiguousarray(np.moveaxis(pixels, -1, 0))), 0, -1)
 
 
-def _own_pixels(person: Person, window: Window, foreground: np.ndarray) -> _Own | None:
+def _own_pixels(person: Person, total: np.ndarray, window: Window, foreground: np.ndarray) -> _Own | None:
     own = tuple(
         slice(max(part.start, whole.start), min(part.stop, whole.stop))
         for part, whole in zip(window, person.crop.window)
     )
-    mask = person.coverage[own] > 0  # of no pixels where a slice ends before it starts
-    if not mask.any():
+    share = person.coverage[own] / np.maximum(total[own], np.float32(1))
+    if not share.any():  # also of no pixels, where a slice ends before it starts
         return None
     inside = tuple(slice(part.start - all.start, part.stop - all.start) for part, all in zip(own, window))
     colors = foreground[inside]
@@ -194,7 +198,7 @@ def _own_pixels(person: Person, window: Window, foreground: np.ndarray) -> _Own 
     if clipped.any():
         excess = np.zeros_like(colors)
         excess[clipped] = clipping_excess(colors[clipped], person.crop.place(person.chroma, own, cubic=False)[clipped])
-    return _Own(person, own, inside, mask, person.detail(colors, own), excess)
+    return _Own(person, own, inside, share, person.detail(colors, own), excess)
 
 
 def _compose(
@@ -203,8 +207,9 @@ def _compose(
     """Returns the linear values (h,w,3) of a part of a photo, relit, before something if it is `behind` it."""
     front = np.copy(part.foreground)
     for number, own in part.people.items():
-        values = _relight(own, part.foreground[own.inside], maps[number], np.float32(2**stops), scene)
-        np.copyto(front[own.inside], values, where=own.mask[..., None])
+        old, share = part.foreground[own.inside], own.share[..., None]
+        values = _relight(own, old, maps[number], np.float32(2**stops), scene)
+        np.copyto(front[own.inside], front[own.inside] + share * (values - old), where=share > 0)
     if behind is not None:
         return over(front, part.alpha, behind)
     return part.linear + part.share[..., None] * (front - part.foreground)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from relight.panoramas import luminance
-from relight.sh import UNOCCLUDED_T00, order_of, rotate_y
+from relight.sh import UNOCCLUDED_T00, rotate_y
 
 ANGLES = 72  # headings, every 5 degrees: at order 2 the largest value is met to 0.2 %
 FLOOR = 0.1  # of the mean shading: darker shading is too uncertain to divide by
@@ -88,12 +88,8 @@ def max_luminance(transport: np.ndarray, light: np.ndarray) -> float:
     """Returns the largest luminance of T . L, of one transport (K,), over all headings of a light (K,3)."""
     count = min(len(transport), len(light))
     grey = luminance(light.astype(np.float64))[:, None]
-    waves = 2 * order_of(count) + 1  # a trigonometric polynomial of the angle: as many samples determine it
-    samples = [transport[:count] @ rotate_y(grey, 2 * np.pi * k / waves)[:count, 0] for k in range(waves)]
-    weights = np.fft.rfft(samples) / waves
-    angles = np.arange(ANGLES) * (2 * np.pi / ANGLES)
-    phases = np.exp(1j * np.outer(angles, np.arange(len(weights))))
-    return float((phases * weights * np.where(np.arange(len(weights)), 2, 1)).sum(1).real.max())
+    turned = (rotate_y(grey, 2 * np.pi * n / ANGLES)[:count, 0] for n in range(ANGLES))
+    return max(float(transport[:count] @ light) for light in turned)
 
 
 def saturation(light: np.ndarray) -> float:

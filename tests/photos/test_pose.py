@@ -127,6 +127,8 @@ def test_people_who_touch_are_two_and_a_ball_is_none():
     assert (sum(part.astype(int) for part, _ in parts) == coverage).all()
     first, second, third = (part > 0 for part, _ in parts)
     assert first[128, 121] and second[128, 130] and (third == stranger).all() and first[230, 20]
+    seam = parts[1][0][128, 100:150].astype(int)
+    assert (np.diff(seam) >= 0).all() and ((seam > 0) & (seam < 255)).sum() in range(4, 9)  # 3 % of 256
     assert len(split_people(coverage)) == 2
 
 

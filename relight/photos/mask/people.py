@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from PIL import Image
-from scipy.ndimage import distance_transform_edt, label, maximum_filter, minimum_filter
+from scipy.ndimage import distance_transform_edt, label, maximum_filter, minimum_filter, uniform_filter
 
 from relight.core.errors import UserError
 from relight.maps.square import MASK_THRESHOLD, extent
@@ -16,6 +16,7 @@ SLACK = 0.02  # of it: how far a joint may be outside, and half the thickness of
 SURE = 0.8  # that a joint is seen
 APART = 0.03  # least share of a mask about which they disagree
 KNOWN_AS, UNCLEAR = 0.7, 0.6  # least score of a person; most pixels of .1 to .9 over those of the person, in their mask
+SEAM = 0.015  # of the people's longer side: half the width of what people who touch share
 BRIDGE = 5  # pixels: what hangs by less on the body is apart from it
 SPECK = 0.002  # least share of a mask that is apart from the body, for a doubt
 LIMBS = {
@@ -40,7 +41,7 @@ def split_people(
 
     A person is what the mask of one of `bodies` covers, or a connected part that none of these masks touches, with at
     least `share` of the largest one's area. Smaller parts (a hand behind a lamp post, a buckle) and soft edges go to
-    the nearest person, so the sum of all parts is the whole.
+    the nearest person. Where masks of bodies touch, one passes into the other. The sum of all parts is the whole.
 
     Args:
         coverage: (H,W) uint8.
@@ -78,7 +79,13 @@ def split_people(
     nearest = distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
     labels[apart] = labels[tuple(nearest[:, apart])]
     large.sort(key=lambda i: np.flatnonzero((labels == i).any(0)).mean())
-    return [(np.where(labels == i, coverage, np.uint8(0)), body_of.get(int(i))) for i in large]
+    shares = np.stack([labels == i for i in large]).astype(np.float32)
+    if bodies:  # a seam may cross somebody, so lights pass into each other
+        side = 2 * round(SEAM * max(last - first for first, last in extent(solid))) + 1
+        shares = np.stack([uniform_filter(share, side, mode="nearest") for share in shares])
+    ends = np.cumsum(shares, 0)
+    ends = np.rint(ends / np.maximum(ends[-1], 1e-6) * coverage).astype(np.uint8)
+    return list(zip(np.diff(ends, axis=0, prepend=np.uint8(0)), (body_of.get(int(i)) for i in large)))
 
 
 def mask_warnings(coverages: Sequence[np.ndarray], bodies: Sequence[Body | None] = ()) -> list[str]:
