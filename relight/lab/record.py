@@ -5,16 +5,17 @@ import itertools
 import re
 import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import yaml
 from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from relight.core.errors import UserError
-from relight.settings import CONF, MAX_NAME_LENGTH, Experiment, check_name, composed, flat
+from relight.settings import CONF, MAX_NAME_LENGTH, Config, Experiment, check_name, composed, flat
 from relight.settings.composition import quoted
 
 ROW_GROUPS = ("model", "loss", "train", "augment")  # that rows may change
@@ -61,7 +62,9 @@ def from_config(config: dict[str, Any]) -> Record:
     if "settings" in config:
         for key in config.keys() - {*PARTS, "job"}:  # which the Snakefile adds for jobs
             raise UserError(f"{key} is given beside the record of a run, which has all settings: give one of the two")
-        return {key: config[key] for key in PARTS if key in config}
+        record = {key: config[key] for key in PARTS if key in config}
+        rows = {name: _with_defaults(row, ROW_GROUPS) for name, row in record["rows"].items()}
+        return {**record, "settings": _with_defaults(record["settings"]), "rows": rows}
     keys = [re.sub("=.*", "", word).replace("-C", "--config") for word in sys.argv]
     for key in (key for key in ("--config", "hydra") if keys.count(key) > 1):
         raise UserError(f'Snakemake drops one of two {key}: write --config scale=smoke hydra="name=mine"')
@@ -78,6 +81,18 @@ def read_record(folder: Path) -> Record:
         return {**nothing, **yaml.safe_load((folder / "run.yaml").read_text(encoding="utf-8"))}
     except (OSError, TypeError, ValueError, yaml.YAMLError):
         return nothing
+
+
+def _with_defaults(settings: dict[str, Any], groups: Iterable[str] = tuple(Config.__annotations__)) -> dict[str, Any]:
+    """Returns groups of settings of a record, with the defaults of those that are newer than the record."""
+    try:
+        full = OmegaConf.merge(OmegaConf.masked_copy(OmegaConf.structured(Config), list(groups)), settings)
+        return cast(dict[str, Any], OmegaConf.to_container(full, throw_on_missing=True))
+    except OmegaConfBaseException as error:
+        reason = str(error).partition("\n")[0]
+        raise UserError(
+            f"this record of a run is of another version of relight ({reason}): begin with relight run"
+        ) from None
 
 
 def _row_settings(row: str, overrides: list[str], shared: dict[str, Any]) -> dict[str, Any]:

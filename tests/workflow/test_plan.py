@@ -1,5 +1,6 @@
 """The plan that the Snakefile asks: figures, runs, settings of each rule."""
 
+import copy
 import json
 import os
 import re
@@ -53,6 +54,18 @@ def test_settings_that_snakemake_would_drop_are_refused(monkeypatch):
     assert from_config({**record, "job": {}}) == record
     with pytest.raises(UserError, match="hydra is given beside the record of a run, which has all settings"):
         from_config({**record, "hydra": "name=x"})
+
+
+def test_a_record_that_is_older_than_a_setting_has_its_default():
+    record = compose_run(["scale=smoke", "model.width=0.5"])
+    older, other = copy.deepcopy(record), copy.deepcopy(record)
+    del older["settings"]["align"], older["settings"]["model"]["dropout"]
+    for row in older["rows"].values():
+        del row["model"]["dropout"]
+    assert from_config(older) == record
+    other["settings"]["model"]["gone"] = 1
+    with pytest.raises(UserError, match=r"is of another version of relight .*'gone'.*begin with relight run"):
+        from_config(other)
 
 
 def test_runs_are_rows_times_seeds():
