@@ -13,7 +13,7 @@ from . import light, shader, transport, world
 SIGNATURE = "relight_signature"  # property of an object: of the world and the rotation that its light was made for
 BUSY = Lock()
 WARNINGS = []  # why the light does not follow the world, for the panel
-STALE = set()  # names of the objects whose bake is of another shape
+STALE = set()  # names of the objects whose bake is of another shape, and of what was baked with them
 
 
 def update(scene, depsgraph=None, force=False):
@@ -22,10 +22,13 @@ def update(scene, depsgraph=None, force=False):
     Objects whose rotation and light did not change are left alone, unless `force` is set: then all is rendered again.
     """
     depsgraph = depsgraph or bpy.context.evaluated_depsgraph_get()
-    window = depsgraph.mode == "VIEWPORT"  # a render has copies of the objects, and a thread of its own
+    window, taken = depsgraph.mode == "VIEWPORT", set()  # a render has copies of the objects, and a thread of its own
     if window:
         WARNINGS.clear()
         STALE.clear()
+        layers = [each.view_layer for each in bpy.context.window_manager.windows]
+        before = layers[: layers.index(depsgraph.view_layer)] if depsgraph.view_layer in layers else layers
+        taken = {each.original for layer in before if layer.depsgraph for each in layer.depsgraph.ids}
     items = [item for item in depsgraph.ids if isinstance(item, bpy.types.Object) and transport.AXES in item]
     items = [item for item in items if item.type == "MESH" and item.mode != "EDIT"]
     if not items or not BUSY.acquire(blocking=False):
@@ -35,18 +38,23 @@ def update(scene, depsgraph=None, force=False):
             raise light.Problem("enable Cycles (Edit > Preferences > Add-ons): it renders the light of the world")
         if force:
             world.LIGHTS.clear()
+        places = transport.places(items)  # and how all are turned, before a render may free what is evaluated
+        found = [(item.original if window else item, *transport.turned(item, places)) for item in items]
         shown = depsgraph.view_layer.world_override or scene.world
         shown = shown and shown.evaluated_get(depsgraph)
         key = world.state(shown, scene.frame_current)
-        for item in items:
-            turned, same = transport.turned(item, items)
+        for item, turned, same in found:
             if window and not same:
                 WARNINGS.append(f"{item.name}: bake it again, for its shape or what is beside it has changed")
-                STALE.add(item.name)
+                STALE.update([item.name, *item[transport.BESIDE].splitlines()])
             signature = f"{key} {np.round(turned, 6).tolist()}"
-            item = item.original if window else item
             if force or item.get(SIGNATURE) != signature:
-                shader.set_light(item, light.rotation(turned.T) @ world.light(scene, shown, key))
+                if item in taken:
+                    WARNINGS.append(f"{item.name} has the light of another window: give this scene a copy of it")
+                    continue
+                if key not in world.LIGHTS:
+                    world.LIGHTS[key] = world.render(scene, shown)
+                shader.set_light(item, light.rotation(turned.T) @ world.LIGHTS[key])
                 item[SIGNATURE] = signature
                 if window:
                     item.update_tag(refresh={"OBJECT"})
@@ -110,8 +118,9 @@ class BakeTransport(bpy.types.Operator):
     def start(self, context):
         addon = context.preferences.addons.get(__package__)
         program = addon.preferences.program if addon else "relight"
-        items = transport.together(STALE) if self.again else context.selected_editable_objects
-        return transport.bake([item for item in items if item.type == "MESH"], program, self.rays)
+        items = context.editable_objects if self.again else context.selected_editable_objects
+        items = [item for item in items if item.type == "MESH" and (not self.again or item.name in STALE)]
+        return transport.bake(items, program, self.rays)
 
     def execute(self, context):
         return attempt(self, context, lambda: [*self.start(context)][-1])
@@ -169,6 +178,7 @@ class Panel(bpy.types.Panel):
 
 
 CLASSES = (Preferences, BakeTransport, ImportMaps, UpdateLight, Panel)
+register_classes, unregister_classes = bpy.utils.register_classes_factory(CLASSES)
 
 
 def menu(self, context):
@@ -178,8 +188,7 @@ def menu(self, context):
 
 def register():
     """Called by Blender when the extension is enabled."""
-    for kind in CLASSES:
-        bpy.utils.register_class(kind)
+    register_classes()
     for handlers in HANDLERS:
         handlers.append(follow)
     bpy.types.TOPBAR_MT_file_import.append(menu)
@@ -191,5 +200,4 @@ def unregister():
     for handlers in HANDLERS:
         with suppress(ValueError):  # others clear the list
             handlers.remove(follow)
-    for kind in reversed(CLASSES):
-        bpy.utils.unregister_class(kind)
+    unregister_classes()

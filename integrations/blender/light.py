@@ -28,15 +28,11 @@ def sphere(rows):
     return np.stack([x, y, np.broadcast_to(z, x.shape)], -1)
 
 
-def light_on(matte, finer=4):
-    """Returns the light (9,3) by which white matte surfaces have a radiance `matte` (rows,2 rows,3) by their normal.
-
-    Each is the mean over a pixel of `sphere`, as is the basis, by `finer` samples a side.
-    """
+def light_on(matte):
+    """Returns the light (9,3) by which white matte surfaces have a radiance `matte` (rows,2 rows,3) by their normal."""
     rows = len(matte)
-    values = basis(sphere(rows * finer)).reshape(rows, finer, 2 * rows, finer, 9).mean((1, 3))
-    weight = np.sqrt(np.sin(np.pi * (np.arange(rows) + 0.5) / rows))[:, None, None]
-    return np.linalg.lstsq((weight * values).reshape(-1, 9), (weight * matte).reshape(-1, 3), rcond=None)[0] / MATTE
+    size = np.sin(np.pi * (np.arange(rows) + 0.5) / rows)[:, None, None] * (np.pi / rows) ** 2  # of a pixel, in sr
+    return np.tensordot(basis(sphere(rows)), size * matte, ((0, 1), (0, 1))) / MATTE
 
 
 def rotation(axes):

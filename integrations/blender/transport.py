@@ -2,7 +2,7 @@
 
 import subprocess
 import tempfile
-from contextlib import suppress
+import time
 from pathlib import Path
 
 import bpy
@@ -13,9 +13,9 @@ from .light import Problem, rotation
 
 NAMES = [f"transport.{name}.Y" for name in "L0M0 L1Mn1 L1M0 L1M1 L2Mn2 L2Mn1 L2M0 L2M1 L2M2".split()]
 AXES = "relight_axes"  # property of an object that follows the world: its axes (3,3) when its transport was made
-POINTS, BESIDE = "relight_points", "relight_beside"  # and of a baked one: points of it (N,3), and the next one's name
+POINTS, BESIDE = "relight_points", "relight_beside"  # and then of a baked one: points (N,3); what was baked with it
 MANY = 500  # of these points at most
-SAME = 0.01  # of the size: what points may be off in the same shape
+SAME = 0.005  # of the size: what points may be off in the same shape
 MARK = "relight_mark"  # attribute of a bake, by which vertices are known behind modifiers
 FEW = 100  # vertices of a mesh that is too coarse for light per vertex
 
@@ -49,8 +49,7 @@ def bake(items, program, rays):
         try:
             while run.poll() is None:
                 yield ["relight", *Path(said.name).read_text().splitlines()][-1]
-                with suppress(subprocess.TimeoutExpired):
-                    run.wait(0.05)
+                time.sleep(0.05)
             last = ["it wrote nothing: is it relight?", *Path(said.name).read_text().splitlines()][-1]
         finally:
             run.kill()
@@ -69,8 +68,8 @@ def bake(items, program, rays):
     for (name, (_, own, *_)), item in zip(parts.items(), found):
         if not item or item.mode == "EDIT" or len(item.data.vertices) != own:
             raise Problem(f"{name} was changed in the meantime: bake it again")
-    for item, (start, own, *shape), beside in zip(found, parts.values(), [*parts][1:] + [*parts][:1]):
-        item[AXES], item[POINTS], item[BESIDE] = *shape, beside
+    for item, (start, own, *shape) in zip(found, parts.values()):
+        item[AXES], item[POINTS], item[BESIDE] = *shape, "\n".join(name for name in parts if name != item.name)
         for name, third in zip(shader.TRANSPORT, np.split(transport[start : start + own], 3, axis=1)):
             if name in item.data.color_attributes:
                 item.data.color_attributes.remove(item.data.color_attributes[name])
@@ -83,15 +82,6 @@ def bake(items, program, rays):
             slot.material, told = shader.lit_copy(material, item.name, sources)
             notes += told
     yield notes
-
-
-def together(names):
-    """Returns the objects of these names, and those that were baked with them."""
-    found = {}
-    for name in names:
-        while name not in found and (item := bpy.data.objects.get(name)):
-            found[name], name = item, item.get(BESIDE, name)
-    return [*found.values()]
 
 
 def evaluated(item, depsgraph):
@@ -133,31 +123,34 @@ def axes(item):
     return left @ right
 
 
-def turned(item, items):
+def places(items):
+    """Returns the points of evaluated objects by their names and files: those of the bake, and now."""
+    return {(item.name, item.library): (np.reshape(item.get(POINTS, ()), (-1, 3)), sample(item)) for item in items}
+
+
+def turned(item, places):
     """Returns how an evaluated object is turned since its transport was made (3,3), and if all is as it was then.
 
-    A rotation may be applied to a mesh, or be that of bones, so its points tell it (Kabsch 1976, and a change of size);
-    if they have changed, or lie in a plane, its axes do. The next of the objects baked with it has to turn as it does.
+    A rotation may be applied to a mesh, or be that of bones, so points tell it, its own and those of what was baked
+    with it (Kabsch 1976, and a change of size); if they have changed, or lie in a plane, its axes do.
     """
     by_axes = axes(item) @ np.reshape(item[AXES], (3, 3)).T
     if POINTS not in item:
         return by_axes, True
-    pairs = [(np.reshape(each[POINTS], (-1, 3)), sample(each)) for each in items if each.name == item.name]
-    pairs += [(np.reshape(each[POINTS], (-1, 3)), sample(each)) for each in items if each.name == item[BESIDE]]
-    if len(pairs) < 2 or any(then.shape != now.shape or np.isnan(now).any() for then, now in pairs):
+    pairs = [places.get((name, item.library)) for name in (item.name, *item[BESIDE].splitlines())]
+    if not all(pairs) or any(then.shape != now.shape or np.isnan(now).any() for then, now in pairs):
         return by_axes, False
-    (then, now), _ = pairs
-    across = (now - now.mean(0)).T @ (then - then.mean(0))
+    then, now = (np.concatenate(points) - np.concatenate(points).mean(0) for points in zip(*pairs))
+    across = now.T @ then
     left, sizes, right = np.linalg.svd(across)
     found = left @ right if sizes[2] > 1e-6 * sizes[0] else by_axes
-    found = found * np.sum(found * across) / np.square(then - then.mean(0)).sum()
-    limit = SAME * np.abs(now - now.mean(0)).max()
-    same = [np.abs(b - now.mean(0) - (a - then.mean(0)) @ found.T).max() < limit for a, b in pairs]
-    return left @ right if same[0] and sizes[2] > 1e-6 * sizes[0] else by_axes, all(same)
+    off = now - then @ found.T * np.sum(found * across) / np.square(then).sum()
+    same = np.abs(off).max() < SAME * np.ptp(pairs[0][1], 0).max()
+    return found if same else by_axes, same
 
 
 def read_maps(path):
-    """Returns albedo (H,W,3), transport (H,W,9) and coverage (H,W) of maps of relight, the top row first.
+    """Returns albedo and coverage (H,W,4) and transport (H,W,9) of maps of relight, the top row first.
 
     Albedo and transport are continued beyond the figure, since renders interpolate across its edge.
     """
@@ -180,24 +173,23 @@ def read_maps(path):
     holes = oiio.ImageBuf(np.ascontiguousarray(np.dstack([values[..., :12] * known, known]), np.float32))
     holes.specmod().alpha_channel = 12
     filled = oiio.ImageBufAlgo.fillholes_pushpull(holes).get_pixels()
-    return filled[..., :3], filled[..., 3:12], values[..., 12]
+    return np.dstack([filled[..., :3], values[..., 12]]), filled[..., 3:12]
 
 
 def add_plane(path, context):
     """Adds an upright plane, two units high, that shows maps and faces -y, as people in Blender do; returns notes."""
-    albedo, transport, coverage = read_maps(path)
-    height, width = coverage.shape
+    albedo, transport = read_maps(path)
+    height, width, _ = albedo.shape
     name, right = Path(path).stem, width / height
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata([(-right, 0, -1), (right, 0, -1), (right, 0, 1), (-right, 0, 1)], [], [(0, 1, 2, 3)])
     mesh.uv_layers.new().data.foreach_set("uv", [0, 0, 1, 0, 1, 1, 0, 1])
-    layers = {"Albedo": np.dstack([albedo, coverage])}
     upright = rotation([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # maps have y up, and z toward the viewer
-    for target, third in zip(shader.TRANSPORT, np.split(transport @ upright, 3, axis=2)):
-        layers[target] = np.dstack([third, np.ones_like(coverage)])
+    thirds = np.split(transport @ upright, 3, axis=2)
 
     def sources(nodes):
-        for target, values in layers.items():
+        for target, values in zip(("Albedo", *shader.TRANSPORT), (albedo, *thirds)):
+            values = np.pad(values, ((0, 0), (0, 0), (0, 4 - values.shape[2])), constant_values=1)
             node = nodes.new("ShaderNodeTexImage")
             image = bpy.data.images.new(f"{name} {target}", width, height, alpha=True, float_buffer=True, is_data=True)
             image.alpha_mode = "CHANNEL_PACKED"  # otherwise colors count as multiplied by alpha

@@ -11,9 +11,9 @@ import numpy as np
 from .light import Problem, light_on
 
 ROWS, SAMPLES = 32, 16  # of the render, and of each of its pixels: lights are right to half a percent
-WIDTH = 1024  # pixels of the largest panorama that is rendered as it is
+WIDTH = 1024  # pixels of a side to which Cycles shrinks panoramas: less noise
 PLACEMENT = {"rna_type", "location", "location_absolute", "width", "height", "dimensions", "select"}
-LIGHTS = {}  # coefficients (9,3) by `state`
+LIGHTS = {}  # coefficients (9,3) by `state`: each is rendered once
 
 
 def state(world, frame):
@@ -28,7 +28,7 @@ def leaves(thing):
     names = ["nodes", "links"] if isinstance(thing, bpy.types.NodeTree) else thing.bl_rna.properties.keys()
     for name, value in ((name, getattr(thing, name)) for name in names if name not in PLACEMENT):
         if isinstance(value, bpy.types.Image):
-            yield origin(value), value.source
+            yield value.name_full, value.filepath, value.source, value.alpha_mode, value.colorspace_settings.name
         elif isinstance(value, bpy.types.Node | bpy.types.NodeSocket):  # of a link
             yield value.name, getattr(value, "identifier", "")
         elif isinstance(value, bpy.types.ID) and not isinstance(value, bpy.types.NodeTree):
@@ -42,19 +42,14 @@ def leaves(thing):
             yield name, list(value) if isinstance(value, bpy.types.bpy_prop_array) else value
 
 
-def light(scene, world, key):
-    """Returns the light (9,3) of an evaluated world, rendered once for each `state`; raises Problem if that fails."""
-    if key not in LIGHTS:
-        LIGHTS[key] = light_on(render(scene, world)) if world else np.zeros((9, 3))
-    return LIGHTS[key]
-
-
 def render(scene, world):
-    """Returns how white matte surfaces look in the evaluated world of a scene, as `light_on` takes it.
+    """Returns the light (9,3) of the evaluated world of a scene; raises Problem if Cycles does not render it.
 
     A panoramic camera stands in a white ball that only cameras see: the point that it sees in a direction is a matte
     surface, lit by all of the world, whose normal is the opposite direction. No handlers are called.
     """
+    if not world:
+        return np.zeros((9, 3))
     import OpenImageIO  # only Blender itself has it on its path
 
     made = []
@@ -68,7 +63,9 @@ def render(scene, world):
         tree.animation_data_clear()
         for node in tree.nodes:
             if image := getattr(node, "image", None):
-                node.image = shrunk(image.original)
+                node.image = image.original
+                if not node.image.size[0]:  # it is read here, if it is not in memory
+                    raise Problem(f"the panorama {image.name} has no pixels: its file is missing")
             if seen := getattr(node, "object", None):
                 node.object = new("objects", None)
                 node.object.matrix_world = seen.matrix_world
@@ -87,6 +84,7 @@ def render(scene, world):
         made.append(own.world)
         still(own.world.node_tree)
         own.world.cycles.sampling_method, own.world.cycles.sample_map_resolution = "MANUAL", WIDTH
+        own.render.use_simplify, own.cycles.texture_limit_render = True, str(WIDTH)
         ball = bmesh.new()
         bmesh.ops.create_icosphere(ball, subdivisions=5, radius=1)
         ball.to_mesh(mesh)
@@ -119,27 +117,4 @@ def render(scene, world):
         bpy.data.batch_remove(made)
         for each, calls in zip(handlers, kept):
             each[:] = calls
-    return np.roll(pixels[::-1], ROWS, 1)[..., :3]  # from below, and from behind: the opposite
-
-
-def origin(image):
-    """Returns a text that tells pictures apart."""
-    return f"{image.name_full} {image.filepath} {image.alpha_mode} {image.colorspace_settings.name}"
-
-
-def shrunk(image):
-    """Returns a panorama that is WIDTH wide at most, since Cycles reads all of it in each render."""
-    name = f".relight {image.name}"  # Blender lists no names with a dot
-    small = bpy.data.images.get(name)
-    if small and small["origin"] == origin(image) and LIGHTS:  # without lights, all is rendered again
-        return small
-    if not image.size[0]:  # it is read here, if it is not in memory
-        raise Problem(f"the panorama {image.name} has no pixels: its file is missing")
-    if image.size[0] <= WIDTH or image.is_dirty or image.source not in {"FILE", "GENERATED"}:
-        return image
-    if small:
-        bpy.data.images.remove(small)
-    small = image.copy()
-    small.name, small["origin"] = name, origin(image)
-    small.scale(WIDTH, WIDTH // 2)
-    return small
+    return light_on(np.roll(pixels[::-1], ROWS, 1)[..., :3])  # from below, and from behind: the opposite

@@ -47,8 +47,8 @@ def test_light_on_matte_surfaces_is_found_again(light):
     coefficients = np.random.default_rng(1).normal(size=(9, 3))
     share = np.array([1, 2 / 3, 2 / 3, 2 / 3, 1 / 4, 1 / 4, 1 / 4, 1 / 4, 1 / 4])[:, None]
     fine = light.basis(light.sphere(160)) @ (share * coefficients)
-    means = fine.reshape(16, 10, 32, 10, 3).mean((1, 3))
-    np.testing.assert_allclose(light.light_on(means), coefficients, atol=2e-3)
+    means = fine.reshape(32, 5, 64, 5, 3).mean((1, 3))
+    np.testing.assert_allclose(light.light_on(means), coefficients, atol=8e-3)
 
 
 def test_rotation_is_that_of_relight(light):
@@ -211,6 +211,40 @@ def test_a_duplicate_turns_on_its_own(addon, scene, linked):
     bpy.context.view_layer.update()
     np.testing.assert_array_equal(light_of(addon, item), before)
     assert np.abs(light_of(addon, copy) - before).max() > 0.5
+    copy.location.x = 3
+    assert told(addon) == []
+
+
+def test_what_is_appended_twice_is_lit_twice(addon, scene, tmp_path):
+    head()
+    bpy.ops.relight.bake_transport(rays=16)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"), copy=True)
+    for x in (2, 4):
+        with bpy.data.libraries.load(str(tmp_path / "library.blend")) as (_, new):
+            new.objects = ["Suzanne"]
+        scene.collection.objects.link(new.objects[0])
+        new.objects[0].location.x = x
+    scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = 2
+    assert told(addon) == []
+    first, *others = (light_of(addon, item) for item in scene.objects if item.type == "MESH")
+    assert len(others) == 2
+    np.testing.assert_allclose(others, [first] * 2, atol=1e-6)
+
+
+def test_two_windows_of_other_worlds_do_not_take_turns(addon, scene):
+    """The first window that shows an object has its light; the panel tells it of another one."""
+    item, two = head(), bpy.data.scenes.new("two")
+    bpy.ops.relight.bake_transport(rays=16)
+    mine = light_of(addon, item)
+    two.world = bpy.data.worlds.new("other")
+    two.collection.objects.link(item)
+    for shown in (two, scene):  # one after the other in one window: each has its own
+        bpy.context.window.scene = shown
+        bpy.context.view_layer.update()
+        assert (np.abs(light_of(addon, item) - mine).max() < 1e-6) == (shown == scene)
+    addon.follow(two, two.view_layers[0].depsgraph)
+    np.testing.assert_array_equal(light_of(addon, item), mine)
+    assert addon.WARNINGS == ["Suzanne has the light of another window: give this scene a copy of it"]
 
 
 def test_mirrored_objects_bake_and_turn_as_mirrors(addon, scene, tmp_path):
@@ -401,7 +435,7 @@ def test_what_another_file_holds_has_the_light_of_this_one(addon, scene, tmp_pat
     np.testing.assert_allclose(light_of(addon, linked.objects[0]), once, atol=1e-3)
 
 
-def test_a_large_panorama_is_shrunk_once(addon, scene):
+def test_a_large_panorama_gives_the_same_light(addon, scene):
     item, panorama = head(), next(node for node in scene.world.node_tree.nodes if node.type == "TEX_ENVIRONMENT")
     bpy.ops.relight.bake_transport(rays=16)
     before = light_of(addon, item)
@@ -413,13 +447,9 @@ def test_a_large_panorama_is_shrunk_once(addon, scene):
     panorama.image = large
     bpy.context.view_layer.update()
     np.testing.assert_allclose(light_of(addon, item), before, atol=0.02)
-    shrunk = bpy.data.images[".relight large"]
-    assert tuple(shrunk.size) == (1024, 512)
-    shrunk["mark"] = 1
     panorama.texture_mapping.rotation[2] = 1
     bpy.context.view_layer.update()
     assert np.abs(light_of(addon, item) - before).max() > 0.1 and not addon.WARNINGS
-    assert bpy.data.images[".relight large"]["mark"] == 1
 
 
 def test_what_cannot_be_followed_is_told_in_the_panel(addon, scene):
