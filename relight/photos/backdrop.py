@@ -29,7 +29,9 @@ def camera_view(panorama: Panorama, shape: tuple[int, int], turn: float = 0.0, b
     """
     height, width = shape
     focal = focal_length(shape)
-    sigma = max(np.radians(blur), 0.5 * pixel_angle(panorama)) * focal
+    rows, columns = panorama.pixels.shape[:2]
+    around = columns if panorama.layout in ("latlong", "angular", "ball") else 4 * np.sqrt(rows * columns / 6)
+    sigma = max(np.radians(blur), np.pi / around) * focal
     step = max(1, int(sigma / 3))  # a blurred view has no detail: fewer pixels will do
     y, x = np.meshgrid(
         (height / 2 - np.arange(step / 2, height + step / 2, step)) / focal,
@@ -65,10 +67,3 @@ def resized(view: np.ndarray, shape: tuple[int, int], extent: tuple[float, float
 def focal_length(shape: tuple[int, int]) -> float:
     """Returns the focal length of a photo (H,W), pixels."""
     return float(max(shape) / 2 / np.tan(np.radians(FIELD_OF_VIEW / 2)))
-
-
-def pixel_angle(panorama: Panorama) -> float:
-    """Returns the angle between neighbouring pixels, radians, approximately."""
-    height, width = panorama.pixels.shape[:2]
-    across = {"latlong": width, "angular": width, "ball": width}.get(panorama.layout, 4 * np.sqrt(height * width / 6))
-    return 2 * np.pi / across

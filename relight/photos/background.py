@@ -120,7 +120,8 @@ class Background:
             return np.broadcast_to(LINEAR[self.color], (*shape, 3))
         if self.kind == "picture" and self.picture is not None:
             gain = np.float32(self.tint) * np.ones(3, np.float32) * 2**stops
-            behind = LINEAR[resize_to_cover(next(self.film) if self.film else self.picture, shape)]
+            shown = Image.fromarray(next(self.film) if self.film else self.picture)
+            behind = LINEAR[np.asarray(ImageOps.fit(shown, shape[::-1], Image.Resampling.LANCZOS))]  # it covers all
             return apply_gain(blurred(behind, self.blur) if self.blur else behind, gain)
         assert self.panorama is not None  # the one kind that is left
         view = camera_view(self.panorama, shape, turn=turn, blur=self.blur)
@@ -151,14 +152,13 @@ def read_background(
     if text in ("keep", "transparent", "panorama"):
         return Background(text, blur=blur, shadow=shadow, name=text)
     path = Path(text)
-    if is_video(path) if path.is_file() else path.is_dir() and text not in ImageColor.colormap:
-        if not moving:
-            raise UserError(f"background {text} is a clip, which is for `relight movie`: give a picture")
-        codes = on_white(next(read_frames(path)[0]).rgba)
-        return Background("picture", picture=codes, blur=blur, shadow=shadow, name=text, clip=path)
-    if is_picture(text):
-        codes = on_white(Picture.of(text, "background").rgba)
-        return Background("picture", picture=codes, blur=blur, shadow=shadow, name=text)
+    is_clip = is_video(path) if path.is_file() else path.is_dir() and text not in ImageColor.colormap
+    if is_clip and not moving:
+        raise UserError(f"background {text} is a clip, which is for `relight movie`: give a picture")
+    if is_clip or is_picture(text):
+        codes = on_white((next(read_frames(path)[0]) if is_clip else Picture.of(text, "background")).rgba)
+        clip = path if is_clip else None
+        return Background("picture", picture=codes, blur=blur, shadow=shadow, name=text, clip=clip)
     try:
         color = np.array(ImageColor.getrgb(text)[:3], np.uint8)
     except ValueError:
@@ -182,8 +182,3 @@ def estimate_white(picture: np.ndarray) -> np.ndarray:
 def _hue(color: np.ndarray) -> np.ndarray:
     """Returns a color (3,) scaled to luminance 1, with no channel below a fifth."""
     return np.maximum(color / max(float(luminance(color)), 1e-6), 0.2)
-
-
-def resize_to_cover(picture: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Scales a picture (h,w,3) uint8 to fill `shape` (H,W) and cuts it around the middle."""
-    return np.asarray(ImageOps.fit(Image.fromarray(picture), shape[::-1], Image.Resampling.LANCZOS))

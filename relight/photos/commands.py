@@ -61,13 +61,7 @@ Turn = Annotated[
 Stops = Annotated[float, lit(min=-8, max=8, metavar="STOPS", help="Brighten the result; negative: darken it.")]
 Absolute = Annotated[bool, lit("--absolute", help="Keep the light's own strength, not matched to the photo.")]
 Behind = Annotated[
-    str,
-    behind(
-        "--background",
-        "-b",
-        metavar="WORD",
-        help="keep, transparent, panorama, a color (#334455), a picture; of a movie, also a clip.",
-    ),
+    str, behind("--background", "-b", metavar="WORD", help="keep, transparent, panorama, a color, a picture, a clip.")
 ]
 Blur = Annotated[float, behind(min=0, max=60, metavar="DEGREES", help="Blur of the panorama or picture behind.")]
 Shadow = Annotated[bool, behind(help="Cast shadows on the ground of a new background.")]

@@ -75,7 +75,8 @@ def relight_file(
     """
     writable_folder(out, "--out")
     for given in _inputs(path, mask, look, options.get("lit_by")):
-        if given.is_file() and given.resolve().parent == out.resolve() and is_result(given):
+        stem = re.sub(r"_\d+$", "", given.name.split(".")[0])
+        if given.is_file() and given.resolve().parent == out.resolve() and stem in RESULTS:
             raise UserError(f"{given} is in the folder of results and would be overwritten: give another --out")
     scene = Scene.of(path, mask, network, **options)
     picture, people = scene.picture, scene.people
@@ -162,11 +163,6 @@ def _inputs(path: Path, mask: Path | None, look: Look, lit_by: Light | str | Non
     """Returns what may be files among the words that say how a photo is relit."""
     lights = [split_place(part)[0] for text in (look.words["light"], str(lit_by)) for part in parts_of(text)]
     return [Path(given) for given in (path, mask or mask_beside(path), look.background.name, *lights) if given]
-
-
-def is_result(path: Path) -> bool:
-    """Returns whether a file has the name of one that `relight_file` writes."""
-    return re.sub(r"_\d+$", "", path.name.split(".")[0]) in RESULTS
 
 
 @dataclass

@@ -71,7 +71,14 @@ def write_maps(folder: Path, scene: Scene) -> None:
                 pictures[name][window][own, :3] = codes
     for name, picture in pictures.items():
         write_picture(folder / f"{name}.png", picture)
-    _write_layers(folder / "maps.exr", scene)
+    channels, top, left = layers(scene)
+    windows = {"displayWindow": (0, 0, *scene.picture.shape), "dataWindow": (top, left, *channels["coverage.A"].shape)}
+    header = {  # OpenEXR's windows hold the last pixel
+        name: (np.array([x, y], np.int32), np.array([x + width - 1, y + height - 1], np.int32))
+        for name, (y, x, height, width) in windows.items()
+    }
+    unoccluded = "mean unoccluded direction: the surface's normal where nothing is occluded"
+    write_exr(folder / "maps.exr", channels, {**header, "normal": unoccluded})
 
 
 def layers(scene: Scene) -> tuple[dict[str, np.ndarray], int, int]:
@@ -99,17 +106,6 @@ def layers(scene: Scene) -> tuple[dict[str, np.ndarray], int, int]:
             for name, channel in zip(names, values.T):
                 channels[name][window][own] = channel
     return channels, top, left
-
-
-def _write_layers(path: Path, scene: Scene) -> None:
-    channels, top, left = layers(scene)
-    (height, width), (rows, columns) = scene.picture.shape, channels["coverage.A"].shape
-    header = {
-        "displayWindow": _window(0, 0, width, height),
-        "dataWindow": _window(left, top, left + columns, top + rows),
-        "normal": "mean unoccluded direction: the surface's normal where nothing is occluded",
-    }
-    write_exr(path, channels, header)
 
 
 def placed_maps(
@@ -141,8 +137,3 @@ def write_light_files(stem: Path, coefficients: np.ndarray, source: str) -> None
     write_light(light, stem.with_name(f"{stem.name}.json"))
     ball = np.round(lit_ball(light.coefficients, 256) * 255).astype(np.uint8)
     write_picture(stem.with_name(f"{stem.name}.png"), ball)
-
-
-def _window(left: int, top: int, right: int, bottom: int) -> tuple[np.ndarray, np.ndarray]:
-    # OpenEXR's windows hold the last pixel.
-    return np.array([left, top], np.int32), np.array([right - 1, bottom - 1], np.int32)

@@ -157,7 +157,7 @@ def test_doubts_name_limbs_and_places():
         assert one == "a part apart from the body, at the upper left, may be a thing, or background"
     solid = np.where(trunk | legs, np.uint8(255), np.uint8(0))
     (one,) = mask_doubts(solid, [replace(body, score=0.65)])
-    assert one == "hardly recognized as a person: parts may be missing"
+    assert one == "hardly recognized as a person: the mask may be wrong"
     (one,) = mask_doubts(solid, [replace(body, seen=body.seen * np.where(y < 160, 0.7, 1).astype(np.float32))])
     assert one == "the outline is unclear: background may be in the mask"
     neighbour = np.roll(trunk | legs, 70, 1)

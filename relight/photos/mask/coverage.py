@@ -84,8 +84,8 @@ def _of_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
     codes = (values.astype(np.int32) << [16, 8, 0]).sum(-1)
     used = np.unique(codes)
     if len(used) == 2:
-        person = _person_of(used.tolist())
-        if person is None:
+        person = used.max() if 0 in used else 0xFFFFFF  # what is not black, else what is white
+        if person not in used:
             both = " and ".join(f"#{code:06x}" for code in used)
             raise UserError(f"{what} has the two colors {both}, neither of which is black or white: {WANTED}")
         notes = [f"{what} has two colors: #{person:06x} is taken for the person"]
@@ -99,10 +99,3 @@ def _of_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
         raise UserError(f"{what} has a background that is not black: {WANTED}")
     notes = [f"{what} is drawn in one color, which is taken for white"]
     return np.round(share.clip(0, 1) * 255).astype(np.uint8).reshape(values.shape[:2]), notes
-
-
-def _person_of(colors: list[int]) -> int | None:
-    """Returns which of two colors 0xRRGGBB marks the person: the one that is not black, else white; None if neither."""
-    if 0 in colors:
-        return max(colors)
-    return 0xFFFFFF if 0xFFFFFF in colors else None

@@ -110,10 +110,8 @@ def mask_warnings(coverages: Sequence[np.ndarray], bodies: Sequence[Body | None]
         least = 0.1 * min(solid.shape)
         cut = [name for name, side in SIDES.items() if (coverage[side] >= MASK_THRESHOLD).sum() > least]
         if cut:
-            warnings.append(
-                f"{who} is cut by the photo's {_listed(cut)} edge{'s' * (len(cut) > 1)}: "
-                "whole figures are inferred best"
-            )
+            edges = " and ".join(filter(None, [", ".join(cut[:-1]), f"{cut[-1]} edge{'s' * (len(cut) > 1)}"]))
+            warnings.append(f"{who} is cut by the photo's {edges}: whole figures are inferred best")
     return warnings
 
 
@@ -136,7 +134,7 @@ def _doubts(own: np.ndarray, body: Body | None, coverage: np.ndarray, bodies: Se
     """Doubts about one person's `own` mask of the whole `coverage`; what a neighbour has is no doubt about them."""
     if body is None:
         return ["no joints were found in this part of the mask: it may be a thing, or background"]
-    doubts = ["hardly recognized as a person: parts may be missing"] * (body.score < KNOWN_AS)
+    doubts = ["hardly recognized as a person: the mask may be wrong"] * (body.score < KNOWN_AS)
     if ((body.seen > 0.1) & (body.seen < 0.9)).sum() > UNCLEAR * (body.seen > 0.5).sum():
         doubts.append("the outline is unclear: background may be in the mask")
     rows, columns = extent(own >= MASK_THRESHOLD)
@@ -177,11 +175,6 @@ def is_inverted(solid: np.ndarray) -> bool:
     edges = np.concatenate([solid[side] for side in SIDES.values()])
     middle = solid[tuple(slice(side // 3, side - side // 3) for side in solid.shape)]
     return bool(solid[0].mean() > 0.5 and edges.mean() > min(0.6, middle.mean()))
-
-
-def _listed(words: list[str]) -> str:
-    """Returns words as English lists them: a, b and c."""
-    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
 def count_heads(solid: np.ndarray) -> int:
