@@ -54,9 +54,7 @@ class Relighter:
         """Returns the people of `scene`, from left to right, and shows its notes as warnings.
 
         Args:
-            image: as `scene` takes it.
-            mask: likewise.
-            **options: likewise.
+            image, mask, **options: as `scene` takes them.
         """
         scene = self.scene(image, mask, **options)
         _warn(scene)

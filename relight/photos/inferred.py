@@ -164,8 +164,7 @@ def read_light(
             radiance coefficients, or `auto`.
         network: whose order named lights have, and which infers the light of a photo; by default the one that comes
             with the package.
-        mask_model: for an automatic mask of that photo.
-        white_balance: of that photo.
+        mask_model, white_balance: for that photo, as in `Inferred.of`.
 
     Returns:
         The light; None for `auto`.

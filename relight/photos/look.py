@@ -28,9 +28,7 @@ class Look:
         turn: of the light about the vertical axis, its front toward +x, degrees.
         stops: exposure, as a power of two, from -8 to 8.
         match: whether the light is scaled to the picture's exposure.
-        network: as `read_light` takes it, and so are the others.
-        mask_model: likewise.
-        white_balance: likewise.
+        network, mask_model, white_balance: as `read_light` takes them.
 
     Raises:
         UserError: if an argument is not one of these.

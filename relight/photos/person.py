@@ -52,12 +52,8 @@ class Person:
     body: Body | None = None
 
     def __repr__(self) -> str:
-        height, width = self.coverage.shape
-        rows, columns = self.crop.window
-        return (
-            f"Person(rows {rows.start} to {rows.stop}, columns {columns.start} to {columns.stop} of {width} x {height} "
-            f"pixels; {len(self.light)} coefficients)"
-        )
+        rows, columns = (f"{part.start} to {part.stop}" for part in self.crop.window)
+        return f"Person(rows {rows}, columns {columns}; {len(self.light)} coefficients)"
 
     @cached_property
     def shading(self) -> np.ndarray:

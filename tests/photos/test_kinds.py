@@ -411,35 +411,29 @@ def pages(path, *kinds):
     return path
 
 
-STILL = {
-    "jpg of a camera": lambda p: saved(p.with_suffix(".jpg"), [SMOOTH, RGB[::2, ::2]], format="MPO", quality=95),
-    "tif with a preview": lambda p: pages(p.with_suffix(".tif"), 0, 1),
-    "tif with a mask": lambda p: pages(p.with_suffix(".tif"), 0, 4),
-    "gif of one frame": lambda p: saved(p.with_suffix(".gif"), [SMOOTH]),
+TWO = [RGB, 255 - RGB]
+# file of several pictures -> the first of a picture and its previews, or what is said of films and pages
+SEVERAL = {
+    "a.jpg": (lambda p: saved(p, [SMOOTH, RGB[::2, ::2]], format="MPO", quality=95), SMOOTH),
+    "preview.tif": (lambda p: pages(p, 0, 1), RGB),
+    "mask.tif": (lambda p: pages(p, 0, 4), RGB),
+    "one.gif": (lambda p: saved(p, [SMOOTH]), SMOOTH),
+    "a.webp": (lambda p: saved(p, TWO, lossless=True), "animated"),
+    **{f"a.{kind}": (lambda p: saved(p, TWO), "animated") for kind in ("png", "gif", "avif")},
+    "pages.tif": (lambda p: pages(p, 0, 0), "has 2 pages: save one of them"),
 }
 
 
-@pytest.mark.parametrize("name", STILL)
-def test_read_photo_takes_the_first_of_a_picture_and_its_previews(tmp_path, name):
-    photo = Picture.of(STILL[name](tmp_path / "a"))
-    want = SMOOTH if name.startswith(("jpg", "gif")) else RGB
-    assert photo.pixels.shape == want.shape and np.abs(photo.pixels.astype(int) - want).mean() < 3
-
-
-MOVING = {
-    "webp": (lambda p: saved(p.with_suffix(".webp"), [RGB, 255 - RGB], format="WEBP", lossless=True), "animated"),
-    "png": (lambda p: saved(p.with_suffix(".png"), [RGB, 255 - RGB]), "animated"),
-    "gif": (lambda p: saved(p.with_suffix(".gif"), [RGB, 255 - RGB]), "animated"),
-    "avif": (lambda p: saved(p.with_suffix(".avif"), [RGB, 255 - RGB]), "animated"),
-    "tif of two pages": (lambda p: pages(p.with_suffix(".tif"), 0, 0), "has 2 pages: save one of them"),
-}
-
-
-@pytest.mark.parametrize("name", MOVING)
-def test_read_photo_refuses_films_and_pages(tmp_path, name):
-    make, says = MOVING[name]
-    with pytest.raises(UserError, match=says):
-        Picture.of(make(tmp_path / "a"))
+@pytest.mark.parametrize("name", SEVERAL)
+def test_read_photo_of_several_pictures(tmp_path, name):
+    make, found = SEVERAL[name]
+    path = make(tmp_path / name)
+    if isinstance(found, str):
+        with pytest.raises(UserError, match=found):
+            Picture.of(path)
+    else:
+        photo = Picture.of(path)
+        assert photo.pixels.shape == found.shape and np.abs(photo.pixels.astype(int) - found).mean() < 3
 
 
 def rgba(pixels):
