@@ -20,7 +20,9 @@ from rocrate.model import ContextEntity, Entity
 from rocrate.rocrate import ROCrate
 
 from relight.core.errors import UserError
+from relight.lab.checks import changed, results_of
 from relight.lab.made import Record, changed_code, outdated, read
+from relight.lab.plan import Plan
 from relight.lab.record import read_record
 
 ROOT = Path(__file__).parents[1]
@@ -51,7 +53,12 @@ def pack(name: str) -> Path:
         UserError: if the run is not finished, is of other code, or has the data of another run.
     """
     out, build = Path("results", name), ROOT / "build"
-    jobs, overrides = jobs_of(out), read_record(out)["overrides"]
+    jobs, overrides = jobs_of(out), [word for word in read_record(out)["overrides"] if not word.startswith("name=")]
+    plan = Plan(read_record(out))
+    if other := sorted(changed(plan, results_of(plan))):
+        raise UserError(
+            f"{out} was made with other settings than its last command's ({', '.join(other)}): run it again"
+        )
     crate = ROCrate(version="1.1")  # of which the profile is
     crate.name = f"The run {name} of relight"
     crate.description = "Settings, records of jobs, networks, scores and report of a run, and the source to repeat it"

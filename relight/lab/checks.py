@@ -11,7 +11,7 @@ from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.core.text import read_table
 from relight.figures.draw.constraints import Constraints
-from relight.lab.made import outdated, read, records_of, restore
+from relight.lab.made import outdated, read, record_file, records_of, restore
 from relight.lab.plan import DATA, Plan
 from relight.lab.record import read_record
 from relight.meshes.alignment import read_align_table
@@ -107,10 +107,15 @@ def changed(plan: Plan, outputs: Iterable[str]) -> dict[str, tuple[Any, Any]]:
     return found
 
 
+def results_of(plan: Plan) -> list[str]:
+    """Returns the outputs whose settings tell those of all: the data, the split and the networks."""
+    return [*(f"{plan.data}/{name}" for name in DATA), f"{plan.out}/split.json", *map(plan.network, plan.trainings)]
+
+
 def changes(plan: Plan) -> Iterator[str]:
     """Gives Snakemake the records of a run's results, and yields what to say of them before it begins."""
-    data, networks = [f"{plan.data}/{name}" for name in DATA], [*map(plan.network, plan.trainings)]
-    if settings := sorted(changed(plan, [*data, f"{plan.out}/split.json", *networks])):
+    made = results_of(plan)
+    if settings := sorted(changed(plan, made)):
         more = f" and {len(settings) - 4} more" if len(settings) > 4 else ""
         yield (
             f"{plan.out} was made with other settings ({', '.join(settings[:4])}{more}): what depends on them is made "
@@ -124,9 +129,10 @@ def changes(plan: Plan) -> Iterator[str]:
     }
     for reason in sorted(told)[:4]:
         yield f"since {plan.out} was made: {reason}"
-    for output in (*data, *networks):
-        if os.path.exists(output) and not read(output):
-            yield f"{output} has no record of how it was made, and is kept"
+    made += [f"{plan.data}/{kind}/{batch}" for kind in ("figures", "aligned", "maps") for batch in plan.batches]
+    if unknown := [output for output in made if os.path.exists(output) and not record_file(output).exists()]:
+        more = f", and {len(unknown) - 1} more like it" if len(unknown) > 1 else ""
+        yield f"{unknown[0]} has no record of how it was made, and is kept{more}"
 
 
 def _rows(plan: Plan) -> Iterator[str]:

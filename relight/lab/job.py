@@ -33,8 +33,8 @@ def job(snakemake: Any) -> Iterator[set[str]]:
         snakemake: the object that Snakemake gives to scripts.
     """
     end_with(snakemake.config["job"]["process"])
-    name = " ".join([snakemake.rule, *filter(None, snakemake.wildcards)])
-    with copied_output(snakemake.log[0], f"{name}: "):
+    name, log = " ".join([snakemake.rule, *filter(None, snakemake.wildcards)]), Path(snakemake.log[0])
+    with keeping(log), copied_output(str(log), f"{name}: "):
         try:
             outputs, params = [*snakemake.output], dict(snakemake.params.items())
             rule = Path(sys.modules["__main__"].__file__ or "").stem  # of the script: `module` may give a prefix
@@ -46,9 +46,9 @@ def job(snakemake: Any) -> Iterator[set[str]]:
         except Exception as error:
             print(sentence_of(error) or traceback.format_exc(), file=sys.stderr)
             sys.exit(1)
-    with open(snakemake.log[0], "a", encoding="utf-8") as log:
+    with open(log, "a", encoding="utf-8") as file:
         used = resource.getrusage(resource.RUSAGE_SELF)
-        log.write(f"# {used.ru_utime + used.ru_stime:.1f} s of CPU, {used.ru_maxrss / 1e6:.2f} GB at most\n")
+        file.write(f"# {used.ru_utime + used.ru_stime:.1f} s of CPU, {used.ru_maxrss / 1e6:.2f} GB at most\n")
 
 
 def map_files(batches: Iterable[str], names: Iterable[Iterable[str]]) -> list[Path]:
@@ -70,6 +70,18 @@ def end_with(process: int) -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     threading.Thread(target=wait, daemon=True).start()
+
+
+@contextmanager
+def keeping(log: Path) -> Iterator[None]:
+    """Puts a log before what a job adds that keeps its outputs: it says how they were made, with which versions."""
+    earlier = log.read_bytes() if log.exists() else b""
+    try:
+        yield
+    except SystemExit as end:
+        if not end.code:
+            log.write_bytes(earlier + log.read_bytes())
+        raise
 
 
 @contextmanager

@@ -2,7 +2,8 @@
 
 A record has the `rule` and the `params` of its job; the hashes of the `code` that this ran, by module; the `inputs` by
 path and the `files` of the output, with bytes and hashes; `dates` of these files, and of those that it `read` of the
-user; and `unfinished` while a job changes the output, true if it keeps some. Paths are relative to results/<name>.
+user; and `unfinished` while a job makes the output, true if it keeps some, with the `old` files that the new ones
+replace. Paths are relative to results/<name>.
 """
 
 import json
@@ -86,7 +87,7 @@ def begin(outputs: list[str], job: Record) -> set[str]:
     """Prepares outputs for a job, or ends this process where they are already what it would make.
 
     Of a folder, the figures stay that it would make again: with the same files, inputs and params, apart from `names`,
-    which say what other figures there are. All others are removed.
+    which say what other figures there are. All others are removed by `finish`.
 
     Args:
         outputs: files, or one folder.
@@ -100,29 +101,32 @@ def begin(outputs: list[str], job: Record) -> set[str]:
     same_code = not any(map(changed_code, before.values()))
     if same_code and all({**before[output], **job, "files": files[output]} == before[output] for output in outputs):
         for output, record in before.items():
-            record.pop("unfinished", None)
+            record = {key: value for key, value in record.items() if key not in ("unfinished", "old")}
             write_json(record_file(output), dated(output, record))
         sys.exit(print("kept: it was made with these inputs, settings and code"))
     stay: set[str] = set()
+    old: dict[str, list[int]] = {}
     if os.path.isdir(folder := outputs[0]):
         record = before[folder]
         if record and same_code and {**record["params"], "names": 0} == {**job["params"], "names": 0}:
             now, then = {**job["inputs"], "": files[folder]}, {**record["inputs"], "": record["files"]}
             names = {name.partition(".")[0] for name in record["files"]}
             stay = {name for name in names if _of(now, name) == _of(then, name)} & {*job["params"].get("names", names)}
-        for name in files[folder]:
-            if name.partition(".")[0] not in stay:
-                Path(folder, name).unlink()
+        leaving = {name: stat for name, stat in stats(folder).items() if name.partition(".")[0] not in stay}
+        old = {name: [stat.st_ino, stat.st_mtime_ns] for name, stat in leaving.items()}
     for output, record in before.items():
-        if record:
-            write_json(record_file(output), {**record, "unfinished": bool(stay)})
+        kept = record or {**job, "code": {}, "files": {}}
+        write_json(record_file(output), {**kept, "unfinished": bool(stay), "old": old})
     return stay
 
 
 def finish(outputs: Iterable[str], job: Record) -> None:
-    """Writes the records of the outputs that a job has made."""
+    """Removes old files that a job has not made anew from its outputs, and writes their records."""
     for output in outputs:
         before = read(output)  # whose code has made what stays
+        for name, stat in stats(output).items():
+            if before.get("old", {}).get(name) == [stat.st_ino, stat.st_mtime_ns]:
+                Path(output, name).unlink()
         code = {**(before["code"] if before.get("unfinished") else {}), **code_of(job["rule"])}
         write_json(record_file(output), dated(output, {**job, "code": code, "files": content(output)}))
 

@@ -62,7 +62,12 @@ def from_config(config: dict[str, Any]) -> Record:
     if "settings" in config:
         for key in config.keys() - {*PARTS, "job"}:  # which the Snakefile adds for jobs
             raise UserError(f"{key} is given beside the record of a run, which has all settings: give one of the two")
-        record = {key: config[key] for key in PARTS if key in config}
+        name, record = config["settings"].get("name"), {key: config[key] for key in PARTS if key in config}
+        for folder in (Path(word).resolve().parent for word in sys.argv if Path(word).name == "run.yaml"):
+            if folder.parent.name == "results" and folder.name != name:
+                raise UserError(
+                    f"{folder}/run.yaml is a copy of that of {name}: relight run name={folder.name} goes on"
+                )
         rows = {name: _with_defaults(row, ROW_GROUPS) for name, row in record["rows"].items()}
         return {**record, "settings": _with_defaults(record["settings"]), "rows": rows}
     keys = [re.sub("=.*", "", word).replace("-C", "--config") for word in sys.argv]

@@ -13,6 +13,8 @@ from relight.learning.train import Inputs, Recipe, fingerprint
 from relight.learning.train import train as train_network
 from relight.settings import ROOT, Augment, Loss, Model, Train
 
+PACKAGES = "sh", "maps", "lights", "learning"  # whose code a state is of
+
 
 def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, tracking: dict[str, Any]) -> None:
     """Trains a network, or resumes an interrupted training.
@@ -34,7 +36,8 @@ def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, trac
     data = {"name": packed.parent.name, "digest": file_hash(packed)[:36]}  # MLflow's longest
     tracking["datasets"] = [{**data, "source_type": "local", "source": json.dumps({"uri": str(packed.resolve())})}]
     # What is the same in each process that goes on, whatever it has imported.
-    modules = [f"relight.learning.{file.stem}" for file in sorted((ROOT / "relight" / "learning").glob("*.py"))]
+    files = sorted(file for package in PACKAGES for file in (ROOT / "relight" / package).glob("*.py"))
+    modules = [f"relight.{file.parent.name}.{file.stem}" for file in files]
     named = sorted({recipe.model.name, *recipe.loss.extra} & {*extensions.names()})
     modules += [extensions.installed().get(name, f"relight.extensions.{name}") for name in named]
     inputs = replace(inputs, code=repr([*map(code_hash, modules)]))

@@ -7,6 +7,8 @@ from relight.core.errors import UserError
 from relight.core.names import find_path, folded
 from relight.core.text import spellings
 
+FOUND: set[Path] = set()  # all files that `find_file` has found
+
 
 def find_file(beside: Path, *names: str | bytes) -> Path:
     """Finds a file that another one names, in the same folder or a subfolder; never outside of it.
@@ -37,6 +39,7 @@ def find_file(beside: Path, *names: str | bytes) -> Path:
         raise UserError(f"{beside} names {written[0]}, which is a link that leads nowhere") from None
     if not real.is_relative_to(folder) or not real.is_file():
         raise UserError(f"{beside} names {written[0]}, which leads out of the folder or is no file; put one beside it")
+    FOUND.add(real)
     return real
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 import yaml
 from PIL import Image
+from safetensors.numpy import save_file
 from samples import lights_of
 
 from relight.evaluation.pictures import charts
@@ -64,6 +65,9 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
         words = dict(word.split("=") for word in one["sweep"]["rows"][row] if "." in word.split("=")[0])
         train = {"part": "train", "steps": int(words.get("train.steps", 1000 + len(row)))}
         model = {"width": float(words.get("model.width", 1)), "order": int(words.get("model.order", 2))}
+        network = folder / "train" / f"{row}.s0.safetensors"
+        network.parent.mkdir(exist_ok=True)
+        save_file({}, network, {"relight": json.dumps({"train": train})})
         told["rows"][row] = {"train": train, "model": model, "loss": {"light": 1}}
     run.write_text(yaml.safe_dump(told))
     record = {

@@ -49,6 +49,11 @@ def test_a_packet_lists_each_job_with_its_times_and_has_all_that_it_names(done, 
     baked = entities["#bake-maps/g0000-g0009"]
     assert baked["object"] == {"@id": "#aligned/g0000-g0009"} and baked["result"] == {"@id": "#maps/g0000-g0009"}
 
+    record = (repo / OUT / "run.yaml").read_text()
+    (repo / OUT / "run.yaml").write_text(record.replace("lr: 0.002", "lr: 0.003"))
+    run = packed(repo)
+    assert run.returncode == 1 and "made with other settings than its last command's (train.lr)" in run.stdout
+    (repo / OUT / "run.yaml").write_text(record)
     (repo / OUT / "split.json").write_text("{}")
     run = packed(repo)
     assert run.returncode == 1 and "split.json is another one" in run.stdout and "run it again first" in run.stdout

@@ -57,15 +57,25 @@ def test_settings_that_snakemake_would_drop_are_refused(monkeypatch):
 
 
 def test_a_record_that_is_older_than_a_setting_has_its_default():
-    record = compose_run(["scale=smoke", "model.width=0.5"])
+    record = compose_run(["scale=smoke", "loss.albedo=0"])
     older, other = copy.deepcopy(record), copy.deepcopy(record)
-    del older["settings"]["align"], older["settings"]["model"]["dropout"]
+    del older["settings"]["align"], older["settings"]["loss"]["albedo"]
     for row in older["rows"].values():
-        del row["model"]["dropout"]
+        del row["train"]["start"]
     assert from_config(older) == record
     other["settings"]["model"]["gone"] = 1
     with pytest.raises(UserError, match=r"is of another version of relight .*'gone'.*begin with relight run"):
         from_config(other)
+
+
+def test_a_record_belongs_to_the_folder_of_its_name(monkeypatch):
+    """A copy's would change the original."""
+    record = compose_run(["scale=smoke"])
+    monkeypatch.setattr(sys, "argv", ["snakemake", "--configfile", "results/smoke/run.yaml"])
+    assert from_config(copy.deepcopy(record)) == record
+    monkeypatch.setattr(sys, "argv", ["snakemake", "--configfile", "results/other/run.yaml"])
+    with pytest.raises(UserError, match=r"other/run\.yaml is a copy of that of smoke: relight run name=other goes on"):
+        from_config(record)
 
 
 def test_runs_are_rows_times_seeds():

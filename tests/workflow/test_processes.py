@@ -137,3 +137,8 @@ def test_what_a_job_prints_is_in_its_log_and_behind_its_name_on_the_console(tmp_
     console = [line for line in job.stderr.splitlines() + job.stdout.splitlines() if line != "after"]
     assert console == [f"bake a b: {line.rstrip()}" for line in lines]
     assert ("after" in job.stdout.splitlines() + job.stderr.splitlines()) == (code == 0)
+    if code == 0:  # what is kept keeps its log
+        made = (tmp_path / "x.log").read_text()
+        subprocess.run([sys.executable, "bake.py"], cwd=tmp_path, capture_output=True)
+        kept = (tmp_path / "x.log").read_text()
+        assert kept.startswith(made) and kept.endswith("kept: it was made with these inputs, settings and code\n")

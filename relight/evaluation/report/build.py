@@ -96,7 +96,7 @@ def head(name: str, results: Results, outcome: dict[str, Any] | None) -> Markup:
         figures=len(results.record["figures"]) - left_out,
         lights=results.lights["lights"],
         trainings=sum(map(len, rows.values())),
-        steps=sorted({results.run["rows"][row]["train"]["steps"] for row in rows}),
+        steps=sorted({results.recipe(training)["train"]["steps"] for own in rows.values() for training in own}),
         origin=provenance(name, results.run),
     )
 

@@ -11,6 +11,7 @@ import yaml
 from relight.core.files import existing_file
 from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.tables import Rows, Table, columns_of, experiment_table
+from relight.learning.checkpoint import read_config
 from relight.settings.scores import label
 
 
@@ -94,6 +95,10 @@ class Results:
     def run(self) -> dict[str, Any]:
         """run.yaml: `overrides` as given, the `settings` that all rows share, and those of `rows`."""
         return yaml.safe_load((self.folder / "run.yaml").read_text(encoding="utf-8"))
+
+    def recipe(self, training: str) -> dict[str, Any]:
+        """Returns the settings in the file of a network."""
+        return read_config(self.folder / "train" / f"{training}.safetensors")
 
     def gather(self, paths: Iterable[str]) -> Rows:
         """Reads the scores in files of the results, by person, each set of files once."""
