@@ -115,7 +115,7 @@ def begin(outputs: list[str], job: Record) -> set[str]:
         leaving = {name: stat for name, stat in stats(folder).items() if name.partition(".")[0] not in stay}
         old = {name: [stat.st_ino, stat.st_mtime_ns] for name, stat in leaving.items()}
     for output, record in before.items():
-        kept = record or {**job, "code": {}, "files": {}}
+        kept = record or {**job, "code": {}, "files": {"": []}}  # of which there is none
         write_json(record_file(output), {**kept, "unfinished": bool(stay), "old": old})
     return stay
 

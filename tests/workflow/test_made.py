@@ -130,7 +130,8 @@ def test_a_job_that_failed_leaves_what_it_would_have_replaced_as_unfinished():
 
 def test_what_a_first_job_has_begun_is_unfinished():
     """In a copy of a run that still runs, too."""
-    begin([FIGURES], describe("figure", {"names": NAMES, "cloth": "c"}, [], FIGURES))
+    for _ in range(2):  # of a job that was killed before it made anything
+        begin([FIGURES], describe("figure", {"names": NAMES, "cloth": "c"}, [], FIGURES))
     write(f"{FIGURES}/g0000.npz", "g00001")
     assert known() == {FIGURES: [f"{CHANGED}{FIGURES} is unfinished'"]}
     assert figure(NAMES) == NAMES and is_made(FIGURES)
