@@ -73,12 +73,13 @@ def pack(name: str) -> Path:
     archive = "git ls-files -z ':!benchmarks/*.onnx' | tar --null --files-from=- -czf build/source.tar.gz"
     subprocess.run(archive, shell=True, cwd=ROOT, check=True)
     add_file(crate, build / "source.tar.gz", version=commit + (" and source.diff" if changes else ""))
-    words = shlex.quote(shlex.join([f"name={name}", *overrides]))
-    for file, text in {"README.md": README.format(name=name, words=words), "source.diff": changes}.items():
+    words = shlex.join([f"name={name}", *overrides])
+    readme = README.format(name=name, words=shlex.quote(words))
+    for file, text in {"README.md": readme, "source.diff": changes}.items():
         if text:
             (build / file).write_text(text)
             add_file(crate, build / file, about=crate.root_dataset)
-    describe(crate, jobs, out, "relight run " + shlex.join(overrides))
+    describe(crate, jobs, out, f"relight run {words}")
     crate.write_zip(build / f"{name}.crate.zip")
     return build / f"{name}.crate.zip"
 
