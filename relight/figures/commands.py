@@ -36,6 +36,7 @@ def start_worker() -> None:
 
     def end(number: int, _: object) -> None:
         signal.alarm(GRACE)  # ends the process where a destructor swallows the exception; the pool waits for it
+        sys.unraisablehook = lambda _: None  # and is quiet about it
         sys.exit(128 + number)
 
     signal.signal(signal.SIGTERM, end)

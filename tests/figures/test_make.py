@@ -436,6 +436,15 @@ def test_a_worker_that_swallows_its_end_ends():
 
 
 @pytest.mark.slow
+def test_worker_ends_quietly_when_a_destructor_swallows_the_end():
+    program = "import os, signal, time; from relight.figures.commands import start_worker; start_worker()\n"
+    program += "class Array:\n    def __del__(self):\n        os.kill(os.getpid(), signal.SIGTERM); time.sleep(0.1)\n"
+    run = subprocess.run(
+        [sys.executable, "-c", program + "Array(); time.sleep(60)"], capture_output=True, text=True, timeout=50
+    )
+    assert run.returncode == -signal.SIGALRM and not run.stderr
+
+
 def test_figures_command_ends_quietly_when_terminated(tmp_path):
     """Its workers end with it, and no part of a figure is left."""
     command = [sys.executable, "-m", "relight.cli", "figures", "--seeds", "0-9"]
