@@ -20,7 +20,7 @@ from relight.core.numbers import finite
 from relight.core.srgb import decode
 from relight.core.text import read_text
 from relight.lights.light import Light, direction, parts_of, total
-from relight.lights.place import PREFIX, read_place
+from relight.lights.place import read_place
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import read_light_set
 from relight.panoramas import Panorama, orient, polyhaven, project, read_panorama
@@ -118,19 +118,17 @@ def load_light(
         panorama = Panorama(GENERATED[name].picture(int(match[1])))
         light = Light(project(panorama, order), text, panorama)
         yaw += finite(f"{text}: the turn", match[2] or 0)
-    elif text.startswith("key:"):
-        light = Light(key_light(*_parse_key(text), order), text)
+    elif colon and name in NAMED:
+        light = NAMED[name](rest, order)
     elif text == EVEN:
         light = Light(np.eye((order + 1) ** 2, 1) * np.full(3, np.sqrt(4 * np.pi) / np.pi), text)
     elif (match := IN_SET.fullmatch(text)) and not os.path.exists(text):
         light = _read_row(match[1], int(match[2]))
-    elif text.startswith(PREFIX):
-        light = read_place(text.removeprefix(PREFIX), order)
     elif colon and name in extensions.names():
         answer = extensions.extension(name, "light")(rest, order)
         light = answer if isinstance(answer, Light) else Light(as_table(answer, text), text)
     elif KIND.match(text) and name not in polyhaven.NAMES and not os.path.exists(text):
-        kinds = ", ".join([*GENERATED, "key", "place", *extensions.names()])
+        kinds = ", ".join([*GENERATED, *NAMED, *extensions.names()])
         raise UserError(f"{text}: there is neither such a file nor a kind of light {name!r}; kinds are {kinds}")
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):
         kind = "coefficients"
@@ -174,19 +172,19 @@ def _find_panorama(text: str) -> tuple[str | Path, float]:
     return polyhaven.panorama_file(name), finite(f"{text}: the turn", degrees or 0)
 
 
-def _parse_key(text: str) -> tuple[str, str, str, str]:
-    """Returns the parts of a key light's name: color (six digits), azimuth, elevation and fill; the last may lack."""
-    color, _, numbers = text.removeprefix("key:").partition("@")
+def _read_key(text: str, order: int) -> Light:
+    """Returns the key light of a color, azimuth, elevation and fill, such as #ffeedd@45,30,0.2; the last may lack."""
+    color, _, numbers = text.partition("@")
     try:
         red, green, blue = bytes(ImageColor.getrgb(f"#{color}" if HEXADECIMAL.fullmatch(color) else color))
     except ValueError:  # also of a color with alpha, as #abcd is, or beyond 255, as hsl(30,501%,40%)
-        raise UserError(f"{text}: {color!r} is no color: give #ffeedd, or a name such as red") from None
+        raise UserError(f"key:{text}: {color!r} is no color: give #ffeedd, or a name such as red") from None
     parts = numbers.split(",")
     if len(parts) > 3 or not numbers:
-        raise UserError(f"{text}: after the @ come azimuth, elevation and fill, such as @45,30,{FILL}")
+        raise UserError(f"key:{text}: after the @ come azimuth, elevation and fill, such as @45,30,{FILL}")
     usual = ("", str(ELEVATION), str(FILL))
     azimuth, elevation, fill = (*parts, *usual[len(parts) :])
-    return bytes((red, green, blue)).hex(), azimuth, elevation, fill
+    return Light(key_light(bytes((red, green, blue)).hex(), azimuth, elevation, fill, order), f"key:{text}")
 
 
 def key_light(color: str, azimuth: float | str, elevation: float | str, fill: float | str, order: int) -> np.ndarray:
@@ -208,6 +206,10 @@ def key_light(color: str, azimuth: float | str, elevation: float | str, fill: fl
     even = finite(f"key:#{color}: fill", fill, 0, MAX_FILL) * linear
     coefficients[0] += even * np.sqrt(4 * np.pi) / np.pi  # a constant light of irradiance fill * color
     return coefficients
+
+
+# Other kinds: what follows the colon, and the order, to the light.
+NAMED: dict[str, Callable[[str, int], Light]] = {"key": _read_key, "place": read_place}
 
 
 def _read_row(path: str, row: int) -> Light:

@@ -18,26 +18,6 @@ WRAPS = {DEFAULT_WRAP: REPEAT, 33071: CLAMP, 33648: MIRROR}  # of a sampler
 TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = 4, 5, 6  # modes of a primitive
 
 
-class Part(NamedTuple):
-    """The triangles of one primitive.
-
-    Attributes:
-        points: (V,3) in the frame of the scene.
-        faces: (F,3), from 0 in each part.
-        uv: (F,3,2), v from the bottom as in OBJ; zeros without a texture.
-        material: (F,) all the same, an index into the materials of the file.
-        color: (F,3,3) linear; ones if the file has none.
-        normal: (V,3) of any length in the frame of the scene; zeros if the file has none.
-    """
-
-    points: np.ndarray
-    faces: np.ndarray
-    uv: np.ndarray
-    material: np.ndarray
-    color: np.ndarray
-    normal: np.ndarray
-
-
 class Surface(NamedTuple):
     """A material and its texture coordinates.
 
@@ -65,7 +45,7 @@ def _read(gltf: Gltf) -> RawMesh:
     """Concatenates the primitives of the default scene."""
     surfaces: list[Surface] = []
     notes: list[str] = []
-    parts: list[Part] = []
+    parts: list[RawMesh] = []  # points and normals in the frame of the scene, faces from 0 in each
     index_of: dict[int | None, int] = {}  # in `surfaces`, by the number of the material in the file
     total, is_colored = 0, False
     for node, primitive, matrix in _primitives(gltf):
@@ -95,12 +75,12 @@ def _read(gltf: Gltf) -> RawMesh:
         if "NORMAL" in attributes:
             normal = _turned(gltf.accessor(attributes["NORMAL"]), linear) * side[..., None]
         placed, uv = _times(linear, points) + matrix[..., :3, 3], _uv(gltf, primitive, surfaces[index], faces)
-        parts.append(Part(placed, faces, uv, np.full(len(faces), index), color, normal))
+        parts.append(RawMesh(placed, faces, [], uv, np.full(len(faces), index), color, normal=normal))
     if not total:
         raise UserError(f"{gltf.path} has no triangles: relight needs a surface")
-    start = np.cumsum([0] + [len(part.points) for part in parts])
+    start = np.cumsum([0] + [len(part.vertices) for part in parts])
     return RawMesh(
-        vertices=np.concatenate([part.points for part in parts]),
+        vertices=np.concatenate([part.vertices for part in parts]),
         faces=np.concatenate([part.faces + offset for part, offset in zip(parts, start)]),
         uv=np.concatenate([part.uv for part in parts]),
         material=np.concatenate([part.material for part in parts]),

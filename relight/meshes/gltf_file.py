@@ -129,23 +129,13 @@ class Gltf:
         if "bufferView" not in accessor:  # zeros by the standard, of any number: no surface needs them
             raise UserError(f"{self.path}: an accessor of {count} values comes without data")
         data, stride = self.view(accessor["bufferView"])
-        values = self._strided(data, accessor.get("byteOffset", 0), type, count, width, stride)
-        if accessor.get("normalized") and type.kind in "iu":
-            values = np.maximum(values / np.iinfo(type).max, -1)
-        return values[:, 0] if width == 1 else values
-
-    def _strided(
-        self, data: memoryview, start: int, type: np.dtype, count: int, width: int, stride: int | None
-    ) -> np.ndarray:
-        """Returns values as an array that shares the memory of `data`.
-
-        It is (count,width); `start` and `stride`, from row to row, are in bytes, and a stride of None means tightly
-        packed rows. Raises UserError if the data end before.
-        """
-        row = type.itemsize * width
+        start, row = accessor.get("byteOffset", 0), type.itemsize * width
         stride = stride or row
         if start < 0 or stride < row or (count and start + stride * (count - 1) + row > len(data)):
             raise UserError(f"{self.path}: an accessor of {count} values runs over the end of its data; truncated?")
-        if not count:
-            return np.zeros((0, width), type)
-        return np.ndarray((count, width), type, data, start, (stride, type.itemsize))
+        values = np.zeros((0, width), type)
+        if count:  # shares the memory of the buffer
+            values = np.ndarray((count, width), type, data, start, (stride, type.itemsize))
+        if accessor.get("normalized") and type.kind in "iu":
+            values = np.maximum(values / np.iinfo(type).max, -1)
+        return values[:, 0] if width == 1 else values

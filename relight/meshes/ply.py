@@ -1,6 +1,8 @@
 """Reads PLY files, ascii and binary, with vertex colors and the texture coordinates that MeshLab writes."""
 
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,17 +28,16 @@ def read_ply(path: Path) -> RawMesh:
         UserError: if the file is malformed or has no faces, or a texture is missing or damaged.
     """
     blocks, textures = read_blocks(path)
-    vertex, face = blocks.get("vertex"), blocks.get("face", {})
-    if not vertex or not {"x", "y", "z"} <= vertex.keys():
+    vertex, face = blocks.get("vertex", {}), blocks.get("face", {})
+    points = _columns(vertex, "xyz")
+    if points is None:
         raise UserError(f"{path} has no vertices with x, y and z")
     corners = next((face[name] for name in ("vertex_indices", "vertex_index") if name in face), None)
     if corners is None or not len(corners.lengths):
-        if "tristrips" in blocks:
-            raise UserError(f"{path} holds its surface as strips of triangles: save it with faces, such as by MeshLab")
-        raise UserError(f"{path} has points but no faces: relight needs a surface")
-    counts = corners.lengths
+        kind = "strips of triangles" if "tristrips" in blocks else "points"
+        raise UserError(f"{path} has {kind} but no faces: relight needs a surface; save it with faces, as MeshLab does")
+    counts, vertices = corners.lengths, points.astype(np.float64)
     index = corners.values if corners.values.dtype.kind in "iu" else corners.values.astype(np.int64)
-    vertices = np.stack([vertex[axis] for axis in "xyz"], axis=-1).astype(np.float64)
     position, polygon = triangulate(path, counts, index, vertices)
     materials: list[Material | None] = [
         Material(texture=read_texture(find_file(path, name), f"{path}: texture {spellings(name)[0]}"))
@@ -49,7 +50,7 @@ def read_ply(path: Path) -> RawMesh:
         uv=_texture_coordinates(path, vertex, face, counts, position, faces) if textures else None,
         material=_texture_numbers(path, face, materials)[polygon] if len(materials) > 1 else None,
         materials=materials or [None],
-        normal=_normals(vertex),
+        normal=_columns(vertex, ("nx", "ny", "nz")),
     )
     if not textures and any("texcoord" in face or vertex.keys() >= {*names} for names in COORDINATES):
         raw.warnings.append("it has texture coordinates but names no texture (`comment TextureFile skin.png`)")
@@ -63,11 +64,10 @@ def read_ply(path: Path) -> RawMesh:
     return without_tints(raw)
 
 
-def _normals(vertex: Block) -> np.ndarray | None:
-    names = ("nx", "ny", "nz")
-    if not vertex.keys() >= {*names} or any(isinstance(vertex[name], ListColumn) for name in names):
-        return None
-    return np.stack([vertex[name] for name in names], axis=-1)
+def _columns(block: Block, names: Iterable[str]) -> np.ndarray | None:
+    """Returns the columns of these names (N,columns), or None if the block lacks one or it holds lists."""
+    columns: list[Any] = [block.get(name) for name in names]
+    return np.stack(columns, axis=-1) if all(isinstance(column, np.ndarray) for column in columns) else None
 
 
 def _color(block: Block, warnings: list[str]) -> np.ndarray | None:
@@ -77,11 +77,11 @@ def _color(block: Block, warnings: list[str]) -> np.ndarray | None:
     gets sentences about what is unusual in them.
     """
     for names in COLORS:
-        if all(name in block and not isinstance(block[name], ListColumn) for name in names):
+        if (colors := _columns(block, names)) is not None:
             if len({block[name].dtype.kind == "f" for name in names}) > 1:
                 warnings.append(f"{', '.join(names)} are of different types: its colors are left out")
                 return None
-            codes, notes = unit_colors(np.stack([block[name] for name in names], axis=-1), "its colors")
+            codes, notes = unit_colors(colors, "its colors")
             warnings += notes
             return linear(codes)
     return None
@@ -118,6 +118,7 @@ def _texture_coordinates(
             raise UserError(f"{path}: `texcoord` must hold two numbers per corner of each face")
         return face["texcoord"].values.reshape(-1, 2)[position]
     for names in COORDINATES:
-        if all(name in vertex for name in names) and faces.max() < len(vertex["x"]) and faces.min() >= 0:
-            return np.stack([vertex[name] for name in names], axis=-1)[faces]
+        uv = _columns(vertex, names)
+        if uv is not None and faces.max() < len(uv) and faces.min() >= 0:
+            return uv[faces]
     raise UserError(f"{path} names a texture but has no texture coordinates")

@@ -3,7 +3,7 @@
 import codecs
 import re
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -145,45 +145,25 @@ def _binary_blocks(path: Path, data: bytes, start: int, byte_order: str, element
     """
     blocks = {}
     for element in elements:
-        lengths = _first_lengths(path, data, start, byte_order, element)
+        first, _ = _ragged(path, data, start, byte_order, replace(element, count=min(element.count, 1)))
+        lengths = {name: int(first[name].lengths.sum()) for name, _, is_list in element.properties if is_list}
         fields: list[Any] = []
-        for (name, type, length_type), length in zip(element.properties, lengths):
+        for name, type, length_type in element.properties:
             if length_type:
-                fields += [(f"{name} length", byte_order + length_type), (name, byte_order + type, (length,))]
+                fields += [(f"{name} length", byte_order + length_type), (name, byte_order + type, (lengths[name],))]
             else:
                 fields.append((name, byte_order + type))
         row = np.dtype(fields)
-        fits = start + element.count * row.itemsize <= len(data)
-        table = np.frombuffer(data, row, element.count, start) if fits else None
-        if table is not None and _has_equal_rows(table, element):
-            blocks[element.name] = {
-                name: ListColumn(np.full(element.count, length), table[name].reshape(-1))
-                if length_type
-                else table[name]
-                for (name, _, length_type), length in zip(element.properties, lengths)
-            }
-            start += element.count * row.itemsize
+        end = start + element.count * row.itemsize
+        table = np.frombuffer(data, row, element.count, start) if end <= len(data) else None
+        if table is not None and all((table[f"{name} length"] == lengths[name]).all() for name in lengths):
+            block: Block = {name: table[name] for name, _, _ in element.properties}
+            for name, length in lengths.items():
+                block[name] = ListColumn(np.full(element.count, length), table[name].reshape(-1))
+            blocks[element.name], start = block, end
         else:
             blocks[element.name], start = _ragged(path, data, start, byte_order, element)
     return blocks
-
-
-def _has_equal_rows(table: np.ndarray, element: Element) -> bool:
-    """Returns whether all lists are as long as those of the first row, so that the table was laid over them rightly."""
-    lengths = [table[f"{property.name} length"] for property in element.properties if property.length_type]
-    return all((length == length[:1]).all() for length in lengths)
-
-
-def _first_lengths(path: Path, data: bytes, start: int, byte_order: str, element: Element) -> list[int]:
-    """Returns the lengths of the lists in an element's first row, which begins at byte `start`; 0 for scalars."""
-    lengths = []
-    for _, type, length_type in element.properties:
-        length = 0
-        if length_type and element.count:
-            length, start = _list_length(path, data, start, byte_order + length_type, element)
-        lengths.append(length)
-        start += np.dtype(type).itemsize * (length if length_type else 1)
-    return lengths
 
 
 def _list_length(path: Path, data: bytes, start: int, type: str, element: Element) -> tuple[int, int]:
