@@ -8,6 +8,7 @@ import logging
 import os
 from dataclasses import replace
 from functools import cache, wraps
+from inspect import signature
 
 import comfy.model_management
 import comfy.utils
@@ -34,19 +35,24 @@ from relight.sh import mean_direction
 
 MEMORY = 32_000_000  # pixels of an IMAGE whose scenes are kept: an inference takes CPU-seconds, another light does not
 LIGHT = "RELIGHT_LIGHT"  # type of a `relight.lights.Light` in ComfyUI
-DISPLAY_STRENGTH = 0.5  # shading may exceed 1: half of it is shown
 SCENES = WeakTensorKeyDictionary()  # of an IMAGE, until ComfyUI frees it: mask, own light, encoding and its scenes
-BALL = 256  # pixels of a light's preview
 NODE_CLASS_MAPPINGS, NODE_DISPLAY_NAME_MAPPINGS = {}, {}
-IMAGE = ("IMAGE", {"tooltip": "Pictures, one or a batch."})
-MASK = ("MASK", {"tooltip": "White on the people: one for all pictures, or one for each. Found if none is given."})
-NAMES = {"default": "room:7", "tooltip": "As described, a file in the input folder, or any file's path there."}
-ENCODING = (["sRGB", "linear"], {"tooltip": "Linear if it comes from a loader of EXR or HDR files."})
-KNOWN = (LIGHT, {"tooltip": "The picture's own light, if you know it; by default it is inferred."})
-BEHIND = ("IMAGE", {"tooltip": "Behind the people, in turn."})
-TURN = ("FLOAT", {"default": 0.0, "min": -180.0, "max": 180.0, "step": 1.0, "tooltip": "Of the light, degrees."})
-TURNED = (LIGHT, {"tooltip": "Turned, and made brighter by the stops."})
-STOPS = ("FLOAT", {"default": 0.0, "min": -8.0, "max": 8.0, "step": 0.1, "tooltip": "Exposure, powers of two."})
+INPUTS = {  # by their names in the nodes' methods
+    "image": ("IMAGE", {"tooltip": "Pictures, one or a batch."}),
+    "mask": ("MASK", {"tooltip": "White on the people: one for all pictures, or one each. Found if none is given."}),
+    "background": ("IMAGE", {"tooltip": "Behind the people, in turn."}),
+    "encoding": (["sRGB", "linear"], {"tooltip": "Linear if it comes from a loader of EXR or HDR files."}),
+    "name": ("STRING", {"default": "room:7", "tooltip": "As described; or a file in the input folder, or elsewhere."}),
+    "panorama": ("IMAGE", {"tooltip": "Twice as wide as high."}),
+    "light": (LIGHT, {"tooltip": "The new light."}),
+    "other": (LIGHT, {"tooltip": "Added as it is."}),
+    "lit_by": (LIGHT, {"tooltip": "The picture's own light, if you know it; by default it is inferred."}),
+    "mode": (["ratio", "full"], {"tooltip": "Ratio keeps all detail of the picture; full is albedo times shading."}),
+    "strength": (["matched to the picture", "its own"], {"tooltip": "If the light takes the picture's exposure."}),
+    "turn": ("FLOAT", {"default": 0.0, "min": -180.0, "max": 180.0, "step": 1.0, "tooltip": "Of the light, degrees."}),
+    "stops": ("FLOAT", {"default": 0.0, "min": -8.0, "max": 8.0, "step": 0.1, "tooltip": "Exposure, powers of two."}),
+}
+MAPS = {"albedo": "IMAGE", "shading": "IMAGE", "mask": "MASK", "normal": "IMAGE"}
 relighter = cache(load)  # of the weights that come with relight
 
 
@@ -88,20 +94,18 @@ def each(node, image, mask, find):
 
 
 def pixels_of(picture, encoding):
-    """Returns a picture (H,W,C) as (H,W,3) uint16 sRGB, or as float32 linear if it is linear or has values above 1."""
-    if encoding == "linear" or not picture[..., :3].max() <= 1:
-        return linear_of(picture, encoding)
-    return picture[..., :3].float().clamp_min(0).mul_(65535).round_().cpu().numpy().astype(np.uint16)
+    """Returns a picture (H,W,C) as (H,W,3) uint16 sRGB, or as float32 linear if it is linear or has values above 1.
 
-
-def linear_of(picture, encoding):
-    """Returns a picture (H,W,C) as (H,W,3) float32 linear; sRGB codes above 1 go on along the curve."""
+    sRGB codes above 1 go on along the curve.
+    """
     values = picture[..., :3].float().cpu().numpy()
+    if encoding == "sRGB" and values.max() <= 1:
+        return np.round(values.clip(0) * np.float32(65535)).astype(np.uint16)
     return (srgb.decode(values) if encoding == "sRGB" else values).astype(np.float32)
 
 
 def encoded(linear, encoding):
-    """Returns linear values as `linear_of` takes them."""
+    """Returns linear values as `pixels_of` takes them."""
     return linear if encoding == "linear" else srgb.encode(linear) + 1.055 * (np.maximum(linear, 1) ** (1 / 2.4) - 1)
 
 
@@ -117,7 +121,7 @@ def coverages(mask, shape):
     return (255 * masks[:, 0].clamp(0, 1)).round().to(torch.uint8).expand(count, *size).numpy()
 
 
-def node(key, title, aliases, returns, optional=None, **required):
+def node(key, title, aliases, **returns):
     """Makes a node of ComfyUI of a method and its docstring; `returns` has the types of its results by their names."""
 
     def register(run):
@@ -129,10 +133,11 @@ def node(key, title, aliases, returns, optional=None, **required):
             finally:
                 for note in (notes := dict.fromkeys(self.notes)):
                     logging.warning("relight: %s", note)
-                if unique_id is not None:
-                    PromptServer.instance.send_progress_text("\n".join(notes), unique_id)
+                PromptServer.instance.send_progress_text("\n".join(notes), unique_id)
 
-        inputs = {"required": required, "optional": optional or {}, "hidden": {"unique_id": "UNIQUE_ID"}}
+        inputs = {"required": {}, "optional": {}, "hidden": {"unique_id": "UNIQUE_ID"}}
+        for name, given in [*signature(run).parameters.items()][1:]:
+            inputs["required" if given.default is given.empty else "optional"][name] = INPUTS[name]
         parts = {"CATEGORY": "relight", "FUNCTION": "run", "DESCRIPTION": " ".join(run.__doc__.split())}
         parts |= {"run": run_and_tell, "SEARCH_ALIASES": aliases.split(", "), "RETURN_NAMES": tuple(returns)}
         parts |= {"RETURN_TYPES": tuple(returns.values()), "OUTPUT_TOOLTIPS": (parts["DESCRIPTION"],) * len(returns)}
@@ -143,7 +148,7 @@ def node(key, title, aliases, returns, optional=None, **required):
     return register
 
 
-@node("RelightFindMask", "Mask of people", "segment, matte", {"mask": "MASK"}, {"encoding": ENCODING}, image=IMAGE)
+@node("RelightFindMask", "Mask of people", "segment, matte", mask="MASK")
 def find_mask(self, image, encoding="sRGB"):
     """White on the people of a picture. Needs `relight mask setup`, once, in ComfyUI's environment."""
     found = torch.zeros(image.shape[:3])
@@ -152,61 +157,46 @@ def find_mask(self, image, encoding="sRGB"):
     return (found,)
 
 
-@node("RelightNamedLight", "Light by name", "hdri, lamp", {"light": LIGHT}, light=("STRING", NAMES))
-def named_light(self, light):
+@node("RelightNamedLight", "Light by name", "hdri, lamp", light=LIGHT)
+def named_light(self, name):
     """room:7, sky:3, lamps:5, key:#ffe6c8@50,40,0.3 (color, degrees right and up, fill), or a file."""
-    light = relighter().read_light(changed(None, light)[0])
+    light = relighter().read_light(changed(None, name)[0])
     self.notes += light.notes if light else ()  # `auto` is none
     return (light,)
 
 
-def changed(cls, light):
+def changed(cls, name, **hidden):
     """Returns a value that differs when a light does: its path, and when the files in it changed; None by a link."""
-    if light is None:
+    if name is None:
         return None
-    if os.path.isfile(own := os.path.join(folder_paths.get_input_directory(), light)):
-        light = own
-    names = [name for part in parts_of(light) for name in (split_place(part)[0], part.rpartition(":")[0])]  # a.npz:12
-    return light, *(os.stat(name).st_mtime_ns for name in names if os.path.isfile(name))
+    if os.path.isfile(own := os.path.join(folder_paths.get_input_directory(), name)):
+        name = own
+    files = [file for part in parts_of(name) for file in (split_place(part)[0], part.rpartition(":")[0])]  # a.npz:12
+    return name, *(os.stat(file).st_mtime_ns for file in files if os.path.isfile(file))
 
 
 NODE_CLASS_MAPPINGS["RelightNamedLight"].IS_CHANGED = classmethod(changed)
 
 
-@node("RelightPanoramaLight", "Light of a panorama", "hdri", {"light": LIGHT}, panorama=IMAGE, encoding=ENCODING)
+@node("RelightPanoramaLight", "Light of a panorama", "hdri", light=LIGHT)
 def panorama_light(self, panorama, encoding):
     """Light of a lat-long panorama, whose middle is in front of the camera; of the first, if there are several.
     Negative values count as 0."""
-    pixels = linear_of(panorama[0], encoding).clip(0)
+    pixels = srgb.to_linear(pixels_of(panorama[0], encoding)).clip(0)
     if pixels.shape[1] != 2 * pixels.shape[0]:
         raise ValueError(f"the panorama is {pixels.shape[1]} x {pixels.shape[0]}: give one twice as wide as high")
     return (Light(project(Panorama(pixels), relighter().network.order), "panorama of ComfyUI"),)
 
 
-@node(
-    "RelightCombineLights", "Turn and add lights", "rotate light, preview", {"light": LIGHT, "ball": "IMAGE"},
-    {"other": (LIGHT, {"tooltip": "Added as it is."})}, light=TURNED, turn=TURN, stops=STOPS,
-)  # fmt: skip
+@node("RelightCombineLights", "Turn and add lights", "rotate light, preview", light=LIGHT, ball="IMAGE")
 def combine_lights(self, light, turn, stops, other=None):
     """A light that is turned about the vertical and made brighter, plus another; and a white ball in it."""
     light = replace(light, coefficients=orient(light.coefficients, turn) * 2.0**stops, panorama=None)
     light = total([light, other], f"{light} + {other}") if other else light
-    return light, torch.from_numpy(np.float32(lit_ball(light.coefficients, BALL)))[None]
+    return light, torch.from_numpy(np.float32(lit_ball(light.coefficients, 256)))[None]
 
 
-@node(
-    "RelightRelight",
-    "Relight people",
-    "relighting, light, shadow, delight",
-    {"image": "IMAGE", "mask": "MASK"},
-    {"mask": MASK, "background": BEHIND, "encoding": ENCODING, "lit_by": KNOWN},
-    image=IMAGE,
-    light=(LIGHT, {"tooltip": "The new light."}),
-    mode=(["ratio", "full"], {"tooltip": "Ratio keeps all detail of the picture; full is albedo times shading."}),
-    strength=(["matched to the picture", "its own"], {"tooltip": "Whether the light takes the picture's exposure."}),
-    turn=TURN,
-    stops=STOPS,
-)
+@node("RelightRelight", "Relight people", "relighting, light, shadow, delight", image="IMAGE", mask="MASK")
 def relight(self, image, light, mode, strength, turn, stops, mask=None, background=None, encoding="sRGB", lit_by=None):
     """The people of a picture under another light, and their mask. What is not of them stays as it is."""
     behind = ["keep"] if background is None else [pixels_of(picture, encoding) for picture in background]
@@ -221,14 +211,7 @@ def relight(self, image, light, mode, strength, turn, stops, mask=None, backgrou
     return out, alpha
 
 
-@node(
-    "RelightInferMaps",
-    "Maps of people",
-    "albedo, normal map, shading, intrinsic",
-    {"albedo": "IMAGE", "shading": "IMAGE", "mask": "MASK", "normal": "IMAGE"},
-    {"mask": MASK, "encoding": ENCODING, "lit_by": KNOWN},
-    image=IMAGE,
-)
+@node("RelightInferMaps", "Maps of people", "albedo, normal map, shading, intrinsic", **MAPS)
 def maps_of(self, image, mask=None, encoding="sRGB", lit_by=None):
     """What the network infers, 0 where nobody is: albedo, shading at half its strength, and mask. Normals are mean
     unoccluded directions as in OpenGL, (n + 1) / 2, toward the camera where nobody is."""
@@ -239,7 +222,7 @@ def maps_of(self, image, mask=None, encoding="sRGB", lit_by=None):
         for person in scene.people:
             fits = person.fitted_albedo, person.fitted_transport
             for window, own, albedo, transport in placed_maps(person, scene.picture.pixels, fits):
-                lit = DISPLAY_STRENGTH * shade(transport, person.light)
+                lit = shade(transport, person.light) / 2  # it may exceed 1
                 shown = encoded(albedo**2, encoding), encoded(lit, encoding), (mean_direction(transport) + 1) / 2
                 for out, values in zip(maps, shown):
                     out[i].numpy()[window][own] = values
