@@ -113,7 +113,7 @@ def photo(
     """Writes the results of photos."""
     from rich.console import Console
 
-    from relight.core.files import PHOTO_SUFFIXES
+    from relight.core.files import PHOTO_SUFFIXES, VIDEO_SUFFIXES
     from relight.photos.background import read_background
     from relight.photos.folder import BEFORE_AFTER, Summary, photos_in, relight_file, relight_photos, relight_to
     from relight.photos.inferred import known_light
@@ -128,7 +128,8 @@ def photo(
     if out is None:
         named = path.resolve() if path.name in ("", "..") else path  # "." has no name of its own
         out = Path("relit") if several else named.with_name(f"{named.stem if path.is_file() else named.name}_relit")
-    picture = out if out.suffix.lower() in (*PHOTO_SUFFIXES, ".exr", ".psd") and not out.is_dir() else None  # alone
+    suffixes = *PHOTO_SUFFIXES, *VIDEO_SUFFIXES, ".exr", ".psd", ".jxl"
+    picture = out if out.suffix.lower() in suffixes and not out.is_dir() else None  # alone
     network = read_network(weights)
     read_by = network, mask_model, white_balance
     look = Look(light, mode, read_background(background, blur, shadow), turn, stops, not absolute, *read_by)

@@ -35,13 +35,14 @@ from relight.photos.tone import DISPLAY_STOPS, KNEE
 from relight.photos.write import write_before_after, write_light_files, write_maps, write_picture
 from relight.pictures.codes import on_white
 from relight.pictures.opening import list_photos, list_pictures, mask_beside, mask_in
+from relight.pictures.picture import Picture
 from relight.sh import rotate_y
 
 RECORD = "photo.json"
 BEFORE_AFTER = "before_after.jpg"
 RESULTS = ("relit", "before_after", "albedo", "shading", "maps", "light", "new_light")  # names of files, without suffix
 BYTES_PER_PIXEL = 54  # of the photo, at most, for the results: three pictures and 19 maps of half floats
-JPEG_QUALITY = 95
+JPEG, JPEG_QUALITY = (".jpg", ".jpeg"), 95
 MOST_LINES = 12  # of notes in a summary
 
 
@@ -138,13 +139,14 @@ def relight_to(
     """
     writable_file(out, "--out")
     require_unused(out, path, mask, look, options.get("lit_by"))
-    scene = Scene.of(path, mask, network, **options)
-    if look.background.kind == "transparent" and out.suffix.lower() == ".jpg":
-        raise UserError(f"--out {out}: a JPEG cannot be transparent, give a name that ends in {scene.picture.suffix}")
-    if (suffix := out.suffix.lower()) not in (".jpg", scene.picture.suffix):
-        raise UserError(f"--out {out}: give a folder, or a picture ending in .jpg or {scene.picture.suffix}")
+    picture, suffix = Picture.of(path), out.suffix.lower()
+    if look.background.kind == "transparent" and suffix in JPEG:
+        raise UserError(f"--out {out}: a JPEG cannot be transparent, give a name that ends in {picture.suffix}")
+    if suffix not in (*JPEG, picture.suffix):
+        raise UserError(f"--out {out}: {suffix} is not written; end it in .jpg or {picture.suffix}, or give a folder")
+    scene = Scene.of(picture, mask, network, **options)
     relit = scene.relit(look)
-    if suffix == ".jpg":
+    if suffix in JPEG:
         with atomic_write(out) as tmp:
             Image.fromarray(on_white(relit)).save(tmp, quality=JPEG_QUALITY)
     else:
