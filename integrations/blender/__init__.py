@@ -38,12 +38,12 @@ def update(scene, depsgraph=None, force=False):
             raise light.Problem("enable Cycles (Edit > Preferences > Add-ons): it renders the light of the world")
         if force:
             world.LIGHTS.clear()
-        places = transport.places(items)  # and how all are turned, before a render may free what is evaluated
-        found = [(item.original if window else item, *transport.turned(item, places)) for item in items]
+        found = [*zip(items, transport.turned(items))]  # before a render may free what is evaluated
         shown = depsgraph.view_layer.world_override or scene.world
         shown = shown and shown.evaluated_get(depsgraph)
         key = world.state(shown, scene.frame_current)
-        for item, turned, same in found:
+        for item, (turned, same) in found:
+            item = item.original if window else item
             if window and not same:
                 WARNINGS.append(f"{item.name}: bake it again, for its shape or what is beside it has changed")
                 STALE.update([item.name, *item[transport.BESIDE].splitlines()])

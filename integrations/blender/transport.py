@@ -71,10 +71,9 @@ def bake(items, program, rays):
     for item, (start, own, *shape) in zip(found, parts.values()):
         item[AXES], item[POINTS], item[BESIDE] = *shape, "\n".join(name for name in parts if name != item.name)
         for name, third in zip(shader.TRANSPORT, np.split(transport[start : start + own], 3, axis=1)):
-            if name in item.data.color_attributes:
-                item.data.color_attributes.remove(item.data.color_attributes[name])
             values = np.pad(third, ((0, 0), (0, 1)), constant_values=1).astype(np.float32)
-            item.data.color_attributes.new(name, "FLOAT_COLOR", "POINT").data.foreach_set("color", values.ravel())
+            kept = item.data.color_attributes.get(name) or item.data.color_attributes.new(name, "FLOAT_COLOR", "POINT")
+            kept.data.foreach_set("color", values.ravel())
         if not item.material_slots:
             item.data.materials.append(None)
         for slot in item.material_slots:
@@ -123,30 +122,27 @@ def axes(item):
     return left @ right
 
 
-def places(items):
-    """Returns the points of evaluated objects by their names and files: those of the bake, and now."""
-    return {(item.name, item.library): (np.reshape(item.get(POINTS, ()), (-1, 3)), sample(item)) for item in items}
-
-
-def turned(item, places):
-    """Returns how an evaluated object is turned since its transport was made (3,3), and if all is as it was then.
+def turned(items):
+    """Yields for evaluated objects how they are turned since their bakes (3,3), and if all is as it was then.
 
     A rotation may be applied to a mesh, or be that of bones, so points tell it, its own and those of what was baked
     with it (Kabsch 1976, and a change of size); if they have changed, or lie in a plane, its axes do.
     """
-    by_axes = axes(item) @ np.reshape(item[AXES], (3, 3)).T
-    if POINTS not in item:
-        return by_axes, True
-    pairs = [places.get((name, item.library)) for name in (item.name, *item[BESIDE].splitlines())]
-    if not all(pairs) or any(then.shape != now.shape or np.isnan(now).any() for then, now in pairs):
-        return by_axes, False
-    then, now = (np.concatenate(points) - np.concatenate(points).mean(0) for points in zip(*pairs))
-    across = now.T @ then
-    left, sizes, right = np.linalg.svd(across)
-    found = left @ right if sizes[2] > 1e-6 * sizes[0] else by_axes
-    off = now - then @ found.T * np.sum(found * across) / np.square(then).sum()
-    same = np.abs(off).max() < SAME * np.ptp(pairs[0][1], 0).max()
-    return found if same else by_axes, same
+    places = {(item.name, item.library): (np.reshape(item.get(POINTS, ()), (-1, 3)), sample(item)) for item in items}
+    for item in items:
+        by_axes = axes(item) @ np.reshape(item[AXES], (3, 3)).T
+        pairs = [places.get((name, item.library)) for name in (item.name, *item.get(BESIDE, "").splitlines())]
+        changed = not all(pairs) or any(then.shape != now.shape or np.isnan(now).any() for then, now in pairs)
+        if POINTS not in item or changed:
+            yield by_axes, POINTS not in item
+            continue
+        then, now = (np.concatenate(points) - np.concatenate(points).mean(0) for points in zip(*pairs))
+        across = now.T @ then
+        left, sizes, right = np.linalg.svd(across)
+        found = left @ right if sizes[2] > 1e-6 * sizes[0] else by_axes
+        off = now - then @ found.T * np.sum(found * across) / np.square(then).sum()
+        same = np.abs(off).max() < SAME * np.ptp(pairs[0][1], 0).max()
+        yield found if same else by_axes, same
 
 
 def read_maps(path):
