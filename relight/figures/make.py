@@ -15,7 +15,7 @@ from relight.figures.body.shape import build_body
 from relight.figures.cut import footwear
 from relight.figures.drape import colliders
 from relight.figures.drape.clearance import clear_hands
-from relight.figures.drape.dress import DETAILS, Detail, drape_outfit
+from relight.figures.drape.dress import Detail, details, drape_outfit
 from relight.figures.draw.constraints import Constraints
 from relight.figures.draw.garments import room_for_hands
 from relight.figures.draw.outfits import Outfit, fitted_to_pose, in_other_fabrics
@@ -59,15 +59,15 @@ def make_figure(
     Raises:
         UserError: for a bad argument, and when no attempt passes the gates.
     """
-    if detail not in DETAILS:
-        raise UserError(f"figures.detail is {detail!r}; it must be one of {', '.join(DETAILS)}")
+    if detail not in details():
+        raise UserError(f"figures.detail is {detail!r}; it must be one of {', '.join(details())}")
     if seed < 0 or texture < 64:
         raise UserError(f"a figure needs a seed >= 0 and a texture >= 64 pixels, not {seed} and {texture}")
     if per_subject < 1 or outfits < 1:
         raise UserError(f"a figure needs per_subject >= 1 and outfits >= 1, not {per_subject} and {outfits}")
     colliders.init_warp()
     reasons: list[str] = []
-    fineness = replace(DETAILS[detail], texture=texture)
+    fineness = replace(details()[detail], texture=texture)
     sits = constraints.sitting
     for attempt in range(ATTEMPTS):
         draw = sample(seed, attempt, per_subject, sits, constraints)

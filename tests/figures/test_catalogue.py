@@ -89,9 +89,10 @@ def test_garment_refuses_what_cannot_be_cut(tmp_path, monkeypatch):
 def test_catalogue_sections_are_all_read():
     """A misspelled section would be silently without effect."""
     read = {
-        "colors": {"neutrals", "colors", "denims", "leathers", "skin", "hair", "irises"},
+        "colors": {"neutrals", "colors", "denims", "leathers", "skin", "hair", "irises", "gloss"},
+        "details": {"details"},
         "faces": {"shapes", "expressions"},
-        "garments": {"shared", "cloths", "draws", *GROUPS, "scarves", "wraps"},
+        "garments": {"shared", "necks", "collars", "cloths", "draws", *GROUPS, "scarves", "wraps"},
         "hair": {"combs", "styles"},
         "poses": {"hands", "feet", "trunks", "standing", "sitting"},
         "shoes": {"shoes"},

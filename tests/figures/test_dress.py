@@ -15,7 +15,7 @@ from relight.figures.cut.footwear import upper
 from relight.figures.cut.level import Level
 from relight.figures.drape import collars
 from relight.figures.drape.colliders import Collider, signed_distance
-from relight.figures.drape.dress import DETAILS, DrapedGarment, drape_outfit, drape_scarf
+from relight.figures.drape.dress import DrapedGarment, details, drape_outfit, drape_scarf
 from relight.figures.drape.simulate import DrapeResult
 from relight.figures.draw import fitting, outfits
 from relight.figures.draw.fabrics import Fabric
@@ -40,7 +40,7 @@ def standing(body):
 def test_drape_scarf_lies_around_the_neck_and_hangs_in_front(body, standing, garment):
     motion, skin = standing
     faces = makehuman.base().faces["body"]
-    worn = drape_scarf(motion, Worn(garment, CLOTH), (skin, faces), [], DETAILS["draft"])
+    worn = drape_scarf(motion, Worn(garment, CLOTH), (skin, faces), [], details()["draft"])
     x = worn.draped.positions
     neck = collars.neck_of(motion)
     near = (x - neck.base)[np.linalg.norm(x - neck.base, axis=1) < 0.17]
@@ -139,8 +139,8 @@ def test_drape_outfit_hangs_trousers_over_the_shoes(body):
     shoe = next(s for s in shoes() if s.name == "boots")
     outfit = outfits.sample_outfit(np.random.default_rng(0), body.person)
     outfit = replace(outfit, garments=[Worn(wardrobe()["jeans"], CLOTH)], shoe=shoe)
-    motion = build_motion(body, poses()["straight"], DETAILS["draft"].frames)
-    x = drape_outfit(motion, outfit, DETAILS["draft"])[0].draped.positions
+    motion = build_motion(body, poses()["straight"], details()["draft"].frames)
+    x = drape_outfit(motion, outfit, details()["draft"])[0].draped.positions
     for side in "LR":
         leather = upper(body, shoe, side)
         posed = motion.skin(leather.weights, leather.shape)

@@ -13,7 +13,7 @@ from relight.figures.body import makehuman
 from relight.figures.body.motion import build_motion
 from relight.figures.body.shape import build_body
 from relight.figures.drape import colliders
-from relight.figures.drape.dress import DETAILS
+from relight.figures.drape.dress import details
 from relight.figures.draw import hairstyles
 from relight.figures.draw.outfits import in_other_fabrics, sample_outfit
 from relight.figures.draw.person import Expression, expressions, units
@@ -130,7 +130,7 @@ def test_add_hair_hats_change_with_the_outfit_and_hair_does_not(head):
     outfit = replace(outfit, hat=outfit.garments[0].fabric)
     looks = [outfit, in_other_fabrics(outfit, np.random.default_rng(4))]
     builder = Builder()
-    detail = replace(DETAILS["draft"], texture=64)
+    detail = replace(details()["draft"], texture=64)
     Assembly(builder, head[1], outfit, [], detail, 5).add_hair(head[2])
     mesh = builder.mesh({}, looks)
     assert len(builder.vertices) == len(mesh.materials) + 1, "a part for each material, but two of the hat"

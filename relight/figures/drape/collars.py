@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from relight.figures.body.kinematics import unit
 from relight.figures.body.motion import Motion
+from relight.figures.catalogue.schema import entries
 from relight.figures.drape.colliders import Collider, signed_distance
 from relight.figures.surfaces import (
     Surface,
@@ -40,18 +41,6 @@ TORN = 0.06  # metres on the flat panels, beyond which a face has corners in two
 SEAM_OFFSET = 0.0005  # metres below the border where a collar begins: vertices at the same place would be merged
 HOOD_CLEARANCE = 0.002  # metres between a hood and the cloth
 HOOD_SMOOTHING = 30  # times that a hood's paths, and the cloth under it, are averaged with their neighbours
-PROFILES = {  # rows of collars that are the same all around: metres up and out from the neckline
-    "roll": (
-        (0.014, 0.0), (0.034, -0.005), (0.052, -0.006), (0.058, 0.001), (0.050, 0.007), (0.032, 0.009), (0.004, 0.012),
-    ),
-    "stand": ((0.012, -0.002), (0.026, -0.001), (0.040, 0.002)),
-}  # fmt: skip
-NECKBAND = ((0.007, -0.001), (0.013, -0.003))  # likewise, of a neckband
-LAPELS = ((0.02, 0.7), (0.12, 1.0), (0.3, 0.9), (0.6, 0.55), (1.0, 0.35))  # rows of lapels, as of HOOD
-HOOD = (  # rows of a hood that lies on the back: share of its length, height over its thickness
-    (0.2, 0.10), (0.5, 0.10), (0.8, 0.12), (0.97, 0.22), (1.0, 0.55), (0.92, 0.85), (0.7, 1.0), (0.42, 1.05),
-    (0.2, 0.95), (0.08, 0.75), (0.05, 0.6),
-)  # fmt: skip
 
 
 class Neck(NamedTuple):
@@ -145,7 +134,7 @@ def profile(kind: str, back: np.ndarray, front: np.ndarray) -> list[tuple[np.nda
     """Returns the rows of a collar, from the neckline to its edge.
 
     Args:
-        kind: fold | roll | stand; anything else is a ribbed neckband.
+        kind: fold | roll | stand | none, a ribbed neckband.
         back: (m,) 1 at the back of the neck to 0 at its sides.
         front: (m,) the same for its front.
 
@@ -162,7 +151,11 @@ def profile(kind: str, back: np.ndarray, front: np.ndarray) -> list[tuple[np.nda
             (zero + 0.012, zero + 0.014),
             (edge, zero + 0.020 + 0.010 * front),
         ]
-    return [(zero + rise, zero + reach) for rise, reach in PROFILES.get(kind, NECKBAND)]
+    return [(zero + rise, zero + reach) for rise, reach in _rows(kind)]
+
+
+def _rows(kind: str) -> tuple[tuple[float, float], ...]:
+    return entries("garments", "collars", tuple[tuple[float, float], ...])[kind]
 
 
 def _paths_over(
@@ -202,7 +195,7 @@ def _lay_hood(vertices: np.ndarray, faces: np.ndarray, base: np.ndarray, neck: N
     flattened = smoothed(vertices, faces, HOOD_SMOOTHING)  # over folds the paths would cross
     points, outward = _paths_over(Collider.at_rest(flattened, faces), start, heading, length)
     outward = np.stack([smooth_line(row, HOOD_SMOOTHING, closed=False) for row in outward])
-    rows = _rows_over(points, outward, thick, HOOD, creased=True, smoothing=8)
+    rows = _rows_over(points, outward, thick, _rows("hood"), creased=True, smoothing=8)
     for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):  # the opening's edge stands up around the neck
         row += np.outer(rise + 0.016 * back, up)
     for row in rows:
@@ -230,7 +223,7 @@ def _lay_lapels(
     notch = 1 - 0.5 * np.exp(-(((below - 0.055) / 0.014) ** 2))  # between collar and lapels
     length = 0.062 * collar + 0.085 * (1 - collar) * (1 - below / LAPEL) ** 0.7
     points, outward = _paths_over(cloth, base, inward, length * notch * np.clip(from_end, 0.1, 1))
-    return _rows_over(points, outward, 0.008 + 0.020 * collar, LAPELS, creased=False, smoothing=2)
+    return _rows_over(points, outward, 0.008 + 0.020 * collar, _rows("lapel"), creased=False, smoothing=2)
 
 
 def _rows_over(

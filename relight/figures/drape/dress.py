@@ -8,6 +8,7 @@ import numpy as np
 from relight.figures.body import makehuman
 from relight.figures.body.motion import Motion
 from relight.figures.body.shape import Body
+from relight.figures.catalogue.schema import entries
 from relight.figures.cut import footwear, patterns
 from relight.figures.drape import collars, scarves, simulate, wrinkles
 from relight.figures.drape.colliders import Collider, signed_distance
@@ -31,7 +32,7 @@ class Detail:
     Attributes:
         refine: subdivisions of the garments.
         frames: number of frames of the motion into the pose.
-        solver: settings for each level of a garment, from coarse to fine.
+        solver, scarf: settings for each level of a garment or a scarf, from coarse to fine.
         body: subdivisions of the skin.
         texture: side of the largest texture in pixels.
     """
@@ -39,31 +40,14 @@ class Detail:
     refine: int
     frames: int
     solver: list[SolverSettings]
+    scarf: list[SolverSettings]
     body: int
     texture: int = 1024
 
 
-DETAILS = {
-    "draft": Detail(
-        refine=1,
-        frames=20,
-        solver=[
-            SolverSettings(substeps=12, iterations=2, settle_frames=8),
-            SolverSettings(substeps=10, iterations=3, settle_frames=8),
-        ],
-        body=0,
-    ),
-    "full": Detail(
-        refine=2,
-        frames=28,
-        solver=[
-            SolverSettings(substeps=14, iterations=2, settle_frames=12),
-            SolverSettings(substeps=10, iterations=4, settle_frames=12),
-            SolverSettings(substeps=8, iterations=5, settle_frames=14, gravity=-5.0),
-        ],
-        body=1,
-    ),
-}
+def details() -> dict[str, Detail]:
+    """Returns how fine figures are, by the name of the setting: draft and full."""
+    return entries("details", "details", Detail)
 
 
 @dataclass(frozen=True)
@@ -257,7 +241,7 @@ def drape_scarf(
         pattern.levels,
         pattern.refine,
         scarf.garment.cloth,
-        scarves.SOLVER[: detail.refine + 1],
+        detail.scarf,
         surface_at=lambda frame, fine: (vertices, faces),
         skin=lambda weights, rest, frame: rest,
         frames=0,

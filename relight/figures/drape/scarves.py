@@ -11,7 +11,6 @@ from relight.figures.cut.level import Level
 from relight.figures.cut.patterns import Pattern, refined
 from relight.figures.drape.collars import VERTICAL, Neck, neck_of
 from relight.figures.drape.colliders import Collider
-from relight.figures.drape.solver import SolverSettings
 from relight.figures.draw.garments import Garment
 from relight.figures.surfaces import grid_faces
 
@@ -45,13 +44,6 @@ class Wrap:
     at: tuple[float, float]
     height: float
     width: float
-
-
-SOLVER = [  # for each level of a scarf, from coarse to fine
-    SolverSettings(substeps=12, iterations=3, settle_frames=22),
-    SolverSettings(substeps=10, iterations=4, settle_frames=12),
-    SolverSettings(substeps=8, iterations=5, settle_frames=10, gravity=-5.0),
-]
 
 
 def outline(surface: Collider, neck: Neck) -> np.ndarray:

@@ -4,17 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from relight.figures.draw.garments import Garment
+from relight.figures.draw.garments import Garment, necks
 
-NECKS = (  # of tops cut like a t-shirt: radii of the opening, and depth of a V below it
-    ((0.078, 0.075, 0.085), 0.0),
-    ((0.074, 0.066, 0.082), 0.0),
-    ((0.088, 0.105, 0.100), 0.0),
-    ((0.100, 0.072, 0.090), 0.0),
-    ((0.080, 0.060, 0.092), 0.075),
-    ((0.080, 0.060, 0.092), 0.120),
-)
-NECK_SHARES = (0.4, 0.15, 0.15, 0.08, 0.14, 0.08)  # how often each of these is drawn
 ROUND = ("t-shirt", "fitted t-shirt", "long sleeve", "sweater", "dress", "long dress")  # cut like a t-shirt at the neck
 MAX_WAIST_EASE = 0.036  # metres, of a top: wider cloth falls into one deep fold at the back
 MAX_INNER_EASE = 0.020  # metres, of the trunk of a top worn under a jacket
@@ -35,7 +26,7 @@ def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
 
     Returns:
         The garment with its ease above MIN_EASE scaled by 0.5 to 1.8, its sleeves, legs and drop longer or shorter, and
-        one of NECKS if its neckline is round.
+        one of `necks` if its neckline is round.
     """
     looseness = float(np.exp(np.clip(rng.normal(-0.05, 0.32), -0.7, 0.6)))  # factor of the ease above MIN_EASE
     if garment.kind == "top":
@@ -48,7 +39,8 @@ def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
         return tuple(min(e, MIN_EASE) + looseness * max(e - MIN_EASE, 0) for e in ease)
 
     if garment.name in ROUND:
-        neck, v_depth = NECKS[int(rng.choice(len(NECKS), p=NECK_SHARES))]
+        shapes = [*necks().values()]
+        neck, v_depth, _ = shapes[int(rng.choice(len(shapes), p=[share for *_, share in shapes]))]
         garment = replace(garment, neck=neck, v_depth=v_depth)
     if garment.sleeve_end > 1.5 and garment.collar not in ("lapel", "stand") and rng.random() < 0.14:  # pushed up
         garment = replace(garment, sleeve_end=float(rng.uniform(1.3, 1.65)), cuff_pin=max(garment.cuff_pin, 0.5))

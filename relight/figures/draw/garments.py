@@ -152,6 +152,11 @@ def wardrobe() -> Mapping[str, Garment]:
     return {name: garment for section in GROUPS for name, garment in group(section).items()}
 
 
+def necks() -> Mapping[str, tuple[tuple[float, float, float], float, float]]:
+    """Returns the openings of tops cut like a t-shirt: their radii, the depth of a V, and how often each is drawn."""
+    return entries("garments", "necks", tuple[tuple[float, float, float], float, float])
+
+
 def drawn_from(draw: str) -> tuple[str, ...]:
     """Returns the names of the garments that a draw of the catalogue lists.
 
