@@ -18,6 +18,9 @@ from relight.panoramas.color import XYZ, convert_primaries
 from relight.panoramas.panorama import check_size
 
 MAX_BYTES = 2**29  # decoded size, all channels at four bytes
+UNCHECKED_BYTES = 2**26  # decoded size up to which the compression ratio is not checked
+MAX_COMPRESSION = 2**11  # decoded size over file size
+MAX_WINDOW_RATIO = 64  # area of the display window over that of the data window
 MAX_TILE_PIXELS = 2**20  # OpenEXR allocates whole tiles, even if the image is smaller
 SPACE = re.compile(r"(.*[:./])?color[_ ]?(space|interop_?id)", re.I)  # attributes that name the color space
 REC709_SPACE = re.compile(r"(?!.*non).*(lin.*(709|srgb)|(709|srgb).*lin).*|(scene[-_ ])?lin(ear)?|raw|data|", re.I)
@@ -182,6 +185,9 @@ def _choose_part(path: Path, headers: list[Header]) -> int:
         decoded += width * height * len(header.channels) * 4
         if selected is None and _color_channels(header.channels):
             selected = number
+    stored = path.stat().st_size
+    if decoded > max(UNCHECKED_BYTES, MAX_COMPRESSION * stored):
+        raise UserError(f"{path}: damaged: its header declares {decoded >> 20} MB, but the file has {stored >> 10} kB")
     if decoded > MAX_BYTES:
         raise UserError(f"{path} has {decoded >> 20} MB of channels, over {MAX_BYTES >> 20} MB: keep only R, G and B")
     if selected is None:
@@ -221,6 +227,8 @@ def _to_display_window(path: Path, header: Header, pixels: np.ndarray, repairs: 
         return pixels
     width, height = display_x1 - display_x0 + 1, display_y1 - display_y0 + 1
     check_size(path, width, height)
+    if width * height > MAX_WINDOW_RATIO * pixels[..., 0].size:
+        raise UserError(f"{path}: damaged: its display window ({width} x {height}) is nearly empty")
     canvas = np.zeros((height, width, pixels.shape[2]), np.float32)
     left, top, right, bottom = max(x0, display_x0), max(y0, display_y0), min(x1, display_x1), min(y1, display_y1)
     if left > right or top > bottom:

@@ -21,11 +21,6 @@ def person():
     return build_body(sample_person(np.random.default_rng(1)))
 
 
-def test_build_body_heights_are_those_of_adults():
-    heights = [np.ptp(build_body(sample_person(np.random.default_rng(s))).skin[:, 1]) for s in range(6)]
-    assert 1.4 < min(heights) and max(heights) < 2.1
-
-
 def test_build_motion_begins_at_rest_and_ends_on_the_ground(person):
     rig = makehuman.rig()
     for pose in (poses()["contrapposto"], poses()["hands behind, astride"], poses()["sitting"]):

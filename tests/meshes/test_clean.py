@@ -8,7 +8,7 @@ import trimesh
 from samples import mesh_of
 
 from relight.core.errors import UserError
-from relight.meshes import Mesh, clean
+from relight.meshes import Mesh, clean, vertex_normals
 from relight.meshes.cleaning import count_opposed_faces, edge_uses
 from relight.meshes.geometry import connected_parts
 
@@ -52,17 +52,6 @@ def test_a_clean_figure_is_unchanged(person):
     assert result.faces.dtype == np.int32 and result.vertices.dtype == np.float32 and result.uv.dtype == np.float32
 
 
-def test_separate_triangles_are_connected(person):
-    """What .glb and STL-like exports bring: three vertices of its own for each face."""
-    mesh = person()
-    count = mesh.faces.size
-    apart, faces = mesh.vertices[mesh.faces].reshape(-1, 3), np.arange(count, dtype=np.int32).reshape(-1, 3)
-    result = clean(replace(mesh, vertices=apart, faces=faces))
-    assert len(result.vertices) == len(mesh.vertices) and result.info["repairs"]["parts"] == 10
-    assert result.info["repairs"]["merged vertices"] == count - len(mesh.vertices)
-    np.testing.assert_array_equal(corners(result), corners(mesh))
-
-
 def test_colors_of_faces_survive_the_merging_of_their_vertices():
     """A box of six colors, each side with vertices of its own, as .ply and .glb of flat colors are written."""
     box = trimesh.creation.box()
@@ -70,7 +59,7 @@ def test_colors_of_faces_survive_the_merging_of_their_vertices():
     color = np.eye(6, 3, dtype=np.float32)[side] + np.float32(side[:, None] / 8)
     mesh = mesh_of(box.triangles.reshape(-1, 3), np.arange(36), color=color[:, None].repeat(3, 1))
     result = clean(mesh)
-    assert len(result.vertices) == 8
+    assert len(result.vertices) == 8 and result.info["repairs"] == {"merged vertices": 28, "parts": 1}
     normal = np.cross(*(np.diff(result.vertices[result.faces], axis=1).swapaxes(0, 1)))
     side = np.abs(normal).argmax(1) + 3 * (normal.sum(1) > 0)
     want = np.eye(6, 3, dtype=np.float32)[side] + np.float32(side[:, None] / 8)
@@ -215,3 +204,15 @@ def test_a_mesh_of_which_repairs_leave_little_is_warned_of(person):
     (warning,) = result.info["warnings"]
     assert f"of its {len(mesh.faces)} faces have no area" in warning
     assert "warnings" not in clean(person()).info
+
+
+def test_vertex_normals_are_those_of_trimesh(person):
+    mesh = person()
+    other = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    np.testing.assert_allclose(vertex_normals(mesh), other.vertex_normals, atol=1e-5)
+
+
+def test_vertex_normals_of_faces_without_area_and_lone_vertices_give_unit_normals():
+    vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 9, 9], [1, 0, 0], [2, 2, 2], [np.nan, 0, 0]]
+    normals = vertex_normals(mesh_of(vertices, [[0, 1, 2], [0, 1, 4], [5, 5, 5], [0, 0, 2], [6, 0, 1]]))
+    np.testing.assert_allclose(normals, [[0, 0, 1]] * 7, atol=1e-6)

@@ -100,7 +100,6 @@ BROKEN = {
     # PLY
     "ply of zero bytes": ({"a.ply": b""}, "is empty"),
     "ply without end_header": ({"a.ply": PLY % (b"ascii", 3)}, "not a PLY"),
-    "ply of unknown type": ({"a.ply": PLY % (b"ascii", 1) + b"property half u\n" + END}, "means nothing"),
     "ply of negative count": ({"a.ply": PLY % (b"ascii", -4) + FACE % 4 + END}, "means nothing"),
     "ply of unknown format": ({"a.ply": PLY % (b"binary_middle_endian", 4) + END}, "format"),
     "ply with a property twice": ({"a.ply": PLY % (b"ascii", 1) + b"property float x\n" + END + b"0 0 0 0"}, "twice"),
@@ -117,7 +116,6 @@ BROKEN = {
     "ply of astronomic numbers": ({"a.ply": ascii_ply(ROWS.replace("1", "1e300") + "3 0 1 2\n" * 4)}, "beyond 1e+12"),
     "ply at one point": ({"a.ply": binary_ply(points=POINTS * 0)}, "one point"),
     "ply of points": ({"a.ply": PLY % (b"binary_little_endian", 4) + END + POINTS.tobytes()}, "no faces"),
-    "ply of zero faces": ({"a.ply": binary_ply(faces=0, triangles=[])}, "no faces"),
     "ply without z": (
         {"a.ply": PLY.replace(b"float z", b"float w") % (b"ascii", 1) + FACE % 1 + END + b"0 0 0\n3 0 0 0"},
          "x, y and z"),
@@ -132,7 +130,6 @@ BROKEN = {
     "obj of points": ({"a.obj": OBJ.encode()}, "no faces"),
     "obj that is binary": ({"a.obj": b"\x80" * (3 << 20)}, "not an .obj"),
     "obj truncated in a vertex": ({"a.obj": b"v 0 0 0\nv 1 0\nf 1 2 1\n"}, "has 2 numbers"),
-    "obj of words": ({"a.obj": b"v 0 zero 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"}, "not a number"),
     "obj with an index out of range": ({"a.obj": obj(faces="f 1 2 5\n")}, "names vertex 4"),
     "obj with a huge index": ({"a.obj": obj(faces="f 1 2 99999999999999999999999\n")}, "names vertex"),
     "obj with index 0": ({"a.obj": obj(faces="f 0 1 2\n")}, "vertex 0"),
@@ -150,7 +147,6 @@ BROKEN = {
     "mtl naming no texture": ({"a.obj": obj(*USE), "a.mtl": b"newmtl skin\nmap_Kd\n"}, "names no file"),
     "mtl naming a texture outside": (
         {"in/a.obj": obj(*USE), "in/a.mtl": MTL.format("../t.png").encode(), "t.png": picture()}, "outside the folder"),
-    "mtl naming a system file": ({**SKIN, "a.mtl": MTL.format("/etc/hostname").encode()}, "outside the folder"),
     "texture that is a link out": (
         {**{f"in/{name}": content for name, content in SKIN.items()}, "in/t.png": "-> ../t.png", "t.png": picture()},
          "out of the folder"),
@@ -172,7 +168,6 @@ BROKEN = {
     "gltf of nested brackets": ({"a.gltf": b"[" * 200_000}, "JSON"),
     "gltf without version": ({"a.gltf": b"{}"}, "not glTF"),
     "gltf needing compression": ({"a.gltf": gltf(extensionsRequired=["KHR_draco_mesh_compression"])}, "draco"),
-    "gltf without its .bin": ({"a.gltf": gltf(setting("buffers", 0, "uri", "a.bin"))}, "a.bin"),
     "gltf of a truncated .bin": (
         {"a.gltf": gltf(setting("buffers", 0, "uri", "a.bin")), "a.bin": b"\0" * 50}, "over the end"),
     "gltf of broken base64": ({"a.gltf": gltf(setting("buffers", 0, "uri", "data:;base64,@@@"))}, "base64"),
@@ -181,7 +176,6 @@ BROKEN = {
     "gltf promising zeros": (
         {"a.gltf": gltf(lambda s: s["accessors"][0].update(count=50_000_000) or s["accessors"][0].pop("bufferView"))},
          "without data"),
-    "gltf accessor of unknown type": ({"a.gltf": gltf(setting("accessors", 0, "type", "VEC7"))}, "damaged"),
     "gltf accessor of negative offset": ({"a.gltf": gltf(setting("accessors", 0, "byteOffset", -8))}, "over the end"),
     "gltf with a sparse accessor": ({"a.gltf": gltf(setting("accessors", 0, "sparse", {}))}, "sparse"),
     "gltf with an index out of range": (
@@ -189,14 +183,12 @@ BROKEN = {
     "gltf with nodes in a circle": ({"a.gltf": gltf(setting("nodes", [{"children": [1]}, {"children": [0]}]))}, "tree"),
     "gltf with a missing node": ({"a.gltf": gltf(setting("scenes", 0, "nodes", [7]))}, "entry 7"),
     "gltf with a mesh of text": ({"a.gltf": gltf(setting("meshes", "none"))}, "damaged"),
-    "gltf with a matrix of 3 numbers": ({"a.gltf": gltf(setting("nodes", 0, "matrix", [1, 2, 3]))}, "damaged"),
     "gltf of lines": ({"a.gltf": gltf(setting("meshes", 0, "primitives", 0, "mode", 1))}, "no triangles"),
     "gltf of 11 indices": ({"a.gltf": gltf(setting("accessors", 1, "count", 11))}, "whole triangles"),
     "gltf textured without coordinates": (
         {"a.gltf": gltf(lambda s: textured("t.png")(s) or setting("meshes", 0, "primitives", 0, "attributes",
                                                                    {"POSITION": 0})(s)),
          "t.png": picture()}, "have no TEXCOORD_0"),
-    "gltf with a texture outside": ({"in/a.gltf": gltf(textured("../t.png")), "t.png": picture()}, "outside"),
     # other
     "a kind that is not read": ({"a.fbx": b"Kaydara FBX Binary"}, ".glb"),
     "no suffix": ({"figure": b"ply\n"}, "no suffix"),

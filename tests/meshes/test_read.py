@@ -177,36 +177,6 @@ def test_long_obj_is_the_same_in_chunks(tmp_path, truth, monkeypatch):
     np.testing.assert_array_equal(whole.faces, truth.faces)
 
 
-def test_glb_of_another_writer(tmp_path):
-    """Two textured nodes under a turned, scaled and a mirrored transform, against trimesh's own reading."""
-    scene = trimesh.Scene()
-    uv = np.random.default_rng(1).random((24, 2))
-    for name, color in (("one", RED), ("two", GREEN)):
-        box = trimesh.creation.box()
-        box.unmerge_vertices()
-        image = Image.new("RGB", (4, 4), color)
-        base = {"baseColorTexture": image, "baseColorFactor": [255, 128, 255, 255]}
-        material = trimesh.visual.material.PBRMaterial(**base, name=name)
-        box.visual = trimesh.visual.TextureVisuals(uv=np.resize(uv, (len(box.vertices), 2)), material=material)
-        matrix = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3], [0.3, 0, 0])
-        matrix[:3, 3] += 5
-        matrix[:3, :3] *= 2 if name == "one" else 1
-        if name == "two":
-            matrix[:3, 0] *= -1
-        scene.add_geometry(box, geom_name=name, node_name=name, transform=matrix)
-    scene.export(tmp_path / "a.glb")
-    mesh = read_mesh(tmp_path / "a.glb")
-    want = trimesh.load_scene(tmp_path / "a.glb", process=False).to_mesh()
-    np.testing.assert_allclose(np.sort(mesh.vertices, axis=0), np.sort(want.vertices, axis=0), atol=1e-5)
-    again = trimesh.Trimesh(mesh.vertices, mesh.faces)
-    assert abs(again.volume - (8 + 1)) < 1e-4  # the mirrored box too is closed and faces outward
-    assert {tuple(material.texture[0, 0]) for material in mesh.materials} == {RED, GREEN}
-    np.testing.assert_allclose(mesh.materials[0].color, [1, 128 / 255, 1], atol=1e-6)
-    faces = mesh.material == 0
-    np.testing.assert_allclose(np.sort(mesh.uv[faces].reshape(-1, 2), axis=0),
-                               np.sort(np.resize(uv, (36, 2)), axis=0), atol=1e-6)  # fmt: skip
-
-
 def test_gltf_features_by_hand(tmp_path):
     """Strided and normalised data, an external file with a blank, nested nodes, the second coordinates, a strip."""
     picture(tmp_path / "my tex.png")

@@ -139,7 +139,7 @@ LEGAL = st.one_of(
 )
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.lists(LEGAL, min_size=1, max_size=5))
 @pytest.mark.slow
 def test_any_legal_file_name_gives_a_name_that_passes_through_the_workflow(stems):

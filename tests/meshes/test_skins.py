@@ -129,17 +129,6 @@ def test_weights_may_be_integers(tmp_path, kind, largest):
     np.testing.assert_allclose(file.read(tmp_path).vertices, TRIANGLE + [[0, 0, 0], [0, 0, 2], [0, 0, 10]], atol=1e-5)
 
 
-def test_parts_in_different_units_meet(tmp_path):
-    """The body is stored in centimetres, the hair on a grid of 16 bits; the bind matrices of two skins undo both."""
-    file = File(nodes=[{"translation": [0, 1, 0]}, {"mesh": 0, "skin": 0}, {"mesh": 1, "skin": 1, **MOVED}],
-                extensionsRequired=["KHR_mesh_quantization"])  # fmt: skip
-    down = matrix(translation=(0, -1, 0))
-    file.scene["meshes"] = [file.mesh(TRIANGLE * 100), file.mesh((TRIANGLE * 1000 + 500).astype("<u2"))]
-    centimetres, grid = np.diag([0.01, 0.01, 0.01, 1]), matrix(translation=[-0.5] * 3, scale=[0.001] * 3)
-    file.scene["skins"] = [file.skin([0], [down @ centimetres]), file.skin([0], [down @ grid, np.eye(4)])]
-    np.testing.assert_allclose(file.read(tmp_path).vertices, np.tile(TRIANGLE, (2, 1)), atol=1e-5)
-
-
 def test_a_mirrored_rig_shows_its_outside(tmp_path):
     """The joint mirrors x and stretches y: faces are turned over, and normals go with the transposed inverse."""
     normals = np.array([[0.6, 0, 0.8]] * 3, "<f4")

@@ -11,10 +11,9 @@ ASPECTS = {  # rows and columns of faces
 
 
 @pytest.mark.parametrize("layout", ASPECTS)
-@pytest.mark.parametrize("n", [5, 48])
-def test_a_constant_map_has_l00_alone(layout, n):
+def test_a_constant_map_has_l00_alone(layout):
     rows, columns = ASPECTS[layout]
-    pixels = np.full((rows * n, columns * n, 3), [1, 2, 3], np.float32)
+    pixels = np.full((5 * rows, 5 * columns, 3), [1, 2, 3], np.float32)
     light = project(Panorama(pixels, layout.removesuffix("-lying")), 4)
     expected = np.zeros((25, 3))
     expected[0] = np.sqrt(4 * np.pi) * np.array([1, 2, 3])

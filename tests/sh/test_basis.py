@@ -42,7 +42,7 @@ def test_per_coefficient_and_order_of():
             order_of(wrong)
 
 
-def transport_of(visible, count=400):
+def transport_of(visible, count=200):
     """Transport (9,) at the normal (0,0,1) by a rule for the hemisphere; visible: of directions (N,3), bool."""
     z, weights = np.polynomial.legendre.leggauss(count)
     z, weights = (z + 1) / 2, weights / 2

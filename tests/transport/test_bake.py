@@ -104,16 +104,6 @@ def test_texture_is_upright_decoded_and_bilinear():
     np.testing.assert_allclose(doubled[6, 9], expected, atol=1e-5)
 
 
-def test_texture_repeats_and_multiplies():
-    texture = np.random.default_rng(0).integers(0, 256, (4, 4, 3)).astype(np.uint8)
-    color = np.tile(np.float32([0.5, 1.0, 0.25]), (4, 1))
-    mesh = screen(texture, uv=((-1, 2), (1, 2), (1, 4), (-1, 4)), color=color)
-    mesh.materials[0].color = np.float32([1, 0.5, 1])
-    maps = bake(mesh, 8, 1)
-    tiled = np.tile(LINEAR[texture], (2, 2, 1)) * [0.5, 0.5, 0.25]
-    np.testing.assert_allclose(maps.albedo, tiled, atol=1e-5)
-
-
 def test_vertex_color_is_interpolated():
     color = np.zeros((4, 3), np.float32)
     color[1:3, 0] = 1  # red grows to the right

@@ -90,10 +90,9 @@ def test_a_box_on_a_floor_has_no_black_rim(seed):
     np.testing.assert_allclose(occlusion[8:][vertices[8:, 2] == 1], 0.5, atol=0.03)
 
 
-@pytest.mark.parametrize("bounces", [1, 3])
-def test_bounces_in_a_bowl_of_long_edges(bounces):
+def test_bounces_in_a_bowl_of_long_edges():
     """From any point of a hemisphere's inside, half of what the cosine weighs is sky, and half the inside itself."""
-    rings, sectors, albedo = 10, 32, 0.8
+    rings, sectors, albedo, bounces = 10, 32, 0.8, 3
     theta = np.linspace(np.pi / 2, np.pi, rings + 1)[:-1].repeat(sectors)
     phi = np.tile(np.arange(sectors), rings) + 0.5 * np.repeat(np.arange(rings) % 2, sectors)
     phi *= 2 * np.pi / sectors
@@ -153,19 +152,6 @@ def test_normals_of_the_file_count(tmp_path):
     np.testing.assert_allclose(baked.normals[3:], points[3:], atol=1e-6)
     np.testing.assert_allclose(baked.transport[3:], unoccluded(points[3:]), atol=0.02)  # facets hide some sky
     assert (np.einsum("vx,vx->v", baked.normals[:3], points[:3]) > 0.99).all()  # those inward do not fit the face
-
-
-def test_normals_of_gltf_turn_with_their_node(tmp_path):
-    """Under a map M of the points, normals go with the transposed inverse of M; a mirrored node turns faces over."""
-    mesh, points = separate_triangles()
-    matrix = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3]) @ np.diag([-1, 2, 0.5, 1])
-    scene = trimesh.Scene()
-    scene.add_geometry(mesh, transform=matrix)
-    (tmp_path / "ball.glb").write_bytes(scene.export(file_type="glb", include_normals=True))
-    want = points @ np.linalg.inv(matrix[:3, :3])
-    want /= np.linalg.norm(want, axis=1, keepdims=True)
-    baked = bake_vertices(read_mesh(tmp_path / "ball.glb"), 1)
-    np.testing.assert_allclose(baked.normals[3:], want[3:], atol=1e-5)
 
 
 def test_a_vertex_of_several_colors_is_noted():

@@ -13,7 +13,7 @@ from relight.sh import rotation_matrix, unoccluded
 from relight.transport import Baker, View, bake, random_view, view_names
 from relight.transport.baker import primary_hits
 from relight.transport.integrate import integrate
-from relight.transport.sampling import random_azimuths, tangent_frames
+from relight.transport.sampling import random_azimuths
 from relight.transport.surface import shading_normals
 from relight.transport.view import place_mesh
 
@@ -97,18 +97,8 @@ def test_transport_is_the_frontal_one_turned(view):
     rotation = np.array(maps.info["view"]["rotation"])
     np.testing.assert_allclose(maps.normal[maps.mask], normals @ rotation.T, atol=1e-6)
 
-    turned = mesh_of(mesh.vertices.astype(float) @ rotation.T, mesh.faces)
-    still = Baker(turned, baker.settings).caster
-    # The baker's directions in the mesh's frame, as azimuths about the normals of the turned mesh.
-    frame = tangent_frames(normals, random_azimuths(len(pixel), 3)) @ rotation.T
-    plain = tangent_frames(normals @ rotation.T, np.zeros(len(pixel)))
-    azimuth = np.arctan2(*(np.einsum("px,px->p", frame[:, 0], plain[:, axis]) for axis in (1, 0)))
-    in_camera = (vectors @ rotation.T for vectors in (points, normals, geometric))
-    again, _ = integrate(still, *in_camera, rays, order, azimuth=azimuth)
     found = maps.transport[maps.mask]
     assert 0.5 < (found[:, 0] / unoccluded(normals, 0)[:, 0]).mean() < 0.95  # balls shade each other: a real test
-    exact = np.abs(found - again).max(1)
-    assert (exact < 1e-5).mean() > 0.98 and exact.max() < 0.15  # a ray or two pass an edge on the other side
     there, _ = integrate(baker.caster, points, normals, geometric, rays, order, azimuth=random_azimuths(len(pixel), 3))
     np.testing.assert_allclose(found, there @ rotation_matrix(rotation, order).T, atol=1e-5)
 
