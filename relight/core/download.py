@@ -3,9 +3,7 @@
 import base64
 import hashlib
 import os
-import urllib.request
 from dataclasses import dataclass
-from http.client import HTTPException
 from pathlib import Path
 
 from relight.core.errors import UserError
@@ -55,6 +53,9 @@ def fetch(package: Package, file: Path | str | None = None) -> bytes:
     if file is not None:
         data = existing_file(file, "--from").read_bytes()
     else:
+        import urllib.request  # a photo needs none of it
+        from http.client import HTTPException
+
         registry = os.environ.get("NPM_CONFIG_REGISTRY") or REGISTRY
         address = f"{registry.rstrip('/')}/{package.name}/-/{package.name.split('/')[-1]}-{package.version}.tgz"
         try:

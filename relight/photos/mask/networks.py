@@ -117,6 +117,6 @@ def load_network(name: str) -> Any:
         UserError: if it is damaged.
     """
     try:
-        return open_session(network_file(name))
+        return open_session(network_file(name), threads=1)
     except UserError:
         raise UserError(f"{network_file(name)} is damaged: run `relight mask setup` again") from None
