@@ -1,6 +1,6 @@
 """Catalogues: each entry is used, and an entry that does not fit its schema is refused in one sentence."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -13,7 +13,7 @@ from relight.figures.drape.scarves import Wrap
 from relight.figures.draw import garments
 from relight.figures.draw.constraints import names
 from relight.figures.draw.garments import GROUPS, Garment, group, wardrobe
-from relight.figures.draw.hairstyles import style_odds
+from relight.figures.draw.hairstyles import style_odds, styles
 from relight.figures.draw.outfits import shoe_odds
 from relight.figures.draw.person import Iris, Shape, expressions, sample_person, units
 
@@ -118,3 +118,12 @@ def test_catalogue_shares_are_probabilities():
             odds = style_odds(woman, person)
             assert odds.sum() == pytest.approx(1) and (odds >= 0).all()
             assert shoe_odds(woman, [group("skirts")["pencil skirt"]]).sum() == pytest.approx(1)
+
+
+@pytest.mark.parametrize("ancestry", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+def test_style_odds_keep_hair_of_one_sex_to_it(ancestry):
+    person = replace(sample_person(np.random.default_rng(0)), ancestry=ancestry)
+    women, men = ({name for name, p in zip(styles(), style_odds(woman, person)) if p} for woman in (True, False))
+    assert women - men == {"bob", "chin length", "long", "wavy long", "bun", "ponytail"}
+    assert men - women == {"bald", "shaved", "side part", "quiff"}
+    assert ("afro" in women & men) == (ancestry[0] == 1)
