@@ -160,6 +160,10 @@ def test_doubts_name_limbs_and_places():
     assert one == "hardly recognized as a person: the mask may be wrong"
     (one,) = mask_doubts(solid, [replace(body, seen=body.seen * np.where(y < 160, 0.7, 1).astype(np.float32))])
     assert one == "the outline is unclear: background may be in the mask"
+    held = ["what is not in the mask at the upper left may belong to them, as what they hold does"]
+    for radius, told in ((14, held), (3, [])):
+        ball = 0.4 * (np.hypot(x - 70, y - 70) < radius)
+        assert mask_doubts(solid, [replace(body_of((trunk | legs) + ball), joints=joints)]) == told
     neighbour = np.roll(trunk | legs, 70, 1)
     other = replace(body_of(neighbour), joints=(joints + [70 / 256, 0, 0]).astype(np.float32))
     seen = replace(body_of((trunk | legs) + 0.6 * (neighbour & (x < 190))), joints=joints)

@@ -15,6 +15,7 @@ LOOK = 256  # pixels of a person's longer side at which doubts are looked for
 SLACK = 0.02  # of it: how far a joint may be outside, and half the thickness of what networks may disagree about
 SURE = 0.8  # that a joint is seen
 APART = 0.03  # least share of a mask about which they disagree
+FAINT, BESIDE = 0.2, 0.01  # least value of a body's mask, and share of it, that make what their mask lacks doubtful
 KNOWN_AS, UNCLEAR = 0.7, 0.6  # least score of a person; most pixels of .1 to .9 over those of the person, in their mask
 SEAM = 0.015  # of the people's longer side: half the width of what people who touch share
 BRIDGE = 5  # pixels: what hangs by less on the body is apart from it
@@ -153,15 +154,34 @@ def _doubts(own: np.ndarray, body: Body | None, coverage: np.ndarray, bodies: Se
     doubts += [f"the {name} is not in the mask" for joint, name in LIMBS.items() if lost[joint]]
     sides = [columns[0] / shape[1], rows[0] / shape[0], columns[1] / shape[1], rows[1] / shape[0]]
     other, anybody = body.mask(size, sides) > 0.5, np.maximum.reduce([each.mask(size, sides) for each in bodies]) > 0.5
-    apart = (solid & ~anybody) | (other & ~whole)
-    apart = maximum_filter(minimum_filter(apart, 2 * slack + 1), 2 * slack + 1)
+    apart = _thick((solid & ~anybody) | (other & ~whole), 2 * slack + 1)
     if apart.sum() > APART * solid.sum():
         doubts.append(f"the networks disagree about the mask, mostly at the {_place(apart)}")
+    beside = _beside(body, coverage, scale, slack + 2)
+    if beside.sum() > BESIDE * solid.sum():
+        doubts.append(f"what is not in the mask at the {_place(beside)} may belong to them, as what they hold does")
     parts, _ = label(minimum_filter(solid, BRIDGE))
     alone = maximum_filter((parts > 0) & ~np.isin(parts, parts[anybody]), BRIDGE)
     if alone.sum() > SPECK * solid.sum():
         doubts.append(f"a part apart from the body, at the {_place(alone)}, may be a thing, or background")
     return doubts
+
+
+def _beside(body: Body, coverage: np.ndarray, scale: float, side: int) -> np.ndarray:
+    """Returns where a body's mask is faint, thicker than `side` pixels, and nobody is covered: (h,w) bool in its box."""
+    x, y = np.nonzero(body.seen.T > FAINT)
+    ends = (body.square @ [x, y, np.ones(len(x))]).clip(0, 1)
+    (left, upper), (right, lower) = part = ends.min(1, initial=1), ends.max(1, initial=0)
+    height, width = coverage.shape
+    size = max(round((right - left) * width * scale), 1), max(round((lower - upper) * height * scale), 1)
+    box = left * width, upper * height, right * width, lower * height
+    known = np.asarray(Image.fromarray(coverage).resize(size, Image.Resampling.BOX, box)) >= MASK_THRESHOLD
+    return _thick((body.mask(size, np.ravel(part)) > FAINT) & ~maximum_filter(known, side), side)
+
+
+def _thick(mask: np.ndarray, side: int) -> np.ndarray:
+    """Returns the parts of a mask (h,w) bool that hold a square of `side` pixels."""
+    return maximum_filter(minimum_filter(mask, side), side)
 
 
 def _place(mask: np.ndarray) -> str:
