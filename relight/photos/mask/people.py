@@ -168,7 +168,7 @@ def _doubts(own: np.ndarray, body: Body | None, coverage: np.ndarray, bodies: Se
 
 
 def _beside(body: Body, coverage: np.ndarray, scale: float, side: int) -> np.ndarray:
-    """Returns where a body's mask is faint, thicker than `side` pixels, and nobody is covered: (h,w) bool in its box."""
+    """Returns where a body's mask is faint, thicker than `side` pixels, and nobody is covered: (h,w) bool."""
     x, y = np.nonzero(body.seen.T > FAINT)
     ends = (body.square @ [x, y, np.ones(len(x))]).clip(0, 1)
     (left, upper), (right, lower) = part = ends.min(1, initial=1), ends.max(1, initial=0)
