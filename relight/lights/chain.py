@@ -15,11 +15,11 @@ from relight.core.errors import UserError
 from relight.core.files import require_safe_name
 from relight.core.processes import count_cores, end_with_parent, has_semaphores
 from relight.core.progress import progress
-from relight.lights.load import GENERATED
+from relight.lights.load import GENERATED, load_light
 from relight.lights.select import select_lights
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import LightSet
-from relight.panoramas import Panorama, list_panoramas, orient, project, read_panorama
+from relight.panoramas import list_panoramas, orient, project, read_panorama
 from relight.settings import Lights, Panoramas
 
 log = logging.getLogger(__name__)
@@ -131,18 +131,8 @@ def largest_copies(sources: list[str]) -> list[int]:
 
 
 def generated_light(source: str, order: int, flip: bool = False) -> np.ndarray:
-    """Generates a panorama and projects it.
-
-    Args:
-        source: such as "room:12", "sky:3" or "lamps:5".
-        order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
-        flip: whether left and right are mirrored.
-
-    Returns:
-        The light (K,3).
-    """
-    kind, seed = source.split(":")
-    return orient(project(Panorama(GENERATED[kind].picture(int(seed))), order), 0.0, flip)
+    """Returns the light (K,3) of a generated panorama, such as "room:12", mirrored left to right if `flip`."""
+    return load_light(source, order, flip=flip).coefficients
 
 
 def _file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarray, list[str]] | str:

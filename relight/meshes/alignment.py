@@ -12,7 +12,7 @@ from relight.core.text import read_table
 from relight.maps.square import PADDING
 from relight.meshes.axes import AXES, find_axes, flat_side
 from relight.meshes.mesh import Mesh
-from relight.meshes.scans import is_used, safe_name
+from relight.meshes.scans import named_rows
 from relight.settings import Align
 from relight.sh import rotation_about_y
 
@@ -123,12 +123,7 @@ def read_align_table(path: Path | str) -> dict[str, dict[str, str]]:
     if not {"name", "path"} & set(columns):
         raise UserError(f"{path} has no column `name`; a table of overrides has name, up, front, turn")
     rows: dict[str, dict[str, str]] = {}
-    for row in table:
-        if not is_used(path, row):
-            continue
-        name = safe_name(row.get("name") or Path(row.get("path", "").replace("\\", "/")).stem)
-        if name in rows:
-            raise UserError(f"{path} names {name} twice")
+    for name, row in named_rows(path, table):
         for key in ("up", "front"):
             if row.get(key) and row[key] not in (*AXES, "auto"):
                 raise UserError(f"{path}: {key} {row[key]!r} of {name}; {', '.join(AXES)} and auto are known")

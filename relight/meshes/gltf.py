@@ -254,8 +254,10 @@ def _surface(gltf: Gltf, number: int | None, notes: list[str]) -> Surface:
     color = np.array((factor or (1, 1, 1))[:3], np.float32)
     if color.max() > 1 or color.min() < 0:
         notes.append(f"the color of the material {name or number!r} is outside 0 to 1: it is clipped")
-    specular = extensions.get("KHR_materials_specular")
-    gloss: dict[str, Any] = {} if specular is None else _gloss(specular, base)
+    gloss: dict[str, Any] = {}
+    if (specular := extensions.get("KHR_materials_specular")) is not None:
+        gloss = {"roughness": base.get("roughnessFactor", 1.0), "specular": specular.get("specularFactor", 1.0)}
+        gloss = {key: min(1.0, max(0.0, float(value))) for key, value in gloss.items()}
     if slot is None:
         return Surface(Material(color, name=name, **gloss), placement, 0)
     placement, channel = _placement(slot.get("extensions", {}).get("KHR_texture_transform", {}))
@@ -267,12 +269,6 @@ def _surface(gltf: Gltf, number: int | None, notes: list[str]) -> Surface:
 def _legacy_base(extension: dict[str, Any]) -> dict[str, Any]:
     names = {"diffuseFactor": "baseColorFactor", "diffuseTexture": "baseColorTexture"}
     return {new: extension[old] for old, new in names.items() if old in extension}
-
-
-def _gloss(extension: dict[str, Any], base: dict[str, Any]) -> dict[str, float]:
-    """Returns roughness and specular of a `Material`, in [0,1]; `base` is the entry's pbrMetallicRoughness."""
-    gloss = {"roughness": base.get("roughnessFactor", 1.0), "specular": extension.get("specularFactor", 1.0)}
-    return {key: min(1.0, max(0.0, float(value))) for key, value in gloss.items()}
 
 
 def _placement(extension: dict[str, Any]) -> tuple[np.ndarray, int | None]:

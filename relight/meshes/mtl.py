@@ -21,8 +21,8 @@ OPTION = re.compile(
     rf"(?i)-(?:clamp\s+(?P<clamp>\S+)|(?:blendu|blendv|cc|imfchan|type)\s+\S+|(?:bm|boost|texres)\s+{NUMBER}"
     rf"|mm\s+{NUMBER}\s+{NUMBER}|(?P<vector>[ost])\s+(?P<values>{VECTOR}))\s+(?=\S)"
 )
-# A line that a backslash joins to the next one: no comment; after a byte over 127, the backslash is half a character of
-# Shift-JIS, Big5 or GBK.
+# A line that a backslash joins to the next one, also in .obj files: no comment, which may end in a folder of Windows;
+# after a byte over 127, the backslash is half a character of Shift-JIS, Big5 or GBK.
 JOINED = re.compile(rb"(?m)^(?!\s*#)(.*(?<![\x80-\xff]))\\\r?\n")
 MAPS = (b"map_kd", b"map_ka", b"map_ke")  # of the color; the first that a material has counts
 NO_PLACEMENT = np.array([1.0, 1.0, 0.0, 0.0])

@@ -9,12 +9,11 @@ import numpy as np
 
 from relight.core.errors import UserError
 from relight.core.text import open_lines, spellings
-from relight.meshes.mtl import NO_PLACEMENT, Surface, read_libraries
+from relight.meshes.mtl import JOINED, NO_PLACEMENT, Surface, read_libraries
 from relight.meshes.obj_lines import Faces, Numbers
 from relight.meshes.polygons import triangulate
 from relight.meshes.raw import RawMesh, linear, unit_colors, without_tints
 
-CONTINUED = b"\\\n", b"\\\r\n"  # after a byte over 127 the backslash is half a character
 KEYS = {b"v", b"f", b"vt", b"vn", b"usemtl", b"mtllib"}  # others are seldom, and may be written in capitals
 MAX_LINE = 1 << 20  # bytes; a file with a longer line is no text
 
@@ -88,13 +87,12 @@ def _colors(vertices: np.ndarray, widest: int) -> tuple[np.ndarray | None, list[
 def _statements(path: Path) -> Iterator[tuple[bytes, bytes]]:
     """Yields keyword and rest of each line, (b"v", b"0 1 0"); joins continued lines, skips comments and empty lines.
 
-    Names may hold #, so a comment ends other statements only. A backslash continues no comment, which may end in a
-    folder of Windows; nor a line after a byte of 128 or more, with which it is a character in Shift-JIS and others.
+    Names may hold #, so a comment ends other statements only.
     """
     with open_lines(path) as file:
         while line := file.readline(MAX_LINE):
-            while line.endswith(CONTINUED) and _goes_on(line) and len(line) < MAX_LINE:
-                line = line.rstrip()[:-1] + b" " + file.readline(MAX_LINE)
+            while line.endswith((b"\\\n", b"\\\r\n")) and JOINED.match(line) and len(line) < MAX_LINE:
+                line = JOINED.sub(rb"\1 ", line) + file.readline(MAX_LINE)
             if len(line) >= MAX_LINE:
                 raise UserError(f"{path} is not an .obj file: it has a line of over {MAX_LINE} bytes")
             words = line.split(None, 1)
@@ -107,14 +105,6 @@ def _statements(path: Path) -> Iterator[tuple[bytes, bytes]]:
                     yield words[0], words[1]
             elif words == [b"usemtl"]:
                 yield words[0], b""
-
-
-def _goes_on(line: bytes) -> bool:
-    """Returns whether the backslash at the end of a line continues it.
-
-    It does not in comments, nor after a byte of 128 or more, with which it is one character in Shift-JIS and others.
-    """
-    return line.rstrip()[-2:-1] < b"\x80" and not line.lstrip().startswith(b"#")
 
 
 def _placed_uv(

@@ -5,6 +5,7 @@ import os
 import re
 import unicodedata
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -195,21 +196,28 @@ def _from_table(table: Path) -> dict[str, Scan]:
     if "path" not in columns:
         raise UserError(f"{table} has no column `path`; it may have use, name, subject and path")
     scans: dict[str, Scan] = {}
-    for row in rows:
-        if not is_used(table, row):
-            continue
+    for name, row in named_rows(table, rows):
         if not row["path"]:
             raise UserError(f"{table} has a row without a path")
         written, path = Path(row["path"].replace("\\", "/")), scan_path(row)
-        name = safe_name(row.get("name") or path.stem)
         if not path.is_file():
             raise UserError(f"{table} names {row['path']}, which is not there; paths start at the table's folder")
-        if name in scans:
-            raise UserError(f"{table} names {name} twice")
         scans[name] = Scan(path, safe_name(row.get("subject") or _subject(written.with_suffix(""), name)))
     if not scans:
         raise UserError(f"{table} chooses no scan")
     return scans
+
+
+def named_rows(table: Path, rows: list[dict[str, str]]) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yields the rows that are used, after the name of each: the cell's, else its file's; UserError for one twice."""
+    names: set[str] = set()
+    for row in rows:
+        if is_used(table, row):
+            name = safe_name(row.get("name") or Path(row.get("path", "").replace("\\", "/")).stem)
+            if name in names:
+                raise UserError(f"{table} names {name} twice")
+            names.add(name)
+            yield name, row
 
 
 def is_used(table: Path, row: dict[str, str]) -> bool:

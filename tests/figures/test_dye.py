@@ -9,7 +9,7 @@ from relight.figures.draw.fabrics import Fabric
 from relight.figures.draw.garments import wardrobe
 from relight.figures.dye import aging, marks, panels
 from relight.figures.dye.prints import emblem
-from relight.figures.dye.weaves import WEAVES, woven
+from relight.figures.dye.weaves import WEAVES, Swatch, woven
 from relight.figures.surfaces import grid_faces
 
 LATTICE = [0.212093949, 0.283698976, 0.247471035, 0.376442909]
@@ -55,7 +55,7 @@ def test_woven_is_uneven_for_each_kind(kind):
     """The scatter of ln albedo between places 2.5 mm apart, which scans of cloth have as well."""
     a = np.arange(240) * 0.0013
     u, v = np.broadcast_arrays(a[None].astype(np.float32), a[:, None].astype(np.float32))
-    color = woven(Fabric(kind, (0.3, 0.2, 0.15), (0.1, 0.4, 0.7), 1.0, 11), "back", u, v, 0.0013)
+    color = woven(Swatch(Fabric(kind, (0.3, 0.2, 0.15), (0.1, 0.4, 0.7), 1.0, 11), "back", u, v, 0.0013))
     assert color.shape == (240, 240, 3) and np.isfinite(color).all() and color.min() > 0 and color.max() < 1
     log = np.log(color.mean(-1).reshape(120, 2, 120, 2).mean((1, 3)))
     assert np.diff(log, axis=1).std() > 0.03

@@ -8,6 +8,7 @@ import pytest
 from relight.figures.assemble.assembly import Assembly
 from relight.figures.assemble.builder import Builder
 from relight.figures.assemble.hair import facial, strands
+from relight.figures.assemble.hair.combing import Head
 from relight.figures.assemble.hair.heads import HairPart, build_hair
 from relight.figures.body import makehuman
 from relight.figures.body.motion import build_motion
@@ -31,7 +32,7 @@ def head(body):
 
 def grown(head, name: str, fine: bool = False) -> list[HairPart]:
     style = hairstyles.styles()[name]
-    return build_hair(head[1], style, 0.8, head[2], 5, fine)
+    return build_hair(Head(head[1], colliders.Collider.at_rest(*head[2]), 5, fine), style, 0.8)
 
 
 def strips(parts: list[HairPart], *kinds: str) -> list[strands.Strip]:
@@ -118,7 +119,7 @@ def test_beard_grows_on_jaw_and_lip_only(head, heads):
     assert (share[base[:, 2] < eye[2] - 0.1] == 0).all()  # not on the nape
     lips = base[[skin.UPPER_LIP, skin.LOWER_LIP]]
     assert (skin.beard_share(lips) == 0).all()
-    assert facial.beard(motion, facial.STUBBLE, below, 5, False) is None
+    assert facial.beard(Head(motion, None, 5, False), facial.STUBBLE) is None
     surface = colliders.Collider(below[0], *below)
     _, distance, _ = colliders.signed_distance(strips(heads["bald"], "beard")[0][0], surface, 0.1)
     assert np.mean(distance < -0.004) < 0.02 and distance.max() < 0.05

@@ -3,6 +3,7 @@
 import numpy as np
 
 from relight.figures.assemble.builder import Builder
+from relight.figures.assemble.hair.combing import Head
 from relight.figures.assemble.hair.heads import build_hair
 from relight.figures.assemble.layers import Cover, push_under
 from relight.figures.body import makehuman
@@ -225,7 +226,8 @@ class Assembly:
     def add_hair(self, below: Surface) -> None:
         """Adds hair, beard, brows, lashes and hat over the surface `below`: vertices and faces of skin and clothes."""
         outfit, side = self.outfit, self.side(share=4)
-        parts = build_hair(self.motion, outfit.hair, outfit.beard, below, self.seed, fine=self.detail.body > 0)
+        head = Head(self.motion, Collider.at_rest(*below), self.seed, fine=self.detail.body > 0)
+        parts = build_hair(head, outfit.hair, outfit.beard)
         by_kind: dict[str, Paint] = {
             kind: paints.hair_material(outfit, kind, side, self.seed) for kind in dict(parts) if kind != "hat"
         }

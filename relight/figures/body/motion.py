@@ -28,16 +28,7 @@ class Motion:
     bones: dict[str, int]
 
     def skin(self, weights: np.ndarray, rest: np.ndarray, frame: int = -1) -> np.ndarray:
-        """Returns vertices at a frame by linear blend skinning.
-
-        Args:
-            weights: (V,B) skinning weights, whose rows sum to 1.
-            rest: (V,3) vertices on the rest pose, metres.
-            frame: index of the frame; by default the last one, the pose.
-
-        Returns:
-            (V,3), metres.
-        """
+        """Returns vertices (V,3) on the rest pose, `rest`, moved to a frame, the pose by default (`skinned`)."""
         return skinned(weights, rest, self.transforms[frame])
 
     @cached_property

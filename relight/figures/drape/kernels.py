@@ -1,4 +1,13 @@
-"""Warp kernels of the cloth solver: integration, distance constraints, contacts, pins, ray casts, intersections."""
+"""Warp kernels of the cloth solver: integration, distance constraints, contacts, pins, ray casts, intersections.
+
+Arguments that mean the same in all of them, in metres and seconds:
+
+x, previous: (n,3) vertices of the cloth, now and before the time step; v: (n,3) their velocities.
+mesh: number of a `wp.Mesh`; indices: (3 F,) vertices of the faces.
+face: (n,) the nearest face of the collider, -1 for none; barycentric: (n,2) weights of its first two corners there.
+partners: (n * max_partners,) other vertices that each vertex may touch, -1 for none.
+dt: the time step.
+"""
 
 import warp as wp
 
@@ -8,16 +17,7 @@ Pairs, Shares = wp.array(dtype=wp.vec2i), wp.array(dtype=wp.vec2)
 
 @wp.kernel
 def integrate(x: Points, v: Points, previous: Points, gravity: float, dt: float, damping: float):
-    """Advances positions x (n,3) by velocities v (n,3) and gravity over a time step.
-
-    Args:
-        x: metres; updated.
-        v: metres per second.
-        previous: (n,3) gets the positions before the step.
-        gravity: acceleration along y, metres per second squared; negative is down.
-        dt: the time step, seconds.
-        damping: factor of the velocities.
-    """
+    """Advances x by v, times `damping`, and by the acceleration `gravity` along y, over a step; sets `previous`."""
     i = wp.tid()
     previous[i] = x[i]
     x[i] = x[i] + v[i] * (dt * damping) + wp.vec3(0.0, gravity * dt * dt, 0.0)
@@ -30,9 +30,9 @@ def solve_distance_constraints(
     """Solves all distance constraints in order, in one thread, since they share vertices (position-based dynamics).
 
     Args:
-        x: (n,3) metres; updated.
+        x: updated.
         pairs: (C,2) the vertices of each constraint.
-        rest_length: (C,) metres.
+        rest_length: (C,).
         stiffness: (C,) share in [0,1] of the error that is removed at a time.
         count: C.
         iterations: how often all are solved.
@@ -51,15 +51,7 @@ def solve_distance_constraints(
 
 @wp.kernel
 def find_nearest_faces(mesh: wp.uint64, x: Points, max_distance: float, face: Indices, barycentric: Shares):
-    """Finds the face of a mesh that is nearest to each point.
-
-    Args:
-        mesh: number of a `wp.Mesh`.
-        x: (n,3) points, metres.
-        max_distance: metres.
-        face: (n,) gets the nearest face, -1 beyond `max_distance`.
-        barycentric: (n,2) gets the weights of the face's first two corners at the nearest point.
-    """
+    """Sets `face` and `barycentric` to those of a mesh that are nearest to points x, within `max_distance`."""
     i = wp.tid()
     query = wp.mesh_query_point_no_sign(mesh, x[i], max_distance)
     face[i] = -1
@@ -89,19 +81,15 @@ def resolve_contacts(
     A vertex below the ground returns to where it was, on the ground.
 
     Args:
-        x: (n,3) metres; updated.
-        previous: (n,3) before this time step.
-        face: (n,) the nearest face of the collider, -1 for none.
-        barycentric: (n,2) weights of its first two corners.
-        indices: (3 F,) vertices of the collider's faces.
-        start: (V,3) the collider's vertices at the start of the frame.
-        end: (V,3) at its end.
+        x: updated.
+        previous, face, barycentric: as above.
+        indices: of the collider.
+        start, end: (V,3) the collider's vertices at the start and at the end of the frame.
         normal: (V,3) outward normals of the collider's vertices.
-        time0: start of the time step, in [0,1] of the frame.
-        time1: its end.
-        thickness: least distance from the collider, metres.
+        time0, time1: start and end of the time step, in [0,1] of the frame.
+        thickness: least distance from the collider.
         friction: share in [0,1] of the sliding that is removed.
-        ground: height of the ground, metres.
+        ground: height of the ground.
     """
     i = wp.tid()
     if x[i][1] < ground:
@@ -125,15 +113,7 @@ def resolve_contacts(
 
 @wp.kernel
 def update_velocity(x: Points, previous: Points, v: Points, dt: float, max_speed: float):
-    """Computes velocities from the positions before and after a time step.
-
-    Args:
-        x: (n,3) positions after the step, metres.
-        previous: (n,3) positions before it.
-        v: (n,3) gets the velocities, metres per second.
-        dt: the time step, seconds.
-        max_speed: faster vertices are slowed down to it.
-    """
+    """Sets v by the positions before and after a time step, at most `max_speed`."""
     i = wp.tid()
     w = (x[i] - previous[i]) / dt
     v[i] = w * wp.min(1.0, max_speed / wp.max(wp.length(w), 1.0e-9))
@@ -141,14 +121,7 @@ def update_velocity(x: Points, previous: Points, v: Points, dt: float, max_speed
 
 @wp.kernel
 def pull_to_targets(x: Points, index: Indices, weight: Numbers, target: Points):
-    """Moves some vertices toward targets, one thread for each of these m.
-
-    Args:
-        x: (n,3) metres; updated.
-        index: (m,) the vertices.
-        weight: (m,) in [0,1]; 1 takes a vertex to its target.
-        target: (m,3) metres.
-    """
+    """Moves the vertices `index` (m,) of x toward targets (m,3); a weight (m,) of 1 takes one there."""
     k = wp.tid()
     i = index[k]
     x[i] = x[i] + (target[k] - x[i]) * weight[k]
@@ -162,10 +135,10 @@ def find_self_contacts(
 
     Args:
         grid: number of a `wp.HashGrid` of x.
-        x: (n,3) metres.
-        rest_shape: (n,3) metres.
+        x: as above.
+        rest_shape: (n,3) the same on the pattern.
         radius: within which vertices are near; beyond twice of it they are far.
-        partners: (n * max_partners,) gets the vertices found for each; -1 fills the rest.
+        partners: gets the vertices found for each.
         max_partners: most vertices that are found for one.
     """
     i = wp.tid()
@@ -183,14 +156,9 @@ def find_self_contacts(
 
 @wp.kernel
 def resolve_self_contacts(x: Points, resolved: Points, partners: Indices, max_partners: int, gap: float):
-    """Moves each vertex half-way apart from the vertices that it touches, by the mean of what each of them asks.
+    """Moves each vertex half-way apart from its partners nearer than `gap`, by the mean of what each of them asks.
 
-    Args:
-        x: (n,3) metres.
-        resolved: (n,3) gets the new positions.
-        partners: (n * max_partners,) the vertices that each may touch, from `find_self_contacts`; -1 is none.
-        max_partners: entries of `partners` for each vertex.
-        gap: distance below which two vertices touch, metres.
+    `resolved` (n,3) gets the new positions.
     """
     i = wp.tid()
     total = wp.vec3(0.0, 0.0, 0.0)
@@ -208,14 +176,9 @@ def resolve_self_contacts(x: Points, resolved: Points, partners: Indices, max_pa
 
 @wp.kernel
 def cast_rays(mesh: wp.uint64, origin: Points, direction: Points, face: Indices, depth: Numbers):
-    """Finds the first face that each ray hits, one thread for each of the N rays.
+    """Finds the first face that each of N rays hits: from an origin (N,3) in a unit direction (N,3).
 
-    Args:
-        mesh: number of a `wp.Mesh`.
-        origin: (N,3) metres.
-        direction: (N,3) unit vectors.
-        face: (N,) gets the face, -1 for none within 10 m.
-        depth: (N,) gets its distance, metres; unchanged for none.
+    `face` (N,) gets it, -1 for none within 10 m, and `depth` (N,) its distance.
     """
     i = wp.tid()
     hit = wp.mesh_query_ray(mesh, origin[i], direction[i], 10.0)
@@ -227,10 +190,7 @@ def cast_rays(mesh: wp.uint64, origin: Points, direction: Points, face: Indices,
 
 @wp.func
 def crossing_depth(a0: wp.vec3, a1: wp.vec3, a2: wp.vec3, b0: wp.vec3, b1: wp.vec3, b2: wp.vec3) -> float:
-    """Returns how far triangle a reaches to both sides of the plane of triangle b, metres.
-
-    It is negative if a does not cross the plane. a0 to a2 and b0 to b2 are the corners.
-    """
+    """Returns how far triangle a reaches to both sides of the plane of triangle b; negative if it does not cross it."""
     n = wp.normalize(wp.cross(b1 - b0, b2 - b0))
     s0 = wp.dot(a0 - b0, n)
     s1 = wp.dot(a1 - b0, n)
@@ -249,15 +209,13 @@ def find_intersections(
     min_rest_distance: float,
     intersects: Indices,
 ):
-    """Marks faces that reach through a face of another garment, or of their own, one thread for each of the F faces.
+    """Marks faces that reach through a face of another garment, or of their own.
 
     Args:
-        mesh: number of a `wp.Mesh` of all garments.
-        x: (n,3) its vertices, metres.
-        indices: (3 F,) vertices of the faces.
-        rest_centre: (F,3) centres of the faces on the rest shape, metres.
+        mesh, x, indices: of all garments.
+        rest_centre: (F,3) centres of the faces on the rest shape.
         garment: (F,) number of the garment of each face.
-        min_depth: metres that both faces must reach through the other.
+        min_depth: that both faces must reach through the other.
         min_rest_distance: faces of one garment whose centres are closer on the rest shape are not tested.
         intersects: (F,) 0, gets 1 for such faces.
     """

@@ -13,7 +13,7 @@ from relight.figures.dye import panels, skin
 from relight.figures.dye.aging import Patch, aged
 from relight.figures.dye.marks import images, marks
 from relight.figures.dye.seams import stitch
-from relight.figures.dye.weaves import woven
+from relight.figures.dye.weaves import Swatch, woven
 from relight.figures.texture import coded, noise
 from relight.meshes import Material
 
@@ -37,8 +37,8 @@ def garment_paint(pattern: Pattern, number: int, atlas: panels.Panels) -> Paint:
             faces = atlas.panel == atlas.names.index(panel)
             top = atlas.cloth[faces][..., 1].max()  # v of the panel's upper end
             marks_here = {mark: image[place] for mark, image in worn_places.items()}
-            color = woven(worn.fabric, panel, u, v, texel)
-            patch = Patch(worn.fabric, panel, u, v, texel, garment, marks_here, color)
+            cloth = worn.fabric, panel, u, v, texel
+            patch = Patch(*cloth, garment, marks_here, woven(Swatch(*cloth)))
             stitch(patch, top)
             return aged(patch)
 
@@ -81,7 +81,7 @@ def accessory_paint(name: str, side: int) -> Paint:
     u, v = cell_centres(side)
 
     def paint(outfit: Outfit) -> Material:
-        albedo = woven(getattr(outfit, name), "front", width * u, -0.5 * width * v, texel=width / side)
+        albedo = woven(Swatch(getattr(outfit, name), "front", width * u, -0.5 * width * v, width / side))
         return Material(texture=coded(albedo), name=name)
 
     return paint

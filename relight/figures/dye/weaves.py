@@ -215,19 +215,7 @@ def unevenness(swatch: Swatch) -> np.ndarray:
     return strength * log_factor + 0.035 * swatch.grain(0.09, 0.13, layer=36)
 
 
-def woven(fabric: Fabric, panel: str, u: np.ndarray, v: np.ndarray, texel: float = 0.001) -> np.ndarray:
-    """Computes the albedo of a fabric.
-
-    Args:
-        fabric: to be painted.
-        panel: its name.
-        u: (...) cloth coordinate across, metres.
-        v: (...) cloth coordinate along, metres.
-        texel: metres between the samples; finer details are averaged.
-
-    Returns:
-        (...,3) linear albedo.
-    """
-    swatch = Swatch(fabric, panel, u, v, texel)
-    color = WEAVES[fabric.kind].paint(swatch) * np.exp(unevenness(swatch))[..., None]
+def woven(swatch: Swatch) -> np.ndarray:
+    """Returns the linear albedo (...,3) of a swatch: its pattern on uneven yarn."""
+    color = WEAVES[swatch.fabric.kind].paint(swatch) * np.exp(unevenness(swatch))[..., None]
     return np.clip(color, 0.008, 0.88)

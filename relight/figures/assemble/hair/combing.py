@@ -8,6 +8,7 @@ import numpy as np
 from relight.figures.body import makehuman
 from relight.figures.body.motion import Motion
 from relight.figures.body.shape import Body
+from relight.figures.drape.colliders import Collider
 from relight.figures.draw.hairstyles import Comb
 from relight.figures.dye.skin import above_hairline, skull_centre
 from relight.figures.surfaces import face_normals, normals
@@ -16,6 +17,23 @@ from relight.figures.texture import random_numbers, smoothstep
 WHORL = np.array([0.12, 0.80, -0.59])  # direction from the head's centre to where short hair parts in all directions
 TAIL = np.array([0.0, 0.30, -0.95])  # direction in which tied hair leaves the head: back and up
 TIE_DISTANCE = 0.004  # metres from the skin to the tie
+
+
+@dataclass(frozen=True)
+class Head:
+    """A posed head, on which hair grows.
+
+    Attributes:
+        motion: how the body moves from its rest pose into the pose.
+        below: posed skin and clothes, on which hair lies.
+        seed: random seed of each strand.
+        fine: whether all strands grow, else fewer, wider ones.
+    """
+
+    motion: Motion
+    below: Collider
+    seed: int
+    fine: bool
 
 
 @dataclass(frozen=True)
@@ -56,25 +74,21 @@ def below_hat(points: np.ndarray) -> np.ndarray:
     return scalp_roots(points) * (points[:, 1] < eye[1] + 0.02)
 
 
-def plant_roots(
-    motion: Motion, count: int, seed: int, share: Callable[[np.ndarray], np.ndarray] = scalp_roots
-) -> Roots:
+def plant_roots(head: Head, count: int, stream: int, share: Callable[[np.ndarray], np.ndarray]) -> Roots:
     """Samples up to `count` roots, evenly over the skin where hair grows.
 
     Args:
-        motion: how the body moves from its rest pose into the pose.
+        head: where they grow.
         count: number of samples, of which those are dropped where hair is thin.
-        seed: random seed of the samples.
+        stream: tells the random numbers apart from those of other hair on the head.
         share: the density of hair in [0,1] at points (n,3) of the base body.
-
-    Returns:
-        The roots, in the pose.
     """
+    motion = head.motion
     faces, base, posed = makehuman.base().faces["body"], makehuman.base().vertices, motion.posed_skin
     faces = faces[share(base[faces].reshape(-1, 3)).reshape(-1, 3).max(1) > 0]
     area = np.linalg.norm(face_normals(posed, faces), axis=1)
     area_up_to = np.cumsum(area) / area.sum()
-    random = random_numbers(count, 8, seed)
+    random = random_numbers(count, 8, head.seed + stream)
     # Stratified: one sample in each of `count` equal parts of the area, uniform on its face.
     face = np.minimum(np.searchsorted(area_up_to, (np.arange(count) + random[:, 0]) / count), len(faces) - 1)
     chosen = faces[face]

@@ -4,15 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from relight.figures.assemble.hair.combing import plant_roots, ramp
+from relight.figures.assemble.hair.combing import Head, plant_roots, ramp
 from relight.figures.assemble.hair.locks import grow_guides
 from relight.figures.assemble.hair.strands import Strip, ribbons
 from relight.figures.body import makehuman
-from relight.figures.body.motion import Motion
-from relight.figures.drape.colliders import Collider
 from relight.figures.draw.hairstyles import Comb
 from relight.figures.dye import skin
-from relight.figures.surfaces import Surface
 from relight.figures.texture import random_numbers
 
 STUBBLE = 0.4  # largest amount of beard that is only painted
@@ -28,24 +25,15 @@ LOWER = (
 MIRROR_OFFSET = 125  # from a vertex index of the left lashes to that of the right ones
 
 
-def brows(motion: Motion, seed: int, fine: bool) -> Strip:
-    """Grows the hairs of both brows, upward at their inner ends and outward at the outer ones.
-
-    Args:
-        motion: how the body moves from its rest pose into the pose.
-        seed: random seed of the hairs.
-        fine: all hairs, else fewer, wider ones.
-
-    Returns:
-        Posed vertices (V,3), faces (F,3) and uv (V,2).
-    """
-    person = motion.body.person
-    roots = plant_roots(motion, 600 if fine else 160, seed + 71, lambda points: skin.brow_share(points, person) - 0.2)
+def brows(head: Head) -> Strip:
+    """Grows the hairs of both brows, upward at their inner ends and outward at the outer ones."""
+    person = head.motion.body.person
+    roots = plant_roots(head, 600 if head.fine else 160, 71, lambda points: skin.brow_share(points, person) - 0.2)
     across = roots.sides[:, 0] * np.sqrt(2)
     outward, side = ramp(np.abs(across), 0.25, 0.85), np.sign(across)  # outward: 0 at the inner end, 1 at the outer
     direction = np.stack([side * (0.5 + 0.6 * outward), 0.6 - 0.95 * outward, np.zeros_like(across)], 1)
     direction += 0.25 * (2 * roots.random[:, 1:] - 1)
-    direction = direction @ motion.bone("head")[:, :3].T
+    direction = direction @ head.motion.bone("head")[:, :3].T
     direction -= (direction * roots.normals).sum(1, keepdims=True) * roots.normals  # into the skin's tangent plane
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     length = (0.005 + 0.003 * roots.random[:, :1]) * (1 - 0.15 * person.female)  # metres
@@ -53,29 +41,22 @@ def brows(motion: Motion, seed: int, fine: bool) -> Strip:
     rise = 0.0003 + 0.0014 * s * (1 - 0.75 * s)  # metres off the skin
     points = roots.points[:, None] + s * (length * direction)[:, None] + rise * roots.normals[:, None]
     normals = np.broadcast_to(roots.normals[:, None], points.shape)
-    width = 0.0006 if fine else 0.0014  # metres
+    width = 0.0006 if head.fine else 0.0014  # metres
     return ribbons(width, points, normals, roots.random, roll=0.3)
 
 
-def lashes(motion: Motion, seed: int, fine: bool) -> Strip:
+def lashes(head: Head) -> Strip:
     """Grows lashes from the lids' edges to the tips of MakeHuman's helpers, bent upward (the lower ones downward).
 
     Each is a quadratic Bezier curve.
-
-    Args:
-        motion: how the body moves from its rest pose into the pose.
-        seed: random seed of the lashes.
-        fine: all lashes, else half of them, wider.
-
-    Returns:
-        Posed vertices (V,3), faces (F,3) and uv (V,2).
     """
+    motion = head.motion
     weights, vertices = makehuman.rig().weights, motion.body.vertices
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     fullness = 0.75 + 0.25 * motion.body.person.female  # factor of the length
     for number, (line, count) in enumerate(((UPPER, 46), (LOWER, 26)) * 2):  # of the left eye, then of the right one
         lid, tip = np.array(line) + MIRROR_OFFSET * (number // 2)
-        random = random_numbers(count if fine else count // 2, 4, seed + 80 + number)
+        random = random_numbers(count if head.fine else count // 2, 4, head.seed + 80 + number)
         place = np.linspace(0, len(lid) - 1.001, len(random))  # along the lid, in vertices
         i, t = place.astype(int), (place - place.astype(int))[:, None]
         first = vertices[lid[i]] * (1 - t) + vertices[lid[i + 1]] * t
@@ -89,37 +70,26 @@ def lashes(motion: Motion, seed: int, fine: bool) -> Strip:
         up = motion.bone("head")[:, 1]
         parts.append((points, np.broadcast_to(up, points.shape), random))
     points, normals, random = (np.concatenate(column) for column in zip(*parts))
-    width = 0.0006 if fine else 0.001  # metres
+    width = 0.0006 if head.fine else 0.001  # metres
     return ribbons(width, points, normals, random, roll=0.0)
 
 
-def beard(motion: Motion, amount: float, below: Surface, seed: int, fine: bool) -> Strip | None:
-    """Grows a beard on cheeks, lip and chin, from trimmed to full.
-
-    Args:
-        motion: how the body moves from its rest pose into the pose.
-        amount: how much beard there is, in [0,1].
-        below: vertices and faces of posed skin and clothes.
-        seed: random seed of the strands.
-        fine: all strands, else fewer, wider ones.
-
-    Returns:
-        Posed vertices (V,3), faces (F,3) and uv (V,2); None if the beard is painted stubble.
-    """
+def beard(head: Head, amount: float) -> Strip | None:
+    """Grows a beard of an amount in [0,1], from trimmed to full, on cheeks, lip and chin; None is painted stubble."""
     if amount <= STUBBLE:
         return None
     fullness = (amount - STUBBLE) / (1 - STUBBLE)  # 0 trimmed, 1 full
-    roots = plant_roots(motion, 6000 if fine else 1200, seed + 61, skin.beard_share)
+    roots = plant_roots(head, 6000 if head.fine else 1200, 61, skin.beard_share)
     x, y, z = roots.sides.T
     lip = ramp(y, -0.72, -0.62) * ramp(z, 0.55, 0.7)  # 1 on the upper lip: the moustache is short and parted
     direction = np.stack([0.2 * x + 0.9 * np.sign(x) * lip, -np.ones_like(x), 0.35 * (1 - lip)], 1)
-    direction = (direction + 0.2 * (2 * roots.random[:, 1:] - 1)) @ motion.bone("head")[:, :3].T
+    direction = (direction + 0.2 * (2 * roots.random[:, 1:] - 1)) @ head.motion.bone("head")[:, :3].T
     chin = ramp(-y, 0.55, 0.9) * ramp(z, 0.1, 0.5)  # 1 on the chin, where hair is longest
     length = 0.008 + 0.007 * fullness + 0.022 * fullness * chin  # metres
     length = length * (1 - 0.35 * lip) * (0.6 + 0.5 * roots.random[:, 0])
     comb = Comb(count=len(x), length=0.03, body=0.001 + 0.005 * fullness, lift=0.1, weight=0.15, cling=0.3)
     inner_roots = replace(roots, rim=np.ones(len(x)))  # a beard has no hairline
-    surface, steps = Collider.at_rest(*below), 4 if fine else 3
-    points, normals = grow_guides(comb, inner_roots, direction, length, surface, steps, seed + 62)
-    width = (0.0011 + 0.0008 * fullness) * (1 if fine else 1.8)  # metres
+    steps = 4 if head.fine else 3
+    points, normals = grow_guides(comb, inner_roots, direction, length, head.below, steps, head.seed + 62)
+    width = (0.0011 + 0.0008 * fullness) * (1 if head.fine else 1.8)  # metres
     return ribbons(width, points, normals, roots.random, roll=0.3)

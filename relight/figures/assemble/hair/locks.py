@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from relight.figures.assemble.hair.combing import (
+    Head,
     Roots,
     below_hat,
     comb_directions,
@@ -19,7 +20,6 @@ from relight.figures.assemble.hair.strands import Strip, ribbons, spread_strands
 from relight.figures.body.motion import Motion
 from relight.figures.drape.colliders import Collider, signed_distance
 from relight.figures.draw.hairstyles import Comb
-from relight.figures.surfaces import Surface
 from relight.figures.texture import noise, random_numbers
 
 CONTACT_RANGE = 0.08  # search range of the surface below a guide, metres
@@ -117,25 +117,14 @@ def _deflect_from_face(motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.
     return deflect
 
 
-def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool, hat: bool) -> Strip:
-    """Grows all strands of a head.
-
-    Args:
-        motion: how the body moves from its rest pose into the pose.
-        comb: the style.
-        below: vertices and faces of posed skin and clothes.
-        seed: random seed of each strand.
-        fine: all strands, else a third of them, wider, of fewer pieces.
-        hat: only hair that a hat leaves free.
-
-    Returns:
-        Posed vertices (V,3), faces (F,3) and uv (V,2).
-    """
+def grow_locks(head: Head, comb: Comb, hat: bool) -> Strip:
+    """Grows all strands of a style, or only those that a hat leaves free; a third of them, and wider, if not `fine`."""
+    motion, seed, fine = head.motion, head.seed, head.fine
     if not fine:
         strands = max(2, round(comb.strands / 1.5))
         comb = replace(comb, count=comb.count // 2, strands=strands, width=1.8 * comb.width)
     share = below_hat if hat else scalp_roots
-    guides = plant_roots(motion, comb.count, seed, share)
+    guides = plant_roots(head, comb.count, 0, share)
     direction, length = comb_directions(comb, guides)
     direction = direction @ motion.bone("head")[:, :3].T
     goal, _ = tie_point(motion)
@@ -144,11 +133,10 @@ def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool
         length = 1.12 * np.linalg.norm(direction, axis=1)
     steps = int(np.clip(np.ceil(length.max() / (0.014 if fine else 0.022)), 5, 18))
     deflect = _deflect_from_face(motion) if comb.direction == "down" else None
-    surface = Collider.at_rest(*below)
-    points, normals = grow_guides(comb, guides, direction, length, surface, steps, seed, deflect=deflect)
+    points, normals = grow_guides(comb, guides, direction, length, head.below, steps, seed, deflect=deflect)
     if comb.direction == "tie":  # closes the gap of the last steps to the tie
         points = points + ramp(np.linspace(0, 1, steps + 1), 0.3, 1.0)[None, :, None] * (goal - points[:, -1:])
-    roots = plant_roots(motion, comb.count * comb.strands, seed + 1, share)
+    roots = plant_roots(head, comb.count * comb.strands, 1, share)
     pieces = int(np.clip(np.ceil(length.max() / (0.018 if fine else 0.03)), 4, 14))
     if comb.curl:
         pieces = int(np.clip(np.ceil(5 * length.max() / comb.pitch), pieces, 16 if fine else 12))
@@ -156,22 +144,11 @@ def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool
     return ribbons(comb.width, points, normals, roots.random, ROLL)
 
 
-def tied_hair(motion: Motion, kind: str, below: Surface, seed: int, fine: bool) -> Strip:
-    """Builds hair that is tied at the back of the head.
-
-    Args:
-        motion: how the body moves from its rest pose into the pose.
-        kind: bun | ponytail.
-        below: vertices and faces of posed skin and clothes.
-        seed: random seed of each strand.
-        fine: all strands, else fewer, wider ones.
-
-    Returns:
-        Posed vertices (V,3), faces (F,3) and uv (V,2).
-    """
-    start, direction = tie_point(motion)
-    count, width = (900, 0.0028) if fine else (260, 0.006)  # strands, metres
-    random = random_numbers(count, 4, seed + 50)
+def tied_hair(head: Head, kind: str) -> Strip:
+    """Builds hair that is tied at the back of the head, as a bun or a ponytail."""
+    start, direction = tie_point(head.motion)
+    count, width = (900, 0.0028) if head.fine else (260, 0.006)  # strands, metres
+    random = random_numbers(count, 4, head.seed + 50)
     if kind == "bun":
         points, outward = _bun_arcs(start + 0.022 * direction, direction, random)
         return ribbons(width, points, outward, random, roll=0.3)
@@ -184,8 +161,8 @@ def tied_hair(motion: Motion, kind: str, below: Surface, seed: int, fine: bool) 
     roots = Roots(tied, normals=np.tile(direction, (count, 1)), sides=spoke, rim=np.ones(count), random=random)
     length = comb.length * (0.7 + 0.45 * random[:, 0])
     heading = 0.6 * direction + 0.3 * np.sqrt(random[:, :1]) * spoke - np.array([0.0, 0.35, 0.0])
-    surface, steps = Collider.at_rest(*below), 14 if fine else 9
-    points, normals = grow_guides(comb, roots, spoke, length, surface, steps, seed, heading=heading)
+    steps = 14 if head.fine else 9
+    points, normals = grow_guides(comb, roots, spoke, length, head.below, steps, head.seed, heading=heading)
     return ribbons(width, points, np.broadcast_to(spoke[:, None], normals.shape), random, roll=0.6)
 
 
