@@ -157,8 +157,7 @@ def _doubts(own: np.ndarray, body: Body | None, coverage: np.ndarray, bodies: Se
     apart = _thick((solid & ~anybody) | (other & ~whole), 2 * slack + 1)
     if apart.sum() > APART * solid.sum():
         doubts.append(f"the networks disagree about the mask, mostly at the {_place(apart)}")
-    beside = _beside(body, coverage, scale, slack + 2)
-    if beside.sum() > BESIDE * solid.sum():
+    elif (beside := _beside(body, coverage, scale, slack + 2)).sum() > BESIDE * solid.sum():
         doubts.append(f"what is not in the mask at the {_place(beside)} may belong to them, as what they hold does")
     parts, _ = label(minimum_filter(solid, BRIDGE))
     alone = maximum_filter((parts > 0) & ~np.isin(parts, parts[anybody]), BRIDGE)
@@ -168,15 +167,15 @@ def _doubts(own: np.ndarray, body: Body | None, coverage: np.ndarray, bodies: Se
 
 
 def _beside(body: Body, coverage: np.ndarray, scale: float, side: int) -> np.ndarray:
-    """Returns where a body's mask is faint, thicker than `side` pixels, and nobody is covered: (h,w) bool."""
+    """Returns where a body's mask is at least faint and nobody is covered, in its box (h,w) bool: thick parts."""
     x, y = np.nonzero(body.seen.T > FAINT)
     ends = (body.square @ [x, y, np.ones(len(x))]).clip(0, 1)
-    (left, upper), (right, lower) = part = ends.min(1, initial=1), ends.max(1, initial=0)
+    left, upper, right, lower = part = [*ends.min(1, initial=1), *ends.max(1, initial=0)]
     height, width = coverage.shape
     size = max(round((right - left) * width * scale), 1), max(round((lower - upper) * height * scale), 1)
     box = left * width, upper * height, right * width, lower * height
     known = np.asarray(Image.fromarray(coverage).resize(size, Image.Resampling.BOX, box)) >= MASK_THRESHOLD
-    return _thick((body.mask(size, np.ravel(part)) > FAINT) & ~maximum_filter(known, side), side)
+    return _thick((body.mask(size, part) > FAINT) & ~maximum_filter(known, side), side)
 
 
 def _thick(mask: np.ndarray, side: int) -> np.ndarray:
