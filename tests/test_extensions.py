@@ -90,7 +90,7 @@ def test_a_changed_file_makes_again_what_was_made_of_it(tmp_path):
         file.write_text(TETRAHEDRON.replace("v 1 0 0", "v 2 0 0") if seed != 9 else TETRAHEDRON)
         told = relight(repo, *words, "--target", "figure", "-n").stdout
         assert re.findall(r"^figure +(\d)$", told, re.M) == [str(again)] * again, told
-        assert ("./people/0010.obj has changed" in told) == again, told
+        assert ("was made of another ../../people/0010.obj" in told) == again, told
 
 
 def test_what_is_not_there_is_named(tmp_path, monkeypatch):

@@ -41,8 +41,8 @@ Its report is `report/report.html`. To repeat it:
     mkdir source && tar -xzf source.tar.gz -C source
     make -C source run ARGS={words}
 
-`made/` has a record of each output: rule and params of its job, hashes of code, inputs and files. `log/` has the
-versions of packages that each job used. `ro-crate-metadata.json` lists the jobs with their times.
+`made/` has a record of each output: rule and params of its job, versions of packages, hashes of code, inputs and files.
+`ro-crate-metadata.json` lists the jobs with their times.
 """
 
 
@@ -178,7 +178,7 @@ def describe(crate: ROCrate, jobs: list[tuple[Record, list[str]]], out: Path, co
 
 
 def log_of(out: Path, rule: str, output: str) -> str:
-    """Returns the log of a job, log/<rule>/<...>.log: the longest of those that its output's name begins with."""
+    """Returns the last log of a job, log/<rule>/<...>.log: the longest of those that its output's name begins with."""
     folder, _, name = output.partition("/")
     found = {
         log.relative_to(top).as_posix()[:-4]: log
@@ -186,7 +186,8 @@ def log_of(out: Path, rule: str, output: str) -> str:
         for log in top.rglob("*.log")
     }
     best = max(filter(name.startswith, found), key=len, default="")
-    return found.get(best, out / "log" / f"{rule}.log").read_text()
+    logs = re.split(r"(?m)^(?=# \d{4}-)", found.get(best, out / "log" / f"{rule}.log").read_text())
+    return next((log for log in reversed(logs) if "s of CPU" in log), "")
 
 
 def single(values: list[Any]) -> Any:

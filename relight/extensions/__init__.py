@@ -21,7 +21,7 @@ from typing import Any
 from relight.core.errors import UserError
 
 GROUP = "relight.extensions"
-READ: set[str] = set()  # the files of `reads`, relative to the working directory, as ./path
+READ: set[str] = set()  # the files of `reads`; those below the working directory are relative to it
 
 
 @cache
@@ -38,7 +38,8 @@ def names() -> tuple[str, ...]:
 
 def reads(path: Path | str) -> Path | str:
     """Returns the path of a file, and has the workflow make again what was made with it when its content changes."""
-    READ.add(f"./{os.path.relpath(path)}")
+    whole = os.path.abspath(path)
+    READ.add(os.path.relpath(whole) if Path(whole).is_relative_to(Path.cwd()) else whole)
     return path
 
 

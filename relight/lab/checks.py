@@ -100,9 +100,10 @@ def changed(plan: Plan, outputs: Iterable[str]) -> dict[str, tuple[Any, Any]]:
     found: dict[str, tuple[Any, Any]] = {}
     for output, record in records_of(outputs):
         training = Path(output).stem if record["rule"] == "train" else ""
-        asked = plan.settings(training) if training in plan.trainings else plan.shared
+        asked = plan.settings(training) if training in plan.trainings else {} if training else plan.shared
         made = record["params"].get("settings", record["params"])
-        then, now = flat({group: made[group] for group in made.keys() & asked}), flat(asked)
+        groups = made.keys() & asked.keys() - {"name", "experiments"}  # which a report shows
+        then, now = flat({group: made[group] for group in groups}), flat(asked)
         found |= {key: (value, now[key]) for key, value in then.items() if now.get(key, value) != value}
     return found
 
@@ -112,8 +113,8 @@ def results_of(plan: Plan) -> list[str]:
     return [*(f"{plan.data}/{name}" for name in DATA), f"{plan.out}/split.json", *map(plan.network, plan.trainings)]
 
 
-def changes(plan: Plan) -> Iterator[str]:
-    """Gives Snakemake the records of a run's results, and yields what to say of them before it begins."""
+def changes(plan: Plan, dry: bool = False) -> Iterator[str]:
+    """Gives Snakemake the records of a run, by `restore`, and yields what to say before it begins."""
     made = results_of(plan)
     if settings := sorted(changed(plan, made)):
         more = f" and {len(settings) - 4} more" if len(settings) > 4 else ""
@@ -121,9 +122,14 @@ def changes(plan: Plan) -> Iterator[str]:
             f"{plan.out} was made with other settings ({', '.join(settings[:4])}{more}): what depends on them is made "
             "again; to keep both, give this run a name, name=NAME"
         )
+    reasons = restore(plan.out, dry)
+    tables = {file.stem: str(file) for file in sorted(Path(plan.out, "report").glob("*.md"))}
+    earlier = ((name, file) for name, file in tables.items() if name not in plan.requested)
+    if old := [name for name, file in earlier if changed(plan, [file]) or reasons.keys() & dict(records_of([file]))]:
+        yield f"{plan.out}/report keeps tables of other settings, data or code, of experiment=[{','.join(old)}]"
     told = {
         reason
-        for output, reason in restore(plan.out).items()
+        for output, reason in reasons.items()
         if Path(output).stem in plan.trainings  # not of earlier experiments, which stay
         or not re.search("/(evaluate|report|train)/", output)
     }

@@ -24,25 +24,25 @@ SCRIPTS = ROOT / "workflow" / "scripts"
 
 
 def code_of(rule: str) -> dict[str, str]:
-    """Returns the `code_hash` of a rule's script, and of all that this process has imported and read.
+    """Returns the `code_hash` of a rule's script, and of all that this process has imported.
 
-    They are modules of relight, and of the packages of extensions, and files that they named (`extensions.reads`).
+    They are modules of relight, and of the packages of extensions.
     """
     packages = {"relight", *(module.partition(".")[0] for module in extensions.installed().values())}
     imported = {name for name in [*sys.modules] if name.partition(".")[0] in packages}
     found = {name for name in imported if not WITHOUT_RESULTS.fullmatch(name)}
-    return {name: code_hash(name) for name in sorted({*found, *extensions.READ, f"workflow.scripts.{rule}"})}
+    return {name: code_hash(name) for name in sorted({*found, f"workflow.scripts.{rule}"})}
 
 
 @cache
 def code_hash(module: str) -> str:
     """Returns a hash of a module, and of the data beside it if it is a package of relight; "" if there is none.
 
-    Files are named ./path. Comments, docstrings and the layout do not count.
+    Comments, docstrings and the layout do not count.
     """
     base = ROOT.joinpath(*module.split("."))
     files = base.with_suffix(".py"), base / "__init__.py"
-    path = ROOT / module if module[0] == "." else next((file for file in files if file.is_file()), None)
+    path = next((file for file in files if file.is_file()), None)
     if path is None:
         with suppress(ModuleNotFoundError):
             path = Path(getattr(find_spec(module), "origin", None) or "")

@@ -20,7 +20,7 @@ from relight.core.errors import sentence_of
 from relight.core.version import __version__
 from relight.lab.made import begin, describe, finish
 
-PACKAGES = ("numpy", "scipy", "torch", "mlflow", "open3d-cpu", "pymeshlab", "warp-lang")  # whose versions logs have
+PACKAGES = ("numpy", "scipy", "torch", "mlflow", "open3d-cpu", "pymeshlab", "warp-lang")  # whose versions are told
 
 
 @contextmanager
@@ -28,19 +28,17 @@ def job(snakemake: Any) -> Iterator[set[str]]:
     """Runs a script of the workflow, unless its outputs are already what it would make (`relight.lab.made`).
 
     What it prints goes to its log and, behind its name, to the console. Yields the figures in a folder that stay.
-
-    Args:
-        snakemake: the object that Snakemake gives to scripts.
+    `snakemake` is the object that scripts are given.
     """
     end_with(snakemake.config["job"]["process"])
     name, log = " ".join([snakemake.rule, *filter(None, snakemake.wildcards)]), Path(snakemake.log[0])
-    with keeping(log), copied_output(str(log), f"{name}: "):
+    with copied_output(str(log), f"{name}: "):
         try:
             outputs, params = [*snakemake.output], dict(snakemake.params.items())
             rule = Path(sys.modules["__main__"].__file__ or "").stem  # of the script: `module` may give a prefix
             record = describe(rule, params, snakemake.input, outputs[0])
             yield begin(outputs, record)
-            finish(outputs, record)
+            finish(outputs, {**record, "by": header()})
         except KeyboardInterrupt:
             os._exit(130)
         except Exception as error:
@@ -73,25 +71,13 @@ def end_with(process: int) -> None:
 
 
 @contextmanager
-def keeping(log: Path) -> Iterator[None]:
-    """Puts a log before what a job adds that keeps its outputs: it says how they were made, with which versions."""
-    earlier = log.read_bytes() if log.exists() else b""
-    try:
-        yield
-    except SystemExit as end:
-        if not end.code:
-            log.write_bytes(earlier + log.read_bytes())
-        raise
-
-
-@contextmanager
 def copied_output(log: str, prefix: str) -> Iterator[None]:
-    """Writes all that this process prints to a log, which begins with versions, and with a prefix to the console."""
+    """Adds all that this process prints to a log, below when, where and with what, and with a prefix to the console."""
     console = os.dup(2)
     reading, writing = os.pipe()
 
     def copy() -> None:
-        with open(reading, "rb") as lines, open(log, "wb", buffering=0) as file:
+        with open(reading, "rb") as lines, open(log, "ab", buffering=0) as file:
             file.write(f"# {header()}\n".encode())
             for line in lines:
                 file.write(line)

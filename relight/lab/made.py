@@ -1,19 +1,23 @@
 """Records of how results were made: results/<name>/made/<output>.json, which is copied with the results.
 
-A record has the `rule` and the `params` of its job; the hashes of the `code` that this ran, by module; the `inputs` by
-path and the `files` of the output, with bytes and hashes; `dates` of these files, and of those that it `read` of the
-user; and `unfinished` while a job makes the output, true if it keeps some, with the `old` files that the new ones
-replace. Paths are relative to results/<name>.
+A record has the `rule` and the `params` of its job, and `by` what it was run: machine and packages; the hashes of the
+`code` that this ran, by module; the `inputs` by path, those that it `found` by itself, and the `files` of the output,
+with bytes and hashes; `dates` of these files, and of those that it `read` of the user; and, while a job makes the
+output, `unfinished`, true if it keeps some, with the `old` files that the new ones replace. Paths are relative to
+results/<name>.
 """
 
 import json
 import os
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from relight.core.files import file_hash, write_json
+from relight.extensions import READ
 from relight.lab.code import code_hash, code_of
 
 CHANGED = "'changed: "  # begins a param in Snakemake's metadata, by which it runs a job again
@@ -65,9 +69,14 @@ def dated(output: str, record: Record) -> Record:
     def dates(path: str) -> dict[str, int]:
         return {name: stat.st_mtime_ns for name, stat in stats(path).items()}
 
-    inputs = {name: found_at(output, name) for name in record["inputs"]}
-    sources = {name: dates(path) for name, path in inputs.items() if not path.startswith("results/")}
+    given = {name: found_at(output, name) for name in inputs_of(record)}
+    sources = {name: dates(path) for name, path in given.items() if not path.startswith("results/")}
     return {**record, "dates": dates(output), "read": sources}
+
+
+def inputs_of(record: Record) -> dict[str, Content]:
+    """Returns the contents of what a job was given, and of what it found by itself, by their names in its record."""
+    return {**record["inputs"], **record.get("found", {})}
 
 
 def found_at(output: str, name: str) -> str:
@@ -75,28 +84,29 @@ def found_at(output: str, name: str) -> str:
     return os.path.normpath(folder_of(output) / name)
 
 
+def named(paths: Iterable[str], output: str) -> dict[str, Content]:
+    """Returns the contents of files and folders by their names in the record of an output."""
+    folder = folder_of(output)
+    return {path if path[0] == "/" else os.path.relpath(path, folder): content(path) for path in paths}
+
+
 def describe(rule: str, params: Mapping[str, Any], inputs: Iterable[str], output: str) -> Record:
     """Returns what decides the outputs of a job, as in its record: `rule`, `params` and `inputs`."""
-    folder = folder_of(output)
-    contents = {path if path[0] == "/" else os.path.relpath(path, folder): content(path) for path in inputs}
-    described: Record = json.loads(json.dumps({"rule": rule, "params": dict(params), "inputs": contents}))
+    job = {"rule": rule, "params": dict(params), "inputs": named(inputs, output)}
+    described: Record = json.loads(json.dumps(job))
     return described
 
 
 def begin(outputs: list[str], job: Record) -> set[str]:
     """Prepares outputs for a job, or ends this process where they are already what it would make.
 
-    Of a folder, the figures stay that it would make again: with the same files, inputs and params, apart from `names`,
-    which say what other figures there are. All others are removed by `finish`.
-
-    Args:
-        outputs: files, or one folder.
-        job: from `describe`.
-
-    Returns:
-        The names of the figures that stay.
+    Outputs are files, or one folder. Of a folder, the figures stay that the job would make again: with the same files,
+    inputs and params, apart from `names`, which say what other figures there are. This returns their names; `finish`
+    removes all others.
     """
     before, files = {output: read(output) for output in outputs}, {output: content(output) for output in outputs}
+    found = [found_at(outputs[0], name) for name in before[outputs[0]].get("found", {})]
+    job = {**job, "found": named(found, outputs[0])}
     code_of(job["rule"])  # which keeps the hashes for `finish`, whoever edits a file meanwhile
     same_code = not any(map(changed_code, before.values()))
     if same_code and all({**before[output], **job, "files": files[output]} == before[output] for output in outputs):
@@ -109,7 +119,7 @@ def begin(outputs: list[str], job: Record) -> set[str]:
     if os.path.isdir(folder := outputs[0]):
         record = before[folder]
         if record and same_code and {**record["params"], "names": 0} == {**job["params"], "names": 0}:
-            now, then = {**job["inputs"], "": files[folder]}, {**record["inputs"], "": record["files"]}
+            now, then = {**inputs_of(job), "": files[folder]}, {**inputs_of(record), "": record["files"]}
             names = {name.partition(".")[0] for name in record["files"]}
             stay = {name for name in names if _of(now, name) == _of(then, name)} & {*job["params"].get("names", names)}
         leaving = {name: stat for name, stat in stats(folder).items() if name.partition(".")[0] not in stay}
@@ -123,16 +133,19 @@ def begin(outputs: list[str], job: Record) -> set[str]:
 def finish(outputs: Iterable[str], job: Record) -> None:
     """Removes old files that a job has not made anew from its outputs, and writes their records."""
     for output in outputs:
-        before = read(output)  # whose code has made what stays
+        before = read(output)
         for name, stat in stats(output).items():
             if before.get("old", {}).get(name) == [stat.st_ino, stat.st_mtime_ns]:
                 Path(output, name).unlink()
-        code = {**(before["code"] if before.get("unfinished") else {}), **code_of(job["rule"])}
-        write_json(record_file(output), dated(output, {**job, "code": code, "files": content(output)}))
+        stays = before if before.get("unfinished") else {}
+        code = {**stays.get("code", {}), **code_of(job["rule"])}
+        found = {**stays.get("found", {}), **named(READ, output)}
+        made = {**job, "code": code, "found": found, "files": content(output)}
+        write_json(record_file(output), dated(output, made))
 
 
 def changed_code(record: Record) -> str | None:
-    """Returns a module, or a file that one has named, which has changed since a record was written, or None."""
+    """Returns a module that has changed since a record was written, or None."""
     return next((module for module, made in record.get("code", {}).items() if code_hash(module) != made), None)
 
 
@@ -142,7 +155,7 @@ def outdated(output: str, record: Record, read: Callable[[str], Record | None] =
     for name, entry in record["files"].items():
         if found.get(name) != entry:
             return f"{Path(output, name)} {'is another one' if name in found else 'is missing'}"
-    for name, files in record["inputs"].items():
+    for name, files in inputs_of(record).items():
         if (path := found_at(output, name)).startswith("results/"):
             now = (read(path) or {}).get("files")
         else:
@@ -167,40 +180,43 @@ def records_of(outputs: Iterable[str]) -> Iterator[tuple[str, Record]]:
             yield output, record
 
 
-def restore(out: str) -> dict[str, str]:
-    """Gives Snakemake the records of results as its metadata, where it has others or none.
+def restore(out: str, dry: bool = False) -> dict[str, str]:
+    """Has Snakemake read the records of results as its metadata, and gives files one date that have lost theirs.
 
-    Args:
-        out: the folder of the results, relative to the working directory.
-
-    Returns:
-        output -> what has changed since it was made, settings aside.
+    Returns what has changed since outputs were made, settings aside, by output. With `dry`, this writes nothing.
     """
+    import snakemake.api  # which imports snakemake.workflow
     from snakemake.persistence import RECORD_FORMAT_VERSION, MetadataRecord
     from snakemake.persistence.file import FilePersistence
 
-    store, made = FilePersistence(nolock=True), Path(out, "made")
+    made, now, version = Path(out, "made"), time.time_ns(), {"record_format_version": RECORD_FORMAT_VERSION}
     outputs = [str(Path(out, file.relative_to(made).with_suffix(""))) for file in made.rglob("[!.]*.json")]
     records, reasons = {output: read(output) for output in outputs}, dict[str, str]()
+    known: dict[str, dict[str, Any]] = {}
     for output, record in records.items():
         if not record or not os.path.exists(output):
             continue
-        stamp = Path(output, ".snakemake_timestamp") if os.path.isdir(output) else Path(output)
-        date = stamp.stat().st_mtime if stamp.exists() else 0.0
-        if not (reason := outdated(output, record, records.get)) and record != (now := dated(output, record)):
-            write_json(record_file(output), now)
+        reason = outdated(output, record, records.get)
+        if not reason and not dry and record != dated(output, record):
+            for name in (*record["files"], ".snakemake_timestamp"):
+                with suppress(OSError):
+                    os.utime(Path(output, name), ns=(now, now))
+            write_json(record_file(output), dated(output, record))
         if "unfinished" in record:
             reason = f"{output} is unfinished"
         elif module := changed_code(record):
             reason = f"{module} has changed"
         reasons |= {output: reason} if reason else {}
-        known = store._read_record(output) or MetadataRecord()
         params = sorted([*map(repr, record["params"].values()), *([f"{CHANGED}{reason}'"] if reason else [])])
-        if (known.endtime, known.params) != (date, params):
-            inputs = sorted(found_at(output, name) for name in record["inputs"])
-            restored = MetadataRecord(rule=record["rule"], params=params, input=inputs, endtime=date)
-            restored.record_format_version = RECORD_FORMAT_VERSION
-            store._write_record(output, restored)
+        inputs = sorted(found_at(output, name) for name in record["inputs"])
+        known[output] = {"rule": record["rule"], "params": params, "input": inputs, **version}
+
+    class Records(FilePersistence):
+        def _read_record(self, key: str) -> Any:
+            found = super()._read_record(key)
+            return (found or MetadataRecord()).model_copy(update=known[key]) if key in known else found
+
+    snakemake.workflow.FilePersistence = Records
     return reasons
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from relight.core.errors import UserError
-from relight.core.files import PHOTO_SUFFIXES, is_unsafe_name, write_text
+from relight.core.files import is_unsafe_name, write_text
 from relight.core.processes import git
 from relight.core.text import without_passwords
 from relight.lab.made import is_made
@@ -23,7 +23,6 @@ from relight.settings.scores import label
 
 BATCH = 10  # generated figures that share a process, since one takes as long to start as to draw a figure
 DATA = ("packed.safetensors", "lights/lights.npz")  # what other runs take of a run
-BESIDE = (*PHOTO_SUFFIXES, ".mtl", ".bin", ".dds", ".tga")  # suffixes of what meshes refer to
 MAX_TAG = 5000  # characters of a tag in MLflow
 
 
@@ -87,27 +86,6 @@ class Plan:
             return {}
         return list_scans(self.shared["figures"]["folder"])
 
-    @cached_property
-    def scan_files(self) -> dict[str, list[str]]:
-        """The mesh of each scan, and the files beside it that may be its own, BESIDE.
-
-        A file belongs to meshes of its folder, or of the nearest one above that has some: to all of them, or, if its
-        name begins with that of one, to all whose names begin so, too (eve.mtl to eve and eve_sitting).
-        """
-        stems = {(scan.path.parent, stem) for scan in self.scans.values() for stem in ("", scan.path.stem)}
-        owners: dict[tuple[Path, str], list[str]] = {key: [] for key in stems}
-        for name, scan in self.scans.items():
-            for end in range(len(scan.path.stem) + 1):
-                owners.get((scan.path.parent, scan.path.stem[:end]), []).append(name)
-        folders = {folder for folder, _ in owners}
-        files = {path for folder in folders for path in folder.rglob("*") if path.suffix.lower() in BESIDE}
-        found = {name: [scan.path] for name, scan in self.scans.items()}
-        for path in sorted(path for path in files if path.is_file()):
-            keys = ((folder, path.name[:end]) for folder in path.parents for end in range(len(path.name), -1, -1))
-            for name in next(owners[key] for key in keys if key in owners):
-                found[name].append(path)
-        return {name: safe(paths) for name, paths in found.items()}
-
     @property
     def table(self) -> list[str]:
         """The table of the scans, if the user's folder has one."""
@@ -158,14 +136,7 @@ class Plan:
     # Trainings
 
     def settings(self, training: str) -> dict[str, Any]:
-        """Returns the settings of a training: those of its row, with its seed, without the device.
-
-        Args:
-            training: name, a key of `trainings`.
-
-        Returns:
-            group -> setting -> value, for the groups that rows may change.
-        """
+        """Returns the settings of a training by group: those of its row, with its seed, without the device."""
         name = self.trainings[training]
         groups = self.record["rows"][name.row]
         train = {key: value for key, value in groups["train"].items() if key != "device"}
@@ -194,11 +165,7 @@ class Plan:
         return {row: self.trainings_of(row)[0] for row in self.experiments[experiment].rows}
 
     def tracking(self) -> dict[str, Any]:
-        """Returns what MLflow records of the workflow with each training.
-
-        Returns:
-            `track`: the settings of the group `track`. `tags`: text by name. `rows`: the overrides of each row.
-        """
+        """Returns what MLflow records of the workflow: the settings of `track`, `tags`, and the overrides of `rows`."""
         settings = without_passwords(shlex.join(self.record["overrides"]))[:MAX_TAG]
         tags = {"workflow": self.shared["name"], "experiment": ", ".join(self.experiments), "settings": settings}
         tags["clone"] = f"{platform.node()}:{ROOT}"
@@ -226,14 +193,9 @@ class Plan:
         return "" if figures == lights == "test" else f"{figures}-{lights}/"
 
     def scores(self, experiment: str, usual: bool = False) -> dict[str, list[str]]:
-        """Returns the files of an experiment's scores, relative to `out`.
+        """Returns the files of an experiment's scores by row, relative to `out`; those of "" are of the baselines.
 
-        Args:
-            experiment: name.
-            usual: for the usual figures and lights instead of the experiment's own.
-
-        Returns:
-            row -> a file for each of its trainings; "" -> the file of the baselines.
+        `usual`: on the usual figures and lights instead of the experiment's own.
         """
         folder = "evaluate/" if usual else f"evaluate/{self.condition(experiment)}"
         rows = self.experiments[experiment].rows
@@ -242,10 +204,8 @@ class Plan:
 
     def results_of(self, experiment: str) -> list[str]:
         """Returns the files of an experiment that the report needs: its scores."""
-        scores = [
-            path for usual in (False, True) for paths in self.scores(experiment, usual).values() for path in paths
-        ]
-        return list(dict.fromkeys(f"{self.out}/{path}" for path in scores))
+        scores = [*self.scores(experiment).values(), *self.scores(experiment, usual=True).values()]
+        return list(dict.fromkeys(f"{self.out}/{path}" for paths in scores for path in paths))
 
     def described(self) -> dict[str, dict[str, Any]]:
         """Returns the experiments for the report.
@@ -264,10 +224,9 @@ class Plan:
         return described
 
     def missing_results(self) -> dict[str, list[str]]:
-        """Returns the files that each experiment lacks after a workflow that failed, or that are left of an older one.
+        """Returns the files that experiments lack after a workflow that failed, or that are left of an older one.
 
-        Returns:
-            experiment -> files; empty if no experiment is complete, since then there is nothing to report.
+        Empty if no experiment is complete, since then there is nothing to report.
         """
         lacking = {}
         for name, experiment in self.experiments.items():
@@ -275,17 +234,11 @@ class Plan:
             lacking[name] = [path for path in (*networks, *self.results_of(name)) if not is_made(path)]
         return {} if all(lacking.values()) else {name: paths for name, paths in lacking.items() if paths}
 
-    def write_record(self) -> Path:
-        """Writes the record to run.yaml in the results, unless it holds it already, and returns the file."""
-        file = Path(self.out, "run.yaml")
-        if not file.exists() or file.read_text(encoding="utf-8") != self.text:
-            write_text(file, self.text)
+    def write_record(self, folder: str = "") -> Path:
+        """Writes the record to run.yaml in a folder, by default that of the results, and returns the file."""
+        file = Path(folder or self.out, "run.yaml")
+        write_text(file, yaml.safe_dump(self.record, sort_keys=False))
         return file
-
-    @property
-    def text(self) -> str:
-        """The record as YAML."""
-        return yaml.safe_dump(self.record, sort_keys=False)
 
 
 def safe(paths: Iterable[Path | str]) -> list[str]:

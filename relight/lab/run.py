@@ -82,10 +82,8 @@ def run(
     words += ["--until", *rules] if rules else []  # of each figure or training, too
     command = [sys.executable, "-m", "snakemake", *files, *words]
     if dry:
-        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
-            file.write(plan.text)  # of one order with run.yaml, or Snakemake finds other params
-            file.flush()
-            command += ["--configfile", file.name, "--dry-run"]
+        with tempfile.TemporaryDirectory() as folder:
+            command += ["--configfile", str(plan.write_record(folder)), "--dry-run"]
             ran = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, process_group=0)
         first, *tables = ran.stdout.split("Job stats:\n")  # which Snakemake prints twice
         print(first, *tables[-1:], sep="Job stats:\n", end="")
@@ -133,11 +131,7 @@ def rows_of_sweep(given: list[str]) -> dict[str, list[str]] | None:
 def snakemake(command: list[str]) -> int:
     """Runs Snakemake in this repository. It ends with this process, and its jobs end with it (`relight.lab.job`).
 
-    Args:
-        command: the program and its arguments, such as python -m snakemake all.
-
-    Returns:
-        The exit code; INTERRUPTED if this process was interrupted, terminated or hung up.
+    Returns its exit code, or INTERRUPTED if this process was interrupted, terminated or hung up.
     """
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) == signal.SIG_DFL:  # with nohup, HUP stays ignored
@@ -165,12 +159,8 @@ def snakemake(command: list[str]) -> int:
 def hold(out: Path | str, shared: bool = False) -> int:
     """Locks results until this process ends, however it ends, or closes the handle that this returns.
 
-    Args:
-        out: the folder of the results.
-        shared: they are only read, as by others at the same time.
-
-    Raises:
-        UserError: if another workflow makes the results, or they cannot be written.
+    With `shared`, others may read them at the same time. Raises UserError if another workflow makes the results, or
+    they cannot be written.
     """
     try:
         Path(out).mkdir(parents=True, exist_ok=True)

@@ -7,7 +7,7 @@ from relight.core.errors import UserError
 from relight.core.names import find_path, folded
 from relight.core.text import spellings
 
-FOUND: set[Path] = set()  # all files that `find_file` has found
+SOUGHT: set[Path] = set()  # all files that `find_file` has found, and those beside the mesh that it would take first
 
 
 def find_file(beside: Path, *names: str | bytes) -> Path:
@@ -39,7 +39,7 @@ def find_file(beside: Path, *names: str | bytes) -> Path:
         raise UserError(f"{beside} names {written[0]}, which is a link that leads nowhere") from None
     if not real.is_relative_to(folder) or not real.is_file():
         raise UserError(f"{beside} names {written[0]}, which leads out of the folder or is no file; put one beside it")
-    FOUND.add(real)
+    SOUGHT.add(real)
     return real
 
 
@@ -50,8 +50,9 @@ def _is_inside(path: PurePosixPath) -> bool:
 
 def _find_beside(folder: Path, wanted: PurePosixPath) -> Path | None:
     """Returns the file at the path `wanted` below a folder, or else the file of its name in the folder, or None."""
-    whole = find_path(folder, wanted.parts) if _is_inside(wanted) else None
-    return whole or find_path(folder, wanted.parts[-1:])
+    places = [wanted.parts, wanted.parts[-1:]] if _is_inside(wanted) else [wanted.parts[-1:]]
+    SOUGHT.update(folder.joinpath(*parts) for parts in places)
+    return next(filter(None, (find_path(folder, parts) for parts in places)), None)
 
 
 def _find_below(beside: Path, folder: Path, tried: list[PurePosixPath]) -> Path | None:

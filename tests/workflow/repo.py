@@ -69,7 +69,8 @@ for words, edit in runs:
     if os.fork() == 0:
         for name in [name for name in sys.modules if edit and name.startswith("relight")]:
             del sys.modules[name]  # imported before the edit
-        main(["all", "-n", "--quiet", "rules", "--config", "hydra=" + " ".join(words)])
+        sys.argv[1:] = ["all", "-n", "--quiet", "rules", "--config", "hydra=" + " ".join(words)]
+        main()
     if os.wait()[1]:
         sys.exit(1)
     if edit:

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import os
 import re
 import runpy
 import shutil
@@ -14,6 +15,7 @@ import pytest
 import torch
 from repo import OUT, ROOT, WORDS, hashes, output, planned, relight
 
+from relight.lab.run import hold
 from relight.learning.checkpoint import load_network
 from relight.learning.export import PhotoGraph, sample_inputs
 from relight.photos.network import read_network
@@ -172,6 +174,12 @@ COPIES = {
 }
 
 
+def state(repo) -> dict[str, tuple[int, bytes]]:
+    """Dates and contents of all files in results and in what Snakemake remembers."""
+    files = [path for top in ("results", ".snakemake") for path in (repo / top).rglob("*") if path.is_file()]
+    return {str(path): (path.stat().st_mtime_ns, path.read_bytes()) for path in files}
+
+
 def test_results_know_how_they_were_made(done, tmp_path):
     """Wherever they lie, and whatever Snakemake has forgotten; equal bytes train nothing again."""
     repo = tmp_path / "repo"
@@ -181,7 +189,10 @@ def test_results_know_how_they_were_made(done, tmp_path):
         results = shutil.copytree(repo / OUT, repo / "results" / f"copy{number}")
         assert output(results, ["sh", "-c", command]).returncode == 0
         words.append([*WORDS, f"name=copy{number}", *word.split()])
-    assert dict(zip(COPIES, planned(repo, *words))) == COPIES
+    before = state(repo)
+    assert dict(zip(COPIES, planned(repo, *words))) == COPIES and state(repo) == before, "a dry run writes nothing"
+    for path in sorted((repo / OUT).rglob("*"), reverse=True):  # after `cp -r`: what it reads, when it is made
+        path.touch()
     kept = relight(repo, "run", *WORDS, "bake.rays=8", "--snakemake", "--rerun-triggers mtime")
     assert "(bake.rays): what depends on them" in kept.stdout and "Nothing to be done" in kept.stdout, kept.stdout
     assert hashes(repo) == hashes(done)
@@ -237,6 +248,16 @@ def test_another_workflow_takes_it_as_a_module(done, tmp_path):
 def test_what_snakemake_would_take_otherwise_is_refused(done, words, told):
     run = output(done, [sys.executable, "-m", "snakemake", "-n", *words.split()])
     assert run.returncode == 1 and told in run.stdout and "Traceback" not in run.stdout
+
+
+def test_a_second_workflow_at_the_same_time_is_refused(done, tmp_path):
+    """Where both have begun before either makes anything."""
+    handle = hold(tmp_path / OUT)
+    words = ["--snakefile", done / "Snakefile", f"{OUT}/lights/lights.npz", "--cores", "1", "--config", "scale=smoke"]
+    run = output(tmp_path, [sys.executable, "-m", "snakemake", *words])
+    assert run.returncode == 1 and f"another workflow is making {OUT}: wait for it" in run.stdout, run.stdout
+    assert "Traceback" not in run.stdout
+    os.close(handle)
 
 
 def test_errors_are_one_line(done):

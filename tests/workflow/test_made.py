@@ -6,8 +6,9 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-from snakemake.persistence.file import FilePersistence
+import snakemake.api
 
+from relight.extensions import READ, reads
 from relight.lab import made
 from relight.lab.made import CHANGED, begin, describe, finish, is_made, outdated, read, restore
 
@@ -20,7 +21,8 @@ CLOCK = count(10**18, 10**9)  # dates of files, nanoseconds
 def code(tmp_path, monkeypatch) -> dict[str, str]:
     """An empty folder, and the hash of the code of each rule."""
     monkeypatch.chdir(tmp_path)
-    hashes = {"figure": "c", "bake": "c", "pack": "c"}
+    READ.clear()
+    hashes = {"figure": "c", "bake": "c", "pack": "c", "scan": "c"}
     monkeypatch.setattr(made, "code_of", lambda rule: {rule: hashes[rule]})
     monkeypatch.setattr(made, "code_hash", hashes.get)
     return hashes
@@ -118,6 +120,27 @@ def test_a_file_is_made_again_for_other_inputs_params_code_or_content(tmp_path):
     assert pack(size=2, scale=0.1)
 
 
+def test_a_file_is_made_again_for_what_its_job_found_by_itself(tmp_path):
+    """Below the working directory, which may move, and elsewhere; also when it appears where the job looked first."""
+    outside = tmp_path.parent / f"{tmp_path.name}.png"
+    sought = [reads("scans/skin.png"), reads(outside), reads(Path("scans", "skin.mtl").resolve())]
+    write("scans/skin.png", "1"), write(str(outside), "1")
+
+    def scan() -> bool:
+        return work(PACKED, describe("scan", {}, [], PACKED), {}, "") is not None
+
+    write(PACKED, "1")
+    assert scan() and not scan()
+    assert {*read(PACKED)["found"]} == {"../../scans/skin.png", "../../scans/skin.mtl", str(outside)}
+    for path in map(str, sought):
+        write(path, "2")
+        assert "was made of another" in outdated(PACKED, read(PACKED)) and scan() and not scan()
+    os.utime(outside, (1e9, 1e9))
+    assert outdated(PACKED, read(PACKED)) is None and not scan()
+    outside.unlink()
+    assert scan() and not scan()
+
+
 def test_a_job_that_failed_leaves_what_it_would_have_replaced_as_unfinished():
     figure(NAMES)
     before = read(FIGURES)
@@ -139,7 +162,7 @@ def test_what_a_first_job_has_begun_is_unfinished():
 
 def metadata(output: str) -> dict:
     """What Snakemake knows."""
-    return dict(FilePersistence(nolock=True)._read_record(output).items())
+    return dict(snakemake.workflow.FilePersistence(nolock=True)._read_record(output).items())
 
 
 def known() -> dict[str, list[str]]:
@@ -154,7 +177,7 @@ def test_snakemake_learns_what_it_does_not_know():
     figure(NAMES), bake()
     assert known() == {FIGURES: [], MAPS: []}
     assert metadata(FIGURES)["params"] == ["'c'", "['g0000', 'g0001']"] and metadata(MAPS)["input"] == [FIGURES]
-    store = FilePersistence(nolock=True)
+    store = snakemake.workflow.FilePersistence(nolock=True)
     touched = store._read_record(MAPS)
     touched.params = ["'touched'"]
     store._write_record(MAPS, touched)

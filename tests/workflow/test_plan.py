@@ -311,16 +311,6 @@ def test_data_of_another_run(tmp_path, monkeypatch):
         check(other)
 
 
-def test_files_beside_a_mesh_are_of_the_meshes_whose_names_begin_like_theirs_or_of_its_folder(tmp_path):
-    for name in "a.obj a2.obj c.obj a.mtl a2_skin.PNG tex/wood.jpg notes.txt eve/b.obj eve/tex/b.png".split():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).touch()
-    files = Plan(compose_run(["figures=scans", f"figures.folder={tmp_path}"])).scan_files
-    found = {scan: " ".join(map(os.path.basename, paths)) for scan, paths in files.items()}
-    shared = {"a": "a.obj a.mtl wood.jpg", "a2": "a2.obj a.mtl a2_skin.PNG wood.jpg", "c": "c.obj wood.jpg"}
-    assert found == {**shared, "b": "b.obj b.png"}
-
-
 def test_a_start_is_a_file_or_the_network_of_a_row(tmp_path):
     plan = plan_of("scale=smoke", a=[], b=["train.start=a"], c=[f"train.start={tmp_path}/x.onnx"])
     starts = [plan.start(training) for training in ("a.s0", "b.s0", "c.s0")]

@@ -154,6 +154,27 @@ def test_changed_settings_are_told_with_the_way_to_keep_both(calls):
     assert not [*changes(plan)]
 
 
+def test_tables_of_earlier_experiments_are_told_when_they_are_outdated(calls):
+    run("experiment=table1")
+    plan = Plan(compose_run([*WORDS, "experiment=table1"]))
+    packed, scores, table = (f"{plan.out}/{name}" for name in (DATA[0], "evaluate/x.csv", "report/table1.md"))
+
+    def make(file: str, text: str, inputs: list[str], **params: object) -> None:
+        (path := Path(file)).parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        finish([file], describe("rule", params, inputs, file))
+
+    make(packed, "1", [], bake=plan.shared["bake"])
+    make(scores, "1", [packed])
+    make(table, "1", [scores], name="other", experiments={"one": {"rows": []}})
+    other, told = Plan(compose_run([*WORDS, "bake.rays=64"])), "keeps tables of other settings, data or code, of"
+    assert not [*changes(Plan(compose_run(WORDS)))]
+    assert [line for line in changes(other) if told in line] == [f"{plan.out}/report {told} experiment=[table1]"]
+    make(packed, "2", [], bake=other.shared["bake"])
+    assert [*changes(other)] == [f"{plan.out}/report {told} experiment=[table1]"]
+    assert not [line for line in changes(plan) if told in line], "which makes it again"
+
+
 def test_a_name_remembers_its_run(calls, capsys):
     """What is given again counts; another word for its data would mix the maps of both."""
     module.run([*WORDS, "name=mine", "panoramas.count=25"], False, None, False, ["all"], [])

@@ -6,6 +6,7 @@ import shutil
 
 import pytest
 from people import write_people
+from PIL import Image
 from repo import copy, planned, relight
 from samples import write_exr
 
@@ -25,7 +26,7 @@ def test_three_meshes_and_two_panoramas_give_a_data_set(tmp_path):
         write_exr(panoramas / f"room{seed}.exr", generate_room(seed))
     table = repo / "axes.csv"
     table.write_text("name,turn\nplain,0\n")
-    (scans / "plain.mtl").touch()
+    (scans / "plain.mtl").touch()  # which no mesh names
     words = [*WORDS, "figures=scans", f"figures.folder={scans}", "panoramas=folder", f"panoramas.folder={panoramas}"]
     words += ["bake.views=1", f"align.table={table}"]
     targets = [f"--target=results/mine/{name}" for name in ("packed.safetensors", "lights/lights.npz")]
@@ -42,12 +43,15 @@ def test_three_meshes_and_two_panoramas_give_a_data_set(tmp_path):
     shutil.copy(scans / "colored.ply", scans / "another.ply")
     table.write_text("name,turn\nplain,9\n")
     os.utime(table, (1e9, 1e9))  # as after `cp -p` or unzip
-    jobs, edited = planned(repo, words, words, edits=[None, (str(scans / "plain.mtl"), "#")])
+    edits = [None, *((str(scans / name), "#\n") for name in ("plain.mtl", "material.mtl"))]
+    jobs, *edited = planned(repo, words, words, words, edits=edits)
     assert (jobs["scan"], jobs["align"], jobs["bake"], jobs["pack"]) == (1, 5, 5, 1) and "lights" not in jobs
-    assert edited["scan"] == 2
-    for name in ("plain.glb", "plain.mtl"):  # other dates alone scan nothing
+    assert [jobs["scan"] for jobs in edited] == [1, 2]
+    for name in ("plain.glb", "material.mtl"):  # other dates alone scan nothing
         os.utime(scans / name, (1e9, 1e9))
+    Image.new("RGB", (64, 64), "red").save(scans / "material_0.png")
+    os.utime(scans / "material_0.png", (1e9, 1e9))
     write_exr(panoramas / "room1.exr", generate_room(3))
     os.utime(panoramas / "room1.exr", (1e9, 1e9))
     (jobs,) = planned(repo, words)
-    assert (jobs["scan"], jobs["lights"]) == (1, 1)
+    assert (jobs["scan"], jobs["lights"]) == (2, 1)

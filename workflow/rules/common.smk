@@ -20,7 +20,7 @@ from snakemake.logging import logger
 
 from relight.core.errors import UserError
 from relight.lab.checks import changes, check
-from relight.lab.plan import Plan
+from relight.lab.plan import Plan, safe
 from relight.lab.run import hold
 from relight.lab.record import from_config
 from relight.settings.scores import BASELINES, QUANTITIES, READINGS, ROWS
@@ -37,7 +37,8 @@ SPLIT = f"{OUT}/split.json"
 SCORED = repr([[(name, one.span) for name, one in QUANTITIES.items()], [*READINGS]])
 REPORTED = repr([QUANTITIES, READINGS, BASELINES, ROWS])
 if workflow.is_main_process:
-    for line in changes(PLAN):
+    dry = any(re.fullmatch(r"-\w*n\w*|--dry-?run", word) for word in sys.argv)
+    for line in changes(PLAN, dry):
         logger.warning(line)
 # What jobs need to know, and what is no reason to run them again.
 config["job"] = {
@@ -69,10 +70,13 @@ sys.executable = shlex.quote(sys.executable)
 
 
 onstart:
-    hold(OUT)
+    try:
+        hold(OUT)
+        if DATA != OUT:
+            hold(DATA, shared=True)
+    except UserError as error:
+        raise WorkflowError(str(error)) from None
     workflow.persistence.cleanup_backup(Path(OUT))  # of jobs that were killed
-    if DATA != OUT:
-        hold(DATA, shared=True)
     PLAN.write_record()
 
 

@@ -5,7 +5,7 @@ if PLAN.scans:
     rule scan:
         "Reads one of the user's meshes."
         input:
-            lambda wildcards: PLAN.scan_files[wildcards.batch],
+            lambda wildcards: safe([PLAN.scans[wildcards.batch].path]),
             PLAN.table,
         output:
             update(directory(f"{DATA}/figures/{{batch}}")),
