@@ -65,15 +65,10 @@ class Intrinsics:
 
 
 def errors(inferred: Intrinsics, true: Intrinsics) -> dict[str, float]:
-    """Returns the errors of inferred maps and light over the true mask.
+    """Returns the errors of inferred maps and light over the true mask; what is None on either side is left out.
 
-    Args:
-        inferred: by a method.
-        true: ground truth.
-
-    Returns:
-        By the measures of `relight.evaluation.scoring.metrics`: for the light the error of irradiance; for each map the
-        RMSE; for albedo and shading also the SSIM. What is None on either side is left out.
+    The measures are those of `relight.evaluation.scoring.metrics`: for the light the error of irradiance, for each map
+    the RMSE, for albedo and shading also the SSIM.
     """
     measured: dict[str, float] = {}
     if inferred.light is not None and true.light is not None:

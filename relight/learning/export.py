@@ -46,15 +46,7 @@ class PhotoGraph(nn.Module):
         self.register_buffer("signs", mirror_signs(network.order), persistent=False)
 
     def forward(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Runs the network on both images and averages the outputs.
-
-        Args:
-            image: (B,3,H,W) linear in [0,1].
-            mask: (B,1,H,W) of 0 and 1.
-
-        Returns:
-            Albedo (B,3,H,W) and transport (B,K,H,W), zero outside the mask, and light (B,K,3).
-        """
+        """Runs the network on both images and averages the outputs."""
         maps = self.network(torch.cat([image, image.flip(3)]), torch.cat([mask, mask.flip(3)]))
         dense = {name: values.permute(0, 2, 3, 1) for name, values in maps.items() if name != "light"}
         dense = {name: values.permute(0, 3, 1, 2) for name, values in with_transport(dense, self.order).items()}
@@ -100,18 +92,7 @@ class OpenRefinement(Refinement):
         self.load_state_dict(refinement.state_dict())
 
     def forward(self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor) -> Tensor:
-        """Returns the refined light, by Gauss-Jordan elimination of the normal equations.
-
-        Args:
-            light: (B,K,3) of the head.
-            albedo: inferred (B,3,H,W).
-            transport: inferred (B,K,H,W).
-            image: linear (B,3,H,W).
-            mask: (B,1,H,W) of 0 and 1.
-
-        Returns:
-            The refined light (B,K,3).
-        """
+        """Returns the refined light, by Gauss-Jordan elimination of the normal equations."""
         mask = mask * _thinning(*image.shape[-2:])
         left, right = self.normal_equations(light, albedo, transport, image, mask)
         system = torch.cat([left, right[..., None]], -1)

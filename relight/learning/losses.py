@@ -46,13 +46,7 @@ class Comparison:
     """
 
     def __init__(self, outputs: dict[str, Tensor], batch: Batch, reduction: str):
-        """Gathers the pixels of the figures.
-
-        Args:
-            outputs: inferred maps (B,C,S,S) by name, and `light` (B,K,3).
-            batch: the ground truth.
-            reduction: `image` divides sums by the pixels of the images, `mask` by those of the masks.
-        """
+        """Gathers the pixels of the figures; `reduction` is that of `Loss`."""
         order = order_of(batch.light.shape[1])
         self.outputs, self.batch = outputs, batch
         self.maps = with_transport({k: batch.gather(v) for k, v in outputs.items() if k != "light"}, order)
@@ -112,7 +106,6 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> tuple[Tensor
     weighted: list[Tensor] = []
 
     def add(terms: dict[str, Tensor], weight: float) -> None:
-        """Adds losses by name to the log, and to the total by `weight`."""
         values.update(terms)
         weighted.extend(weight * value for value in terms.values())
 

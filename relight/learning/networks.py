@@ -71,13 +71,6 @@ class Residual(nn.Module):
     """A residual block x + norm(conv(relu(norm(conv(x))))), without an activation after the sum."""
 
     def __init__(self, channels: int, side: int, norm: str):
-        """Creates the layers.
-
-        Args:
-            channels: of input and output.
-            side: S of the features, pixels.
-            norm: a key of NORMS.
-        """
         super().__init__()
         self.first = normalised(nn.Conv2d, channels, channels, (3, 1, 1), side, norm)
         self.second = normalised(nn.Conv2d, channels, channels, (3, 1, 1), side, norm)
@@ -88,19 +81,13 @@ class Residual(nn.Module):
 
 
 class Decoder(nn.Module):
-    """The paper's decoder: a residual block, then six deconvolutions to a map of `outputs` channels at full size."""
+    """The paper's decoder: a residual block, then six deconvolutions to a map of `outputs` channels at full size.
+
+    `encoder` has the channels of the encoder's layers, the finest first, and `channels` those of the layers that double
+    the `side` of the bottleneck, the coarsest first.
+    """
 
     def __init__(self, encoder: list[int], channels: list[int], outputs: int, side: int, norm: str, dropout: float):
-        """Creates the layers.
-
-        Args:
-            encoder: channels of the encoder's layers, the first (finest) first.
-            channels: of the layers that double the side, the coarsest first.
-            outputs: channels of the map.
-            side: of the bottleneck, pixels.
-            norm: a key of NORMS.
-            dropout: share of features that are zeroed in training.
-        """
         super().__init__()
         self.dropout = dropout
         self.residual = Residual(encoder[-1], side, norm)
@@ -138,15 +125,6 @@ class StridedHead(nn.Module):
     """
 
     def __init__(self, inputs: int, channels: list[int], outputs: int, side: int, norm: str):
-        """Creates the layers.
-
-        Args:
-            inputs: channels of the bottleneck.
-            channels: of the layers but the last.
-            outputs: numbers to infer.
-            side: of the bottleneck, pixels.
-            norm: a key of NORMS.
-        """
         super().__init__()
         self.layers = nn.ModuleList()
         for width in channels:
@@ -167,14 +145,6 @@ class PooledHead(nn.Module):
     """A light head that averages features over the mask; their size is 1/stride of the image's."""
 
     def __init__(self, inputs: int, channels: list[int], outputs: int, stride: int):
-        """Creates the layers.
-
-        Args:
-            inputs: channels of the features.
-            channels: of the layers but the last.
-            outputs: numbers to infer.
-            stride: pixels of the mask for each pixel of the features.
-        """
         super().__init__()
         self.stride = stride
         sizes = [inputs, *channels]
@@ -231,15 +201,8 @@ class Refinement(nn.Module):
     ) -> tuple[Tensor, Tensor]:
         """Returns the linear system of the regression, for the 3K unknowns of each light, channel by channel.
 
-        Args:
-            light: (B,K,3) of the head.
-            albedo: inferred (B,3,H,W).
-            transport: inferred (B,K,H,W).
-            image: linear (B,3,H,W).
-            mask: (B,1,H,W); pixels where it is 0 do not count.
-
-        Returns:
-            The matrix (B,3K,3K), symmetric and positive definite, and the right-hand side (B,3K).
+        Maps are as for `forward`, of any sides; the matrix is (B,3K,3K), symmetric and positive definite, and the
+        right-hand side (B,3K).
         """
         albedo, transport, image, mask = (x.flatten(2) for x in (albedo, transport, image, mask))
         pixels = mask.sum((1, 2)).clamp_min(1)[:, None, None]
@@ -318,10 +281,6 @@ class PaperNetwork(Network):
     """One encoder, a decoder with skip connections for each map, and a light head (paper, section 5)."""
 
     def __init__(self, model: Model, size: int):
-        """Creates the encoder, a decoder for each map, and the head of the light.
-
-        Convolutions have kernel 4, stride 2 and padding 1, so that each layer halves the side.
-        """
         super().__init__(model, size)
         coefficients = (model.order + 1) ** 2
         maps = {"ours": {"transport": coefficients}, "sfsnet": {"normal": 3}, "sfsnet_ao": {"normal": 3, "ao": 1}}

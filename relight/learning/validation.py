@@ -38,14 +38,7 @@ class Validation:
     """
 
     def __init__(self, data: RelitSet, split: Path, loss: Loss, size: int):
-        """Draws the pairs; there are none if the split has no validation figures, or the table no validation lights.
-
-        Args:
-            data: figures and lights.
-            split: file with the names of the figures by part (.json).
-            loss: weights of the losses.
-            size: side of the network's images, pixels.
-        """
+        """Draws the pairs, as images of `size` pixels a side."""
         figures = data.figures(read_split(split).get("validation", []))
         lights = np.flatnonzero(data.light_split == "validation")
         self.loss, self.color = loss, data.color

@@ -64,12 +64,7 @@ class MaskBox:
     """
 
     def __init__(self, pixel: np.ndarray, width: int):
-        """Finds the box of a mask.
-
-        Args:
-            pixel: (P,) flat indices of the mask's pixels in an image.
-            width: of the image, pixels.
-        """
+        """Finds the box of a mask by the flat indices (P,) of its pixels in an image of a width."""
         row, column = np.divmod(pixel, width)
         top, height = _widen_to_window(row.min(), row.max() + 1)
         left, box_width = _widen_to_window(column.min(), column.max() + 1)

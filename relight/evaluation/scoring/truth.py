@@ -86,17 +86,7 @@ class Truth:
         lights: ArrayLike,
         size: int,
     ):
-        """Takes arrays of any float type, and computes shading and reconstruction.
-
-        Args:
-            pixel: (P,) flat indices of the mask into a `size` x `size` image.
-            transport: (P,K).
-            albedo: (P,3).
-            normal: (P,3).
-            ao: (P,).
-            lights: (N,K,3).
-            size: of the image, pixels.
-        """
+        """Takes maps (P,...) of any float type at the `pixel` (P,), flat indices into a `size` x `size` image."""
         maps = {"transport": transport, "albedo": albedo, "normal": normal, "ao": ao[:, None]}
         self.maps = {name: np.asarray(array, np.float32)[None] for name, array in maps.items()}
         self.transport, self.lights = self.maps["transport"], np.asarray(lights, np.float32)
