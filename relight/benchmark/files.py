@@ -148,12 +148,9 @@ def to_intrinsics(arrays: Mapping[str, np.ndarray], inside: np.ndarray) -> Intri
 
 
 def write_arrays(path: Path, photo: str, arrays: Mapping[str, np.ndarray]) -> None:
-    """Writes an answer or a ground truth atomically: maps as float16, pictures as uint8, light as float32.
+    """Writes arrays of PICTURES, MAPS and `light`, atomically: maps as float16, pictures as uint8, light as float32.
 
-    Args:
-        path: path of the .npz.
-        photo: SHA-256 of photo.png.
-        arrays: by name, of PICTURES, MAPS and `light`.
+    `photo` is the SHA-256 of photo.png.
     """
     dtypes = {name: np.float16 for name in MAPS} | dict.fromkeys(PICTURES, np.uint8) | {"light": np.float32}
     with atomic_write(path) as tmp, open(tmp, "wb") as file:
@@ -162,14 +159,7 @@ def write_arrays(path: Path, photo: str, arrays: Mapping[str, np.ndarray]) -> No
 
 
 def read_answer(folder: Path, entry: Entry) -> dict[str, np.ndarray]:
-    """Reads and checks a method's answer to a picture.
-
-    Args:
-        folder: folder of the answers.
-        entry: the picture.
-
-    Returns:
-        The arrays by name, without `photo`.
+    """Reads a method's answer to a picture from a folder: the arrays by name, without `photo`.
 
     Raises:
         UserError: if it is missing, is for another picture, or its arrays have wrong names, shapes or types.

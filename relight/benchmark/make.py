@@ -89,12 +89,7 @@ def make_mesh(seed: int, settings: Settings) -> Mesh:
 def save_picture(folder: Path, name: str, figure: str, recipe: dict[str, Any], picture: Picture) -> None:
     """Writes one picture. Its folder of inputs is written last, so its presence means that the picture is complete.
 
-    Args:
-        folder: of the set.
-        name: of the picture.
-        figure: name of the person.
-        recipe: how the picture was made, JSON values.
-        picture: the photograph with its variants and its ground truth.
+    `figure` is the name of the person, and `recipe` says how the picture was made, in values of JSON.
     """
     truth, inputs = folder / "truth", folder / "inputs"
     write_maps(truth / f"{name}.exr", picture.maps)
@@ -128,16 +123,9 @@ def write_panorama(path: Path, panorama: Panorama) -> None:
 
 
 def write_index(folder: Path, kind: str, names: list[str], settings: dict[str, Any]) -> str:
-    """Writes index.json: the pictures, the hash of each of their files, and the hash of the set.
+    """Writes index.json: the named pictures, whose variants follow each, hashes of their files, and that of the set.
 
-    Args:
-        folder: of the set.
-        kind: name of the set.
-        names: of its pictures, whose variants follow each.
-        settings: of the pictures.
-
-    Returns:
-        The hash of the set: the SHA-256 of all hashes of files.
+    Returns the last: the SHA-256 of all hashes of files.
     """
     pictures = []
     for name in names:

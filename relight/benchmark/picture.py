@@ -77,12 +77,7 @@ class Picture:
 
 
 def render_picture(recipe: PictureRecipe, mesh: Mesh, settings: Settings) -> Picture:
-    """Renders one picture with its variants and its ground truth.
-
-    Args:
-        recipe: view, lights and exposure.
-        mesh: the recipe's figure, aligned.
-        settings: size and quality.
+    """Renders one picture of a recipe's figure, aligned, with its variants and its ground truth.
 
     Raises:
         UserError: without Mitsuba.
@@ -151,13 +146,9 @@ def crop_maps(maps: Maps, window: tuple[slice, slice]) -> Maps:
 
 
 def on_square(maps: Maps, shading: np.ndarray, light: np.ndarray, box: Crop) -> Intrinsics:
-    """Returns the ground truth on a square: means over the figure in each of its pixels.
+    """Returns the ground truth on a square of a picture: means over the figure in each of its pixels.
 
-    Args:
-        maps: (H,W,...) at the photograph's pixels.
-        shading: (H,W,3) linear, at the same.
-        light: (9,3) radiance coefficients.
-        box: the square in the picture.
+    Maps and `shading` (H,W,3), linear, are at the photograph's pixels; `light` (9,3) has radiance coefficients.
     """
     inside, mean = figure_means(maps.coverage, maps.mask, box)
     return Intrinsics(inside, mean(maps.albedo), mean(maps.transport), mean(shading), light)

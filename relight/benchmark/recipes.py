@@ -78,12 +78,7 @@ def draw_recipes(kind: str, count: int | None = None) -> list[PictureRecipe]:
 
 
 def draw_recipe(seed: int, number: int) -> PictureRecipe:
-    """Draws the recipe of a picture.
-
-    Args:
-        seed: of the figure.
-        number: of the picture among those of the figure, from 1.
-    """
+    """Draws the recipe of a picture by the seed of its figure and its number among those of the figure, from 1."""
     name = f"g{seed}.{number}"
     rng = np.random.default_rng([seed, number, RECIPE_STREAM])
     lights = []

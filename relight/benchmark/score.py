@@ -71,16 +71,7 @@ def score(folder: Path | str, answers: Path | str) -> Path:
 def score_answers(
     benchmark: BenchmarkSet, entry: Entry, answered: dict[Entry, dict[str, np.ndarray]]
 ) -> dict[str, float]:
-    """Scores the answers to a picture and to its variants.
-
-    Args:
-        benchmark: the set.
-        entry: the picture.
-        answered: the arrays of the answers to the picture and to each of its variants.
-
-    Returns:
-        Those of COLUMNS that the answers allow.
-    """
+    """Returns those of COLUMNS that the answers to a picture and to each of its variants allow."""
     true, pictures = benchmark.truth(entry)
     # By variant; that of the picture itself is "".
     inferred = {picture.variant: to_intrinsics(arrays, square_mask(picture)) for picture, arrays in answered.items()}

@@ -66,13 +66,7 @@ class MethodComparison:
         return {name: table for name, table in made.items() if table.grid.frame.shape[1]}
 
     def methods(self, title: str, heads: dict[str, str], words: str) -> ComparisonTable:
-        """Returns the means of some columns of the scores, with a row per method.
-
-        Args:
-            title: of the table.
-            heads: column -> its head.
-            words: first sentence of the note, about the unit of the numbers.
-        """
+        """Returns the means of columns of the scores, by `heads`, with a row per method; `words` say their unit."""
         grid = _columns_with_cells(heads, {name: self.cells(scores, heads) for name, scores in self.scores.items()})
         return ComparisonTable(title, f"{words} All are {self.counted(self.scores, heads)} {self.sample} {STAR}", grid)
 

@@ -36,16 +36,9 @@ class Package:
 
 
 def fetch(package: Package, file: Path | str | None = None) -> bytes:
-    """Reads a package from a file, or downloads it.
+    """Returns a package, its .tgz, from a file or else by a download.
 
     It comes from the registry, or from the one that the variable NPM_CONFIG_REGISTRY names, as for npm.
-
-    Args:
-        package: to fetch.
-        file: its .tgz; None to download it.
-
-    Returns:
-        The .tgz.
 
     Raises:
         UserError: if it cannot be had, or its hash is not that of the package.

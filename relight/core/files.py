@@ -102,14 +102,7 @@ def writable_folder(path: Path | str, what: str, needed: int = 0) -> Path:
 
 
 def writable_file(path: Path | str, what: str) -> Path:
-    """Checks that a file can be written to an existing folder.
-
-    Args:
-        path: path of the file.
-        what: its name in errors.
-
-    Returns:
-        `path`.
+    """Returns the path of a file that can be written to an existing folder; `what` is its name in errors.
 
     Raises:
         UserError: if it cannot.
@@ -233,14 +226,7 @@ def require_safe_name(path: Path | str) -> None:
 
 
 def existing_file(path: Path | str, what: str) -> Path:
-    """Checks that a file exists and can be read.
-
-    Args:
-        path: path of the file.
-        what: its name in errors, such as "mask".
-
-    Returns:
-        `path`.
+    """Returns the path of a file that exists and can be read; `what` is its name in errors, such as "mask".
 
     Raises:
         UserError: if there is no such file, or this user may not read it.

@@ -24,13 +24,7 @@ FOLDER = Path(sys.prefix, "lib")  # of the environment: conda puts libraries the
 
 
 def with_libraries(package: str) -> Any:
-    """Imports a package that links to the system libraries.
-
-    Args:
-        package: open3d or pymeshlab.
-
-    Returns:
-        The package.
+    """Imports a package that links to the system libraries, open3d or pymeshlab, and returns it.
 
     Raises:
         UserError: if a library is missing. (PyMeshLab could be imported, but silently without some of its filters.)

@@ -17,10 +17,7 @@ STYLE = ["seaborn-v0_8-paper", "seaborn-v0_8-whitegrid"]
 def plot_errors(table: Table, rows_of_run: list[str], out: Path) -> None:
     """Draws means and 95 % intervals by row: a panel for each RMSE of the table, or for shading; baselines are grey.
 
-    Args:
-        table: table of an experiment; it has rows.
-        rows_of_run: whose places give the rows their colors.
-        out: the chart (.png).
+    The table has rows, and those of networks have their colors by their places in `rows_of_run`.
     """
     shown = table.present(column for column in table.columns if column.endswith("rmse")) or ["shading_rmse"]
     rows = [row for row, cells in table.rows.items() if any(column in cells for column in shown)]

@@ -69,12 +69,7 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path) -> None:
 
 
 def light_sheet(lights: LightSet, out: Path) -> None:
-    """Draws a light set: a ball for each light, all at the same exposure, with source, heading and broken rules.
-
-    Args:
-        lights: of any splits.
-        out: the picture (.png).
-    """
+    """Draws a light set: a ball for each light, all at the same exposure, with source, heading and broken rules."""
     parts = {f"{split}: {len(rows)}": rows for split in SPLITS if len(rows := np.flatnonzero(lights.split == split))}
     side = BALL + 2 * WORDS
     down = [math.ceil(len(rows) / BALLS) for rows in parts.values()]

@@ -28,13 +28,7 @@ class Section:
 
 
 def build_report(results: Results, out: Path) -> None:
-    """Writes the page of a run and its charts.
-
-    The section of an experiment that failed says which of its files were not made.
-
-    Args:
-        results: of the run, whose folder has its name.
-        out: the page (.html).
+    """Writes the page of a run and its charts; the section of an experiment that failed says what was not made.
 
     Raises:
         UserError: if a result is missing or broken.
@@ -69,10 +63,7 @@ def _section(name: str, heading: str, template: str, numbers: dict[str, Any]) ->
 def head(name: str, results: Results, outcome: dict[str, Any] | None) -> Markup:
     """Makes the head of the page: the paper, the questions, the outcome, and the provenance.
 
-    Args:
-        name: name of the run.
-        results: results of the run.
-        outcome: context of templates/sections/summary.md, if a table of the run is one that the paper prints.
+    `outcome` is the context of templates/sections/summary.md, if a table of the run is one that the paper prints.
     """
     tested = max((results.table(table).subjects for table in results.tables), default=0)
     with_plates = [table for table in results.tables if results.experiments[table]["plates"]]

@@ -14,11 +14,7 @@ from relight.settings import ROOT
 
 
 def provenance(name: str, run: dict[str, Any]) -> dict[str, Any]:
-    """Collects the provenance of the report of a run.
-
-    Args:
-        name: of the run, whose results are in results/<name>.
-        run: its record (`Results.run`).
+    """Collects the provenance of the report of a run in results/<name>, by its record (`Results.run`).
 
     Returns:
         `date`; `version` of relight; `commit`, "" without git; whether files are `changed` since; `machine`, in words;

@@ -104,11 +104,7 @@ def compare_rows(
 ) -> dict[str, Comparison]:
     """Compares two rows in those columns that both have, with p-values corrected over these.
 
-    Args:
-        table: contains the first row.
-        first, second: names of rows; without one of them there are no comparisons.
-        columns: to compare.
-        other: contains the second row; `table` by default.
+    The second is of the table `other`, by default of the same. Without one of them there are no comparisons.
     """
     cells, other_cells = table.rows.get(first, {}), (other or table).rows.get(second, {})
     shared = [column for column in columns if column in cells and column in other_cells]

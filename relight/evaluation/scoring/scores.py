@@ -63,13 +63,7 @@ def read_scores(path: Path) -> dict[str, Scores]:
 
 
 def read_table(path: Path, what: str, columns: list[str], writer: str) -> pd.DataFrame:
-    """Reads a CSV table of the workflow; only blanks are NaN.
-
-    Args:
-        path: the file.
-        what: its content, for errors.
-        columns: required columns.
-        writer: the command that writes such files, for errors.
+    """Reads a CSV table of the workflow; only blanks are NaN. `what` it holds and its `writer` are for errors.
 
     Raises:
         UserError: if the file is missing, is not CSV, or lacks a column.

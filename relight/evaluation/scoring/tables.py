@@ -131,11 +131,7 @@ def experiment_table(
 def estimates(rows: Rows, column: str, pool: Rows, fixed: Iterable[str] = ()) -> dict[str, Estimate]:
     """Estimates a column of the scores by row, without rows that lack it.
 
-    Args:
-        rows: to estimate.
-        column: column of the scores.
-        pool: rows over which the spread of trainings is pooled.
-        fixed: rows without trainings.
+    The spread of trainings is pooled over the rows of `pool`; rows of `fixed` have no trainings.
     """
 
     def values(trainings: list[Scores]) -> np.ndarray | None:
@@ -156,9 +152,7 @@ def estimates(rows: Rows, column: str, pool: Rows, fixed: Iterable[str] = ()) ->
 def rank(networks: list[dict[str, Estimate]], columns: Iterable[str]) -> None:
     """Marks the best network of each column that has a `sign`, and compares the others with it, in place.
 
-    Args:
-        networks: the estimates of each, by column.
-        columns: over which p-values are corrected (Holm).
+    P-values are corrected over the columns (Holm).
     """
     others, p = [], []
     for column in columns:

@@ -101,12 +101,7 @@ class TrainingRun:
                 self._send({step: values}, image)
 
     def finish(self, network: Path, curve: Path | None = None) -> None:
-        """Sends what the store lacks, adds the network, and ends the run.
-
-        Args:
-            network: file (.safetensors).
-            curve: the values of all steps (.csv).
-        """
+        """Sends what the store lacks by the `curve` (.csv), adds the network (.safetensors), and ends the run."""
         with self.warned():
             self.open()
             if self.is_finished:
@@ -242,13 +237,9 @@ def run_of(tracking: dict[str, Any], network: Path) -> TrainingRun:
 
 
 def log_report(tracking: dict[str, Any], networks: Iterable[Path], files: Iterable[Path], record: Path) -> None:
-    """Records a report in a run of its own, of which the runs of its trainings become children.
+    """Records a report, its page and tables, in a run of its own, whose children are the runs of its trainings.
 
-    Args:
-        tracking: as for `TrainingRun`.
-        networks: that it compares (.safetensors).
-        files: page and tables.
-        record: settings of the workflow (run.yaml), of which no password is sent.
+    `tracking` is as for `TrainingRun`; of `record` (run.yaml) no password is sent.
     """
     if not tracking["track"]["uri"]:
         return
@@ -273,13 +264,10 @@ def log_report(tracking: dict[str, Any], networks: Iterable[Path], files: Iterab
 
 
 def log_scores(tracking: dict[str, Any], network: Path, condition: str, scores: Path) -> None:
-    """Adds the scores of a network to the run of its training, which is made if the store lacks it.
+    """Adds the scores (.csv) of a network to the run of its training, which is made if the store lacks it.
 
-    Args:
-        tracking: as for `TrainingRun`.
-        network: file (.safetensors).
-        condition: what was scored: `test`, whose mean RMSE become metrics, or others such as `sitting-test`.
-        scores: file of all scores (.csv).
+    `tracking` is as for `TrainingRun`, and `condition` what was scored: `test`, whose mean RMSE become metrics, or
+    others such as `sitting-test`.
     """
     if not tracking["track"]["uri"]:
         return
