@@ -374,11 +374,8 @@ def _epoch_order(seed: int, epoch: int, figures: int, lights: int, order: str) -
 
 
 def generator(seed: int, counter: int, purpose: int = 0) -> np.random.Generator:
-    """Returns a random generator that is independent of all others.
+    """Returns the random generator of a training's seed and a counter below 2^48, such as the step.
 
-    Args:
-        seed: of the training.
-        counter: which generator, such as the number of a step, below 2^48.
-        purpose: separates uses that count the same things.
+    It is independent of all others; `purpose` separates uses that count the same things.
     """
     return np.random.Generator(np.random.Philox(key=[seed, (purpose << 48) + counter]))

@@ -99,7 +99,7 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> tuple[Tensor
         The weighted sum, and the unweighted scalars by name.
 
     Raises:
-        UserError: if all weights are zero, or a loss of an extension is no scalar.
+        UserError: if a loss of an extension is no scalar.
     """
     comparison = Comparison(outputs, batch, loss.reduction)
     values: dict[str, Tensor] = {}
@@ -121,8 +121,6 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> tuple[Tensor
             if not isinstance(value, Tensor) or value.ndim:
                 raise UserError(f"the loss of the extension {name} must be a tensor of one number, without axes")
             add({f"extra_{name}": value}, weight)
-    if not weighted:
-        raise UserError("every weight in the group loss is 0: give one, such as loss=full")
     return sum(weighted[1:], weighted[0]), values
 
 

@@ -52,15 +52,9 @@ NORMS = {"instance": InstanceNorm, "batch": nn.BatchNorm2d}
 
 
 def normalised(conv: type, inputs: int, outputs: int, kernel: tuple[int, int, int], side: int, norm: str) -> nn.Module:
-    """Returns a (de)convolution followed by a norm; without the norm where the output has one pixel.
+    """Returns a (de)convolution followed by a norm; without the norm where the output's side has one pixel.
 
-    Args:
-        conv: `nn.Conv2d` or `nn.ConvTranspose2d`.
-        inputs: channels in.
-        outputs: channels out.
-        kernel: (size, stride, padding).
-        side: pixels of the output's side.
-        norm: `instance` or `batch`.
+    `conv` is `nn.Conv2d` or `nn.ConvTranspose2d`, `kernel` its size, stride and padding, and `norm` a key of NORMS.
     """
     if side == 1:
         return conv(inputs, outputs, *kernel)

@@ -126,13 +126,7 @@ def ball_cell(light: np.ndarray, shape: tuple[int, int], white: float, linear: b
 
 
 def concatenated(parts: list[np.ndarray], axis: int, gap: int = GAP) -> np.ndarray:
-    """Concatenates pictures with gaps of the background color.
-
-    Args:
-        parts: (h,w,3) each, of equal size across `axis`.
-        axis: 0 puts them one below another, 1 side by side.
-        gap: pixels.
-    """
+    """Concatenates pictures (h,w,3), one below another (axis 0) or side by side (1), with gaps of background."""
     shape = list(parts[0].shape)
     shape[axis] = gap
     space = np.full(shape, BACKGROUND, np.float32)

@@ -165,8 +165,6 @@ def test_what_a_locked_store_missed_is_there_at_the_end(training, capsys, monkey
     ("function", "count", "left"),
     [
         ("mlflow.MlflowClient.log_batch", 3, 4),
-        ("relight.learning.train.save_state", 2, 8),
-        ("relight.learning.train.write_curve", 1, 8),
         ("mlflow.MlflowClient.set_terminated", 1, 8),
     ],
 )

@@ -213,11 +213,6 @@ def test_each_weight_says_what_its_losses_teach(tiny_world, name):
     assert taught == set(setting_of(FIELDS[f"loss.{name}"]).teaches)
 
 
-def test_losses_without_any_weight_are_refused(tiny_world):
-    with pytest.raises(UserError, match="every weight in the group loss is 0"):
-        losses(inferred(batch := batch_of(tiny_world)), batch, Loss())
-
-
 @pytest.mark.parametrize("value", [torch.ones(2), 1.0])
 def test_a_loss_of_an_extension_must_be_a_scalar(tiny_world, monkeypatch, value):
     monkeypatch.setattr("relight.learning.losses.extension", lambda name, part: lambda outputs, batch: value)

@@ -67,7 +67,6 @@ def run(tmp_path, world, model, loss, schedule, augment):
 
 
 PLUS = dict(optimizer="muon", average=0.9, mirror=True, color="photo", pairs="rows")
-BF16 = dict(precision="bf16", schedule="constant")
 PHOTO = {
     "model_changes": dict(name="unet", light_head="pooled", refine=True),
     "augment_changes": dict(framing=0.5, tint=0.2, exposure=[-1.0, 0.5], camera=1.0),
@@ -76,7 +75,7 @@ PHOTO = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("changes", [{}, PLUS, BF16, PHOTO], ids=["plain", "plus", "bf16", "photo"])
+@pytest.mark.parametrize("changes", [{}, PLUS, PHOTO], ids=["plain", "plus", "photo"])
 def test_the_same_again_and_the_same_after_any_interruption(run, changes):
     undisturbed = run("whole", **changes)
     whole = undisturbed()
@@ -309,9 +308,12 @@ def test_a_batch_of_one_is_relit_under_another_light(run, world):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("without", ["", "albedo light tv_albedo shading reconstruction reconstruction_full"])
-def test_two_processes_train_the_network_that_one_does(run, tmp_path, without):
-    """torchrun with gloo. Without dropout and with instance statistics the averaged gradient is that of the batch."""
+def test_two_processes_train_the_network_that_one_does(run, tmp_path):
+    """torchrun with gloo. Without dropout and with instance statistics the averaged gradient is that of the batch.
+
+    No loss teaches albedo and light, so their weights have no gradient to wait for.
+    """
+    without = "albedo light tv_albedo shading reconstruction reconstruction_full"
     loss = {"reduction": "mask", **dict.fromkeys(without.split(), 0.0)}
     changes = {"norm": "instance", "dropout": 0.0}, loss, {"framing": 1.0}
     alone, pair = (run(name, *changes, steps=4, color="photo", optimizer="muon") for name in ("alone", "pair"))

@@ -15,18 +15,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from people import person
 from samples import mesh_of
-from scipy.spatial.transform import Rotation
-from scipy.stats import t
 
-from relight.evaluation.scoring.statistics import compare, estimate
 from relight.figures.body.shape import build_body
 from relight.figures.draw.person import sample_person
-from relight.learning.color import shade
 from relight.learning.networks import build
 from relight.lights import load_light
 from relight.meshes import Mesh, align
 from relight.settings import Align, Model
-from relight.sh import rotation_matrix
 from relight.transport import bake, bake_vertices
 
 GOLDEN = Path(__file__).parent / "golden.json"
@@ -67,17 +62,7 @@ def network() -> list[float]:
     return found
 
 
-def table() -> list[float]:
-    """Two rows of a table: their means and intervals, and their difference with its p-value."""
-    rng = np.random.default_rng(0)
-    first, second = (estimate(rng.normal(mean, 0.1, (1, 12, 1)), resamples=500) for mean in (0.5, 0.45))
-    difference = compare(first, second)
-    rows = [number for one in (first, second) for number in (one.mean, one.low, one.high)]
-    half = t.ppf(0.975, difference.freedom) * difference.error
-    return [*rows, difference.mean, difference.mean - half, difference.mean + half, difference.p]
-
-
-@pytest.mark.parametrize("what", [body, maps, light, network, table], ids=lambda what: what.__name__)
+@pytest.mark.parametrize("what", [body, maps, light, network], ids=lambda what: what.__name__)
 @pytest.mark.slow
 def test_numbers_are_those_of_the_last_review(what):
     found = [float(f"{number:.7g}") for number in what()]
@@ -106,25 +91,3 @@ def test_no_surface_receives_more_than_an_open_one(mesh):
     assert transport[:, 0].min() >= -1e-6 and transport[:, 0].max() <= OPEN + 1e-6
     # Cauchy-Schwarz over the hemisphere: |T_lm|^2 <= int cos^2 * int Y^2 <= (2 pi / 3) * 1
     assert np.abs(transport).max() <= np.sqrt(2 * np.pi / 3)
-
-
-@given(soups(), st.integers(0, 2**32 - 1))
-@settings(max_examples=10, deadline=None)
-def test_transport_turns_with_the_mesh(mesh, seed):
-    """Each vertex has rays of its own azimuth, so both are estimates: their difference is that of two of 4096 rays."""
-    rotation = Rotation.random(rng=seed).as_matrix()
-    turned = mesh_of(mesh.vertices @ rotation.T, mesh.faces)
-    there, back = bake_vertices(mesh, 4096).transport, bake_vertices(turned, 4096).transport
-    difference = there @ rotation_matrix(rotation).T - back
-    assert np.sqrt(np.mean(difference**2)) < 2e-3 and np.abs(difference).max() < 2e-2
-
-
-@given(st.integers(0, 2**32 - 1), st.floats(0, 10), st.floats(0, 10))
-@settings(max_examples=50, deadline=None)
-def test_shading_is_linear_in_the_light(seed, a, b):
-    """Where no light is negative: the camera's and the truth's shading are clipped at 0 and 10."""
-    generator = torch.Generator().manual_seed(seed)
-    transport = torch.rand(2, 5, 9, generator=generator)
-    one, other = (torch.rand(2, 9, 3, generator=generator) / 20 for _ in range(2))
-    mixed = shade(transport, (a * one + b * other) / 10)
-    torch.testing.assert_close(mixed, (a * shade(transport, one) + b * shade(transport, other)) / 10)

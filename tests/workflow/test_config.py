@@ -147,7 +147,7 @@ def test_a_wrong_setting_is_one_sentence(override, words):
     assert all(word in text for word in words), text
 
 
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32", "cp1252", "shift-jis"])
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "shift-jis"])
 def test_a_preset_in_another_encoding_is_named(tmp_path, monkeypatch, encoding):
     shutil.copytree(composition.CONF, tmp_path / "conf")
     monkeypatch.setattr(composition, "CONF", tmp_path / "conf")
@@ -179,14 +179,6 @@ def test_a_file_that_is_no_yaml_is_named_with_the_line(tmp_path):
         composed([f"hydra.searchpath=[{tmp_path}]", "model=mine"])
 
 
-@pytest.mark.parametrize("name", ["relit", "detail", "exclusion", "light"])
-def test_no_loss_of_ground_truth_sees_the_test(name):
-    words = ["loss=self_supervised", "train.part=test", "train.lights=[test]"]
-    composed(words)
-    with pytest.raises(UserError, match=f"without ground truth, and loss.{name} uses it"):
-        composed([*words, f"loss.{name}=1"])
-
-
 @pytest.mark.parametrize("words", ["scale=smoke", "experiment=photo figures.outfits=1"])
 def test_presets_may_set_what_a_source_does_not_read(words):
     composed(["figures=scans", "figures.folder=x", *words.split()])
@@ -204,6 +196,6 @@ def test_one_switch_does_all_that_the_paper_did():
     assert (train.lr, train.steps) == (1e-3, own.train.steps)
 
 
-@pytest.mark.parametrize("folder", ["a=b", "a, b", "a#b", "it's", 'say "hi"', "back\\", "ä:b", "x/{x}", "1e5"])
+@pytest.mark.parametrize("folder", ["a=b, #c", 'it\'s "ä:b"', "back\\", "x/{x}", "1e5"])
 def test_folders_may_have_any_sign(folder):
     assert composed([f"figures.folder={folder}", "figures.source=scans"]).figures.folder == folder

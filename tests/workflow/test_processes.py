@@ -69,7 +69,7 @@ def working(processes: list[psutil.Process]) -> list[psutil.Process]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT", "SIGKILL"])
+@pytest.mark.parametrize("name", ["SIGHUP", "SIGINT", "SIGKILL"])
 def test_nothing_is_left_when_the_run_is_ended(run, name):
     job, processes = run
     job.send_signal(getattr(signal, name))

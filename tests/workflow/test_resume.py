@@ -14,7 +14,7 @@ import psutil
 import pytest
 from repo import OUT, WORDS, at_work, check_mlflow, copy, hashes, outputs, relight, start
 
-KILLS = int(os.environ.get("RELIGHT_CHAOS", "3"))  # `make chaos` takes 60
+KILLS = int(os.environ.get("RELIGHT_CHAOS", "2"))  # `make chaos` takes 60
 KINDS = ("group", "SIGKILL", "job", "SIGTERM", "snakemake", "SIGINT", "SIGHUP")
 PART_OF = {"snakemake": "-m snakemake", "job": ".snakemake/scripts/"}
 
