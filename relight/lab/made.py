@@ -109,7 +109,8 @@ def begin(outputs: list[str], job: Record) -> set[str]:
     job = {**job, "found": named(found, outputs[0])}
     code_of(job["rule"])  # which keeps the hashes for `finish`, whoever edits a file meanwhile
     same_code = not any(map(changed_code, before.values()))
-    if same_code and all({**before[output], **job, "files": files[output]} == before[output] for output in outputs):
+    made = {output: {"found": {}, **record} for output, record in before.items()}
+    if same_code and all({**made[output], **job, "files": files[output]} == made[output] for output in outputs):
         for output, record in before.items():
             record = {key: value for key, value in record.items() if key not in ("unfinished", "old")}
             write_json(record_file(output), dated(output, record))
