@@ -9,7 +9,7 @@ import numpy as np
 
 from relight.core.errors import UserError
 from relight.core.libraries import with_libraries
-from relight.meshes.geometry import connected_parts, face_areas, solidity
+from relight.meshes.geometry import connected_parts, edges, face_areas, solidity
 from relight.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -108,8 +108,7 @@ def _repair(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
     work.meshing_remove_unreferenced_vertices()
     if not face_count():
         raise UserError(f"{_name(mesh)}: no face has an area")
-    uses = edge_uses(work.current_mesh().face_matrix())
-    repairs["non-manifold edges"] = round((1 / uses[uses > 2]).sum())  # an edge with n faces is there n times
+    repairs["non-manifold edges"] = int((edges(work.current_mesh().face_matrix())[2] > 2).sum())
     if repairs["non-manifold edges"]:
         work = _split_non_manifold_edges(work.current_mesh())
     work.meshing_repair_non_manifold_vertices(vertdispratio=0)
@@ -172,20 +171,6 @@ def _split_non_manifold_edges(mesh: pymeshlab.Mesh) -> pymeshlab.MeshSet:
     return _mesh_set(vertices[source], faces.astype(np.int32), mesh.face_scalar_array(), mesh.wedge_tex_coord_matrix())
 
 
-def edge_uses(faces: np.ndarray) -> np.ndarray:
-    """Returns how many faces share each edge of each face.
-
-    Args:
-        faces: (F,3).
-
-    Returns:
-        (F,3) of the edges 0-1, 1-2 and 2-0; 1 at a border, 2 inside a surface.
-    """
-    edges = np.sort(np.stack([faces[:, :2], faces[:, 1:], faces[:, ::2]], axis=1).astype(np.int64), axis=-1)
-    _, index, count = np.unique(edges[..., 0] << 32 | edges[..., 1], return_inverse=True, return_counts=True)
-    return count[index].reshape(-1, 3)
-
-
 def _oriented(mesh: Mesh, changed: np.ndarray, repairs: dict[str, int]) -> Mesh:
     """Orients each coherent part: solid ones outward, sheets as most of their faces were before.
 
@@ -196,7 +181,8 @@ def _oriented(mesh: Mesh, changed: np.ndarray, repairs: dict[str, int]) -> Mesh:
     part = connected_parts(mesh.faces, len(mesh.vertices))
     area = face_areas(mesh.vertices, mesh.faces)
     volume = solidity(mesh.vertices, mesh.faces, part)  # negative where faces point inward
-    is_closed = np.bincount(part, edge_uses(mesh.faces).min(axis=-1) < 2) == 0
+    _, face_edge, uses = edges(mesh.faces)
+    is_closed = np.bincount(part, uses[face_edge].min(axis=-1) < 2) == 0
     is_main = np.bincount(part, area) > MAIN_PART * area.sum()
     is_solid = (np.abs(volume) > MIN_SOLIDITY) & (is_closed | is_main)
     most_changed = np.bincount(part, changed) > 0.5 * np.bincount(part)

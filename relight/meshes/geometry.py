@@ -42,6 +42,23 @@ def face_areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(b - a, c - a), axis=-1) / 2
 
 
+def edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Finds the edges of a mesh.
+
+    Args:
+        faces: (F,3).
+
+    Returns:
+        The two vertices (E,2) of each edge, ascending; the index (F,3) of the edge at each side 01, 12, 20 of a face;
+        the number of faces (E,) at each edge: 1 on the border, 2 inside.
+    """
+    sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1).astype(np.int64)
+    n = int(faces.max(initial=0)) + 1
+    key = sides[:, 0] * n + sides[:, 1]  # one number for an edge is faster than rows of two
+    unique, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
+    return np.stack([unique // n, unique % n], axis=1), inverse.reshape(3, -1).T, count
+
+
 def connected_parts(faces: np.ndarray, vertices: int) -> np.ndarray:
     """Numbers the connected parts of a mesh from 0.
 

@@ -15,7 +15,8 @@ from relight.figures.drape import collars, trims
 from relight.figures.drape.colliders import Collider, signed_distance
 from relight.figures.draw.garments import wardrobe
 from relight.figures.draw.poses import poses
-from relight.figures.surfaces import border_loops, edges, grid_faces, loop
+from relight.figures.surfaces import border_loops, grid_faces, loop
+from relight.meshes.geometry import edges
 
 UP, LEFT, AHEAD = np.eye(3)[[1, 0, 2]]
 NECK = collars.Neck(np.zeros(3), LEFT, UP, AHEAD)

@@ -12,7 +12,7 @@ from relight.figures.drape.colliders import Collider
 from relight.figures.draw.person import sample_person
 from relight.figures.draw.poses import poses
 from relight.figures.draw.shoes import shoes
-from relight.figures.surfaces import edges
+from relight.meshes.geometry import edges
 
 
 def motion_in(shoe, body, pose="relaxed"):
@@ -27,7 +27,7 @@ def test_build_shoes_has_its_pieces_around_the_foot(body, shoe):
     parts = footwear.build_shoes(motion, shoe)
     names = {part.name for part in parts}
     expected = {"upper", "sole"} | ({"cap"} if shoe.cap else set()) | ({"lace"} if shoe.laces else set())
-    assert names == expected == names & set(footwear.palette(shoe, (0.5, 0.4, 0.3), (0.1, 0.1, 0.1)))
+    assert names == expected
     for part in parts:
         assert len(part.faces) and np.isfinite(part.vertices).all() and part.faces.max() < len(part.vertices)
         assert part.name != "lace" or (edges(part.faces)[2] == 2).all(), "closed"

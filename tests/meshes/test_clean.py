@@ -9,8 +9,8 @@ from samples import mesh_of
 
 from relight.core.errors import UserError
 from relight.meshes import Mesh, clean, vertex_normals
-from relight.meshes.cleaning import count_opposed_faces, edge_uses
-from relight.meshes.geometry import connected_parts
+from relight.meshes.cleaning import count_opposed_faces
+from relight.meshes.geometry import connected_parts, edges
 
 
 def corners(mesh: Mesh) -> np.ndarray:
@@ -172,7 +172,7 @@ def test_faces_keep_their_uv_at_non_manifold_edges(monkeypatch):
     monkeypatch.setattr("relight.meshes.cleaning.MAX_FACES", 0.0)  # no part is dropped
     cleaned = clean(mesh)
     assert cleaned.info["repairs"]["non-manifold edges"] >= 290
-    assert edge_uses(cleaned.faces).max() <= 2
+    assert edges(cleaned.faces)[2].max() <= 2
 
     def by_place(mesh):
         """uv of each corner, in the order of the corner's place and its face's centre."""

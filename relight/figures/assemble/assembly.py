@@ -93,7 +93,7 @@ class Assembly:
         no_hands = makehuman.bone_weights("finger", "metacarpal", "wrist") < 0.3
         for cover in self.covers:
             posed = push_under(posed, faces, cover.surface, SKIN_GAP, no_hands, facing)
-        material = paints.skin_material(self.body.person, self.outfit, self.detail.texture, self.seed)
+        material = skin.paint_skin(self.body.person, self.outfit, self.detail.texture, self.seed)
         self.builder.add(*refined(posed, faces[shown], uv[shown], self.detail.body), material, layer=0)
         return posed
 

@@ -10,7 +10,8 @@ from relight.figures.body import makehuman
 from relight.figures.body.shape import Body
 from relight.figures.cut.suit import Fields, arm_share
 from relight.figures.draw.garments import Garment
-from relight.figures.surfaces import clip, compacted, neighbours, split
+from relight.figures.surfaces import clip, compacted, split
+from relight.meshes.geometry import connected_parts
 
 SLEEVELESS = 0.06  # position along the arm, 0 shoulder to 1 elbow, where a sleeveless garment is cut
 NECK_CENTRE = np.array([0.0, 0.03, 0.035])  # of the neck opening, from the joint at the base of the neck, metres
@@ -130,6 +131,5 @@ def cut_from_suit(body: Body, garment: Garment, suit: Fields) -> tuple[sparse.cs
 
 def _largest_piece(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
     """Returns the largest connected piece of a surface, matrix (n,k) and faces (F,3); a cut may leave small others."""
-    _, piece_of_vertex = sparse.csgraph.connected_components(neighbours(faces, matrix.shape[0]))
-    piece = piece_of_vertex[faces[:, 0]]
+    piece = connected_parts(faces, matrix.shape[0])
     return compacted(matrix, faces[piece == np.bincount(piece).argmax()])

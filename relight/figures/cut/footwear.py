@@ -11,7 +11,6 @@ from relight.figures.body.motion import Motion
 from relight.figures.body.shape import Body
 from relight.figures.draw.shoes import Shoe
 from relight.figures.surfaces import clip, loop, normals, smooth_line, smoothed, split, thickened
-from relight.figures.texture import Color
 
 STRAPS = ((0.60, 0.80), (0.36, 0.44))  # start and end of the straps across the foot, from heel (0) to toes (1)
 LACE_STEP = 0.017  # metres between bands of laces
@@ -55,20 +54,6 @@ class Upper:
     ground: float
     toes: float
     heel: float
-
-
-def palette(shoe: Shoe, upper: Color, sole: Color) -> dict[str, np.ndarray]:
-    """Returns the linear albedo (3,) of each part by name (upper, sole, lace, cap).
-
-    Args:
-        shoe: high sneakers have caps of rubber, and pale soles go with laces of their color.
-        upper, sole: linear albedo of these.
-    """
-    cloth, rubber = np.array(upper, np.float32), np.array(sole, np.float32)
-    canvas = "sneakers" in shoe.name
-    lace = rubber if canvas and rubber[0] > 0.3 else 0.35 * cloth + np.float32(0.01)
-    cap = rubber if shoe.name == "high sneakers" else 0.8 * cloth
-    return {"upper": cloth, "sole": rubber, "lace": lace, "cap": cap}
 
 
 def build_shoes(motion: Motion, shoe: Shoe) -> list[Part]:

@@ -13,7 +13,7 @@ import warp as wp
 from relight.figures.drape import kernels
 from relight.figures.drape.colliders import Collider, vec3_array
 from relight.figures.draw.garments import Cloth
-from relight.figures.surfaces import edges
+from relight.meshes.geometry import edges
 
 GRAVITY = -9.8  # metres per second squared
 FRAME_TIME = 1 / 60  # seconds
@@ -41,7 +41,7 @@ class SolverSettings:
 
 
 def bending_pairs(faces: np.ndarray) -> np.ndarray:
-    """Returns the two vertices opposite each inner edge (m,2), in the order of `surfaces.edges`.
+    """Returns the two vertices opposite each inner edge (m,2), in the order of `edges`.
 
     A constraint on their distance resists bending at the edge.
     """

@@ -4,11 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from relight.figures.cut import footwear
 from relight.figures.cut.patterns import Pattern
 from relight.figures.drape import trims
 from relight.figures.draw.outfits import Outfit
-from relight.figures.draw.person import Person
 from relight.figures.dye import panels, skin
 from relight.figures.dye.aging import Patch, aged
 from relight.figures.dye.marks import images, marks
@@ -61,7 +59,15 @@ def shoe_paint(part: str) -> Paint:
     """Returns the paint of a part of the shoes: upper, sole, lace or cap."""
 
     def paint(outfit: Outfit) -> Material:
-        return Material(footwear.palette(outfit.shoe, outfit.upper, outfit.sole)[part], name=f"shoes: {part}")
+        cloth, rubber = np.array(outfit.upper, np.float32), np.array(outfit.sole, np.float32)
+        has_pale_laces = "sneakers" in outfit.shoe.name and rubber[0] > 0.3
+        colors = {
+            "upper": cloth,
+            "sole": rubber,
+            "lace": rubber if has_pale_laces else 0.35 * cloth + np.float32(0.01),
+            "cap": rubber if outfit.shoe.name == "high sneakers" else 0.8 * cloth,
+        }
+        return Material(colors[part], name=f"shoes: {part}")
 
     return paint
 
@@ -90,20 +96,6 @@ def accessory_paint(name: str, side: int) -> Paint:
 def cell_centres(side: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns u and v in (0,1) at the centres of a texture's pixels, each (side,side); v runs down the rows."""
     return np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
-
-
-def skin_material(person: Person, outfit: Outfit, side: int, seed: int) -> Material:
-    """Returns the material of a person's skin.
-
-    Args:
-        person: gives color, age and freckles.
-        outfit: gives the color of the hair, the stubble of scalp and beard, and makeup.
-        side: of the texture, pixels.
-        seed: random seed of the skin's texture.
-    """
-    hair_color = np.array(outfit.hair_color)
-    texture = skin.paint_skin(person, hair_color, outfit.hair.scalp, outfit.beard, outfit.makeup, side, seed)
-    return Material(texture=texture, name="skin")
 
 
 def hair_material(outfit: Outfit, kind: str, side: int, seed: int) -> Material:

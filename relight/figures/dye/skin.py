@@ -7,8 +7,10 @@ from PIL import Image
 
 from relight.figures.body import makehuman
 from relight.figures.catalogue.schema import entries
+from relight.figures.draw.outfits import Outfit
 from relight.figures.draw.person import Person
 from relight.figures.texture import Color, coded, lattice, lattice_value, noise
+from relight.meshes import Material
 
 SEAM_MARGIN = 0.25  # part of a triangle painted beyond its edges, so that lookups at seams of the UV find skin
 UPPER_LIP, LOWER_LIP = 474, 494  # vertices of the base mesh where the lips meet, in the middle
@@ -69,23 +71,16 @@ def tone(person: Person) -> np.ndarray:
     return np.array([np.interp(person.skin * (len(tones) - 1), range(len(tones)), tones[:, c]) for c in range(3)])
 
 
-def paint_skin(
-    person: Person, hair: np.ndarray, scalp: float, beard: float, makeup: float, side: int, seed: int
-) -> np.ndarray:
-    """Paints the texture of a body: tone, freckles and moles, blush, lips, nails, then hair. All shares are set by eye.
+def paint_skin(person: Person, outfit: Outfit, side: int, seed: int) -> Material:
+    """Paints the skin: tone, freckles and moles, blush, lips, nails, then hair. All shares are set by eye.
 
     Args:
         person: skin tone, sex.
-        hair: (3,) linear albedo of the hair.
-        scalp: coverage of cropped hair on the scalp, in [0,1].
-        beard: the same of the beard.
-        makeup: amount in [0,1].
+        outfit: gives the color of the hair, the stubble of scalp and beard, and makeup.
         side: pixels of the texture.
         seed: random seed of the random details.
-
-    Returns:
-        (side,side,3) uint8 sRGB.
     """
+    hair, scalp, beard, makeup = np.array(outfit.hair_color), outfit.hair.scalp, outfit.beard, outfit.makeup
     point = texels(side)
     inside = np.isfinite(point[..., 0])
     x, y, z = np.moveaxis(point[inside], -1, 0)
@@ -136,7 +131,7 @@ def paint_skin(
         )
     image = np.broadcast_to(skin, (side, side, 3)).copy()
     image[inside] = color
-    return coded(image)
+    return Material(texture=coded(image), name="skin")
 
 
 def brow_color(hair: np.ndarray) -> np.ndarray:
