@@ -46,7 +46,10 @@ class PhotoGraph(nn.Module):
         self.register_buffer("signs", mirror_signs(network.order), persistent=False)
 
     def forward(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Runs the network on both images and averages the outputs."""
+        """Averages what the network infers of an image (B,3,H,W), linear in [0,1], and of its mirror image.
+
+        It is albedo (B,3,H,W) and transport (B,K,H,W), 0 outside the mask (B,1,H,W), and light (B,K,3).
+        """
         maps = self.network(torch.cat([image, image.flip(3)]), torch.cat([mask, mask.flip(3)]))
         dense = {name: values.permute(0, 2, 3, 1) for name, values in maps.items() if name != "light"}
         dense = {name: values.permute(0, 3, 1, 2) for name, values in with_transport(dense, self.order).items()}

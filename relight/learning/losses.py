@@ -46,7 +46,7 @@ class Comparison:
     """
 
     def __init__(self, outputs: dict[str, Tensor], batch: Batch, reduction: str):
-        """Gathers the pixels of the figures; `reduction` is that of `Loss`."""
+        """Gathers pixels of maps (B,C,S,S) by name, and `light` (B,K,3); `reduction` is that of `Loss`."""
         order = order_of(batch.light.shape[1])
         self.outputs, self.batch = outputs, batch
         self.maps = with_transport({k: batch.gather(v) for k, v in outputs.items() if k != "light"}, order)

@@ -14,7 +14,12 @@ import numpy as np
 import OpenEXR
 import pytest
 from damage import damaged, outcomes
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from readers import write_whole
+
+from relight.core.errors import UserError
+from relight.lights import load_light
 
 CASES = int(os.environ.get("RELIGHT_FUZZ", "450"))
 READERS = ("light", "light_set", "training_lights", "split", "record", "mesh", "maps", "packed", "network", "photo",
@@ -92,3 +97,20 @@ def test_what_a_header_promises_is_not_allocated(whole, tmp_path):
         paths[-1].write_bytes(safetensors({**header, "__metadata__": nested}, body))
         jobs += [(reader, path, None) for path in paths]
     assert set(outcomes(jobs, MEMORY)) == {"error"}
+
+
+@given(st.recursive(st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=8),
+                    lambda inner: st.lists(inner, max_size=10) | st.dictionaries(
+                        st.sampled_from(["coefficients", "convention", "object", "sh", "intensity", "x"]), inner
+                    ), max_leaves=40))  # fmt: skip
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@pytest.mark.slow
+def test_any_json_is_a_light_or_refused(tmp_path, content):
+    path = tmp_path / "light.json"
+    path.write_text(json.dumps(content))
+    try:
+        light = load_light(path)
+    except UserError as error:
+        assert "\n" not in str(error) and str(path) in str(error)
+    else:
+        assert np.isfinite(light.coefficients).all() and light.coefficients.shape == (9, 3)

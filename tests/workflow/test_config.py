@@ -179,6 +179,14 @@ def test_a_file_that_is_no_yaml_is_named_with_the_line(tmp_path):
         composed([f"hydra.searchpath=[{tmp_path}]", "model=mine"])
 
 
+@pytest.mark.parametrize("name", ["relit", "detail", "exclusion", "light"])
+def test_no_loss_of_ground_truth_sees_the_test(name):
+    words = ["loss=self_supervised", "train.part=test", "train.lights=[test]"]
+    composed(words)
+    with pytest.raises(UserError, match=f"without ground truth, and loss.{name} uses it"):
+        composed([*words, f"loss.{name}=1"])
+
+
 @pytest.mark.parametrize("words", ["scale=smoke", "experiment=photo figures.outfits=1"])
 def test_presets_may_set_what_a_source_does_not_read(words):
     composed(["figures=scans", "figures.folder=x", *words.split()])

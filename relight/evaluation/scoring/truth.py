@@ -86,7 +86,10 @@ class Truth:
         lights: ArrayLike,
         size: int,
     ):
-        """Takes maps (P,...) of any float type at the `pixel` (P,), flat indices into a `size` x `size` image."""
+        """Takes transport (P,K), albedo and normal (P,3), ao (P,), and lights (N,K,3), of any float type.
+
+        `pixel` (P,) are flat indices of the mask into a `size` x `size` image.
+        """
         maps = {"transport": transport, "albedo": albedo, "normal": normal, "ao": ao[:, None]}
         self.maps = {name: np.asarray(array, np.float32)[None] for name, array in maps.items()}
         self.transport, self.lights = self.maps["transport"], np.asarray(lights, np.float32)
