@@ -73,15 +73,15 @@ class Assembly:
 
     def add_all(self) -> None:
         """Adds all parts of the figure."""
-        skin_vertices = self.add_skin()
-        self.add_eyes()
-        shown = [self.add_garment(number, w) for number, w in enumerate(self.worn)][: len(self.cut)]
-        self.add_tie(shown)
-        self.add_belt(shown)
-        self.add_shoes()
+        skin_vertices = self._add_skin()
+        self._add_eyes()
+        shown = [self._add_garment(number, w) for number, w in enumerate(self.worn)][: len(self.cut)]
+        self._add_tie(shown)
+        self._add_belt(shown)
+        self._add_shoes()
         self.add_hair(stacked([(skin_vertices, makehuman.base().faces["body"]), *self.clothes]))
 
-    def add_skin(self) -> np.ndarray:
+    def _add_skin(self) -> np.ndarray:
         """Adds the skin, and returns its posed vertices (n,3), pushed under the clothes."""
         base, posed = makehuman.base(), self.motion.posed_skin
         faces, uv = base.faces["body"], base.uv[base.uv_faces["body"]]
@@ -97,7 +97,7 @@ class Assembly:
         self.builder.add(*refined(posed, faces[shown], uv[shown], self.detail.body), material, layer=0)
         return posed
 
-    def add_eyes(self) -> None:
+    def _add_eyes(self) -> None:
         """Adds both eyeballs, with a painted iris."""
         base, rig = makehuman.base(), makehuman.rig()
         texture = skin.paint_eye(np.array(self.outfit.iris), self.side(share=8), self.seed)
@@ -108,19 +108,14 @@ class Assembly:
             uv = 0.5 + 0.49 * flat / np.abs(flat).max()
             self.builder.add(self.motion.skin(rig.weights[part], rest), faces, uv[faces], material)
 
-    def add_garment(self, number: int, worn: DrapedGarment) -> np.ndarray:
-        """Adds a garment with its collar, band and cords.
+    def _add_garment(self, number: int, worn: DrapedGarment) -> np.ndarray:
+        """Adds a garment, by its number from the skin outward, with its collar, band and cords.
 
-        Args:
-            number: of the garment, from the skin outward.
-            worn: the garment.
-
-        Returns:
-            Its vertices (n,3), metres, pushed under the garments over it.
+        Returns its vertices (n,3), metres, pushed under the garments over it.
         """
         pattern, faces = worn.pattern, worn.pattern.levels[-1].faces
         garment, is_scarf = pattern.garment, pattern.garment.kind == "scarf"
-        positions, keep = self.under_outer_layers(worn, self.covers[number + 1 :])
+        positions, keep = self._under_outer_layers(worn, self.covers[number + 1 :])
         atlas = panels.lay_out(*panels.cloth_coordinates(pattern), self.detail.texture)
         paint = paints.garment_paint(pattern, number, atlas)
         # A scarf is seen from both sides; other garments get an inner layer along their borders, 2 or 3 edges wide.
@@ -145,15 +140,10 @@ class Assembly:
                     self.builder.add(cord_vertices, cord_faces, uv=None, paint=cords)
         return positions
 
-    def under_outer_layers(self, worn: DrapedGarment, outer: list[Cover]) -> tuple[np.ndarray, np.ndarray]:
-        """Pushes a garment under those that are worn over it.
+    def _under_outer_layers(self, worn: DrapedGarment, outer: list[Cover]) -> tuple[np.ndarray, np.ndarray]:
+        """Pushes a garment under those that are worn over it, given as they cover it, from the inside outward.
 
-        Args:
-            worn: the garment.
-            outer: as the others cover it, from the inside outward.
-
-        Returns:
-            Its vertices (n,3), metres, and which of its faces (F,) are not always hidden.
+        Returns its vertices (n,3), metres, and which of its faces (F,) are not always hidden.
         """
         level, positions = worn.pattern.levels[-1], worn.draped.positions
         keep, facing = np.ones(len(level.faces), bool), normals(positions, level.faces)
@@ -164,7 +154,7 @@ class Assembly:
             positions = push_under(positions, level.faces, cover.surface, GAP)
         return positions, keep
 
-    def add_tie(self, shown: list[np.ndarray]) -> None:
+    def _add_tie(self, shown: list[np.ndarray]) -> None:
         """Adds the tie, if the outfit has one; `shown` are the vertices of the garments `cut`, as added."""
         shirt = next((k for k, w in enumerate(self.cut) if w.pattern.garment.kind == "top"), None)
         if self.outfit.tie is None or shirt is None:
@@ -174,12 +164,12 @@ class Assembly:
         neck = collars.neck_of(self.motion)
         tie = trims.tie(shown[shirt], trunk, neck)
         if tie is not None:
-            vertices, faces = self.under_outer_tops(tie, shown, shirt)
+            vertices, faces = self._under_outer_tops(tie, shown, shirt)
             flat = np.stack([vertices @ neck.aside, vertices[:, 1]], axis=1)
             uv = (flat - flat.min(0)) / np.ptp(flat[:, 1])
             self.builder.add(vertices, faces, uv[faces], paints.accessory_paint("tie", self.side(share=4)))
 
-    def add_belt(self, shown: list[np.ndarray]) -> None:
+    def _add_belt(self, shown: list[np.ndarray]) -> None:
         """Adds the belt with its buckle, if the outfit has one; `shown` are the vertices of `cut`, as added."""
         garments = [w.pattern.garment for w in self.cut]
         belted = [k for k, g in enumerate(garments) if g.kind == "trousers" or g.belt_height is not None]
@@ -195,17 +185,14 @@ class Assembly:
         parts = trims.belt(positions, trunk, under, ahead, BELT_WIDTH)
         buckle = Material(np.array(METAL, np.float32), name="buckle")
         for part, paint in zip(parts, (paints.accessory_paint("belt", self.side(share=8)), buckle)):
-            vertices, faces = self.under_outer_tops(part, shown, outermost)
+            vertices, faces = self._under_outer_tops(part, shown, outermost)
             flat = np.stack([vertices[:, 0] - vertices[:, 2], vertices[:, 1]], axis=1)
             self.builder.add(vertices, faces, (flat - flat.min(0))[faces], paint)
 
-    def under_outer_tops(self, accessory: Surface, shown: list[np.ndarray], number: int) -> Surface:
+    def _under_outer_tops(self, accessory: Surface, shown: list[np.ndarray], number: int) -> Surface:
         """Returns an accessory on the garment with this number in `cut`, pushed under the tops that are worn over it.
 
-        Args:
-            accessory: its vertices (n,3), metres, and faces (F,3).
-            shown: the vertices of `cut`, as added.
-            number: of the garment.
+        `shown` are the vertices of `cut`, as added.
         """
         vertices, faces = accessory
         for outer, positions in zip(self.cut[number + 1 :], shown[number + 1 :]):
@@ -213,7 +200,7 @@ class Assembly:
                 vertices = push_under(vertices, faces, (positions, outer.pattern.levels[-1].faces), GAP)
         return vertices, faces
 
-    def add_shoes(self) -> None:
+    def _add_shoes(self) -> None:
         """Adds both shoes, their uppers pushed under the garments."""
         parts = footwear.build_shoes(self.motion, self.outfit.shoe)
         by_part = {part.name: paints.shoe_paint(part.name) for part in parts}  # one for both feet

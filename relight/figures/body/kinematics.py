@@ -33,16 +33,10 @@ def rotation_between(a: np.ndarray, b: np.ndarray) -> Rotation:
 def middle_joint(
     root: np.ndarray, goal: np.ndarray, upper: float | np.floating, lower: float | np.floating, pole: np.ndarray
 ) -> np.ndarray:
-    """Solves two-bone inverse kinematics.
+    """Returns the joint (3,) between two bones, by inverse kinematics.
 
-    Args:
-        root: (3,) joint of the first bone.
-        goal: (3,) for the tip of the second bone.
-        upper, lower: lengths of the bones.
-        pole: (3,) direction in which the limb bends.
-
-    Returns:
-        (3,) the joint between the bones.
+    `root` (3,) is the joint of the first one, `goal` (3,) is for the tip of the second one; their lengths are `upper`
+    and `lower`, and the limb bends in the direction `pole` (3,).
     """
     span = goal - root
     reach = np.minimum(np.linalg.norm(span), STRETCHED * (upper + lower))
@@ -125,18 +119,14 @@ class PoseSolver:
         for bone, share in (("neck01", 0.25), ("neck02", 0.25), ("head", 0.5)):
             self.local[bone] = Rotation.from_euler("yxz", head * share, degrees=True)
         for side, sign, hand, foot in (("L", 1, pose.left, pose.feet[0]), ("R", -1, pose.right, pose.feet[1])):
-            self.arm(side, sign, hand)
-            self.leg(side, sign, foot, leg, pose.heels)
+            self._arm(side, sign, hand)
+            self._leg(side, sign, foot, leg, pose.heels)
         return self.local
 
-    def limb(self, upper: str, lower: str, tip: str, goal: np.ndarray, pole: np.ndarray) -> None:
-        """Rotates two bones so that the limb reaches a goal.
+    def _limb(self, upper: str, lower: str, tip: str, goal: np.ndarray, pole: np.ndarray) -> None:
+        """Rotates two bones so that the joint of `tip`, at which the lower one ends, is at a goal (3,), metres.
 
-        Args:
-            upper, lower: the bones.
-            tip: the bone at whose joint the lower one ends.
-            goal: (3,) of that joint in the world, metres.
-            pole: (3,) direction in which the joint between the bones points.
+        The joint between the bones points in the direction `pole` (3,).
         """
         upper_bone, lower_bone = self.joints[lower] - self.joints[upper], self.joints[tip] - self.joints[lower]
         rotation, root = self.world_transform(upper)
@@ -152,14 +142,8 @@ class PoseSolver:
         upper = np.linalg.norm(j[f"lowerarm01.{side}"] - j[f"upperarm01.{side}"])
         return float(upper + np.linalg.norm(j[f"wrist.{side}"] - j[f"lowerarm01.{side}"]))
 
-    def arm(self, side: str, sign: int, hand: Hand) -> None:
-        """Rotates the arm of a side, from collar bone to fingers.
-
-        Args:
-            side: "L" | "R".
-            sign: 1 | -1, of x on that side of the body.
-            hand: its goal.
-        """
+    def _arm(self, side: str, sign: int, hand: Hand) -> None:
+        """Rotates the arm of a side, "L" or "R" where x has the sign 1 or -1, from collar bone to fingers."""
         mirror = np.array([sign, 1, 1])
         length = self.arm_length(side)
         raised = np.clip(hand.wrist[1] + 0.25, 0, 1)  # the collar bone helps an arm that goes up: from -3 to 15 degrees
@@ -170,17 +154,13 @@ class PoseSolver:
         reach = reach / max(1.0, np.linalg.norm(reach) / MAX_REACH)
         goal = shoulder + trunk.apply(reach * mirror * length)
         elbow_direction = trunk.apply(np.array(hand.elbow) * mirror)
-        self.limb(f"upperarm01.{side}", f"lowerarm01.{side}", f"wrist.{side}", goal, elbow_direction)
-        self.hand(side, mirror, hand, trunk)
+        self._limb(f"upperarm01.{side}", f"lowerarm01.{side}", f"wrist.{side}", goal, elbow_direction)
+        self._hand(side, mirror, hand, trunk)
 
-    def hand(self, side: str, mirror: np.ndarray, hand: Hand, trunk: Rotation) -> None:
+    def _hand(self, side: str, mirror: np.ndarray, hand: Hand, trunk: Rotation) -> None:
         """Rotates forearm and wrist, within their limits, to the directions of the hand, and curls its fingers.
 
-        Args:
-            side: L | R.
-            mirror: (3,) signs that take outward to +x or -x.
-            hand: the directions and the curl.
-            trunk: world rotation of the chest; the hand's directions are in its frame.
+        The signs `mirror` (3,) take outward to +x or -x. The directions are in the frame of the chest, `trunk`.
         """
         j = self.joints
         forearm = unit(j[f"wrist.{side}"] - j[f"lowerarm01.{side}"])
@@ -198,16 +178,12 @@ class PoseSolver:
         limited_twist = np.clip(twist, -MAX_FOREARM_TWIST, MAX_FOREARM_TWIST)
         self.local[f"lowerarm02.{side}"] = Rotation.from_rotvec(limited_twist * forearm)
         self.local[f"wrist.{side}"] = bend
-        self.fingers(side, hand, palm, hinge)
+        self._fingers(side, hand, palm, hinge)
 
-    def fingers(self, side: str, hand: Hand, palm: np.ndarray, hinge: np.ndarray) -> None:
-        """Closes the gaps between the fingers of a side, and curls them; the thumb, finger 1, is not curled.
+    def _fingers(self, side: str, hand: Hand, palm: np.ndarray, hinge: np.ndarray) -> None:
+        """Closes the gaps between the fingers, about the normal `palm` (3,), and curls them about `hinge` (3,).
 
-        Args:
-            side: "L" | "R".
-            hand: its curl, in degrees, and whether it holds something, which leaves the thumb apart.
-            palm: (3,) unit normal of the palm in the rest pose.
-            hinge: (3,) unit axis about which fingers curl.
+        The thumb, finger 1, is not curled, and stays apart where the hand holds something.
         """
         j = self.joints
         middle_finger = j[f"finger3-2.{side}"] - j[f"finger3-1.{side}"]
@@ -223,15 +199,10 @@ class PoseSolver:
                 bent = Rotation.from_rotvec(hinge * curl)
                 self.local[f"finger{finger}-{part}.{side}"] = bent * closing if part == 1 else bent
 
-    def leg(self, side: str, sign: int, foot: Foot, length: float, heels: float) -> None:
-        """Rotates the leg of a side, down to the toes.
+    def _leg(self, side: str, sign: int, foot: Foot, length: float, heels: float) -> None:
+        """Rotates the leg of a side, with a length from hip to ankle in metres, down to the toes.
 
-        Args:
-            side: "L" | "R".
-            sign: 1 | -1, of x on that side of the body.
-            foot: its step, in lengths of the leg, and its turn and pitch, in degrees. On tiptoe the toes stay level.
-            length: metres from hip to ankle.
-            heels: degrees by which the heel of a shoe pitches the foot further, but not the toes.
+        On tiptoe the toes stay level. A shoe pitches the foot further, by `heels` degrees, but not the toes.
         """
         mirror = np.array([sign, 1, 1])
         j = self.joints
@@ -239,7 +210,7 @@ class PoseSolver:
         goal = j[f"foot.{side}"] + step * mirror * length
         facing = Rotation.from_euler("y", sign * foot.turn, degrees=True)
         pole = facing.apply([0.05 * sign, 0.25, 1.0])
-        self.limb(f"upperleg01.{side}", f"lowerleg01.{side}", f"foot.{side}", goal, pole)
+        self._limb(f"upperleg01.{side}", f"lowerleg01.{side}", f"foot.{side}", goal, pole)
         shin, _ = self.world_transform(f"lowerleg02.{side}")
         self.local[f"foot.{side}"] = shin.inv() * facing * Rotation.from_euler("x", foot.pitch + heels, degrees=True)
         for toe in (1, 2, 3, 4, 5):
