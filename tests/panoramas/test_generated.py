@@ -27,32 +27,9 @@ def lights_of(generate, count):
     return np.stack([project(Panorama(generate(seed))) for seed in range(count)])
 
 
-@pytest.fixture(scope="module")
-def rooms():
-    return measure(lights_of(generate_room, 160))
-
-
-# Where the tenth, median and ninetieth of 160 rooms lie: four standard deviations and more about the means of twelve
-# blocks of 160 rooms. How they compare with measured maps and the lights of the paper's authors: docs/lab/lights.md.
-RANGES = {
-    "first": ((0.32, 0.62), (0.78, 1.12), (1.25, 1.46)),
-    "second": ((0.15, 0.48), (0.82, 1.15), (1.50, 1.76)),
-    "elevation": ((-2, 12), (26, 51), (75, 84)),
-    "up": ((0.55, 0.91), (1.22, 1.62), (2.00, 2.70)),
-    "down": ((0.08, 0.20), (0.26, 0.46), (0.50, 0.82)),
-    "red": ((-0.27, -0.03), (0.04, 0.36), (0.55, 0.91)),
-    "blue": ((-1.17, -0.77), (-0.35, 0.05), (0.07, 0.47)),
-}
-
-
-@pytest.mark.parametrize("name", RANGES)
-@pytest.mark.slow
-def test_rooms_spread_as_indoor_light_does(rooms, name):
-    for value, (low, high) in zip(np.percentile(rooms[name], [10, 50, 90]), RANGES[name]):
-        assert low < value < high
-
-
-def test_rooms_are_physically_possible_and_few_are_dark_or_lit_from_below(rooms):
+def test_rooms_are_physically_possible_and_few_are_dark_or_lit_from_below():
+    """How they spread, and how measured maps do: docs/lab/lights.md."""
+    rooms = measure(lights_of(generate_room, 60))
     assert rooms["moment"].min() > 0
     assert np.mean(rooms["reference"] < 0.2) < 0.12
     assert np.mean(rooms["elevation"] < 0) < 0.1
