@@ -25,6 +25,7 @@ from relight.lights.select import RULES as ALL_RULES
 from relight.lights.select import broken_rules
 from relight.lights.table import SPLITS
 from relight.panoramas.color import blackbody, daylight
+from relight.photos.commands import LIGHTS
 from relight.settings import Panoramas, read_preset
 from relight.settings.setting import setting_of
 from relight.sh import basis, irradiance, rotate_y, sphere_quadrature
@@ -306,6 +307,6 @@ def test_every_setting_of_panoramas_is_read_or_says_that_it_is_not(tmp_path, mon
         assert (item.name in read) != (setting_of(item).unread == source) or item.name == "folder", item.name
 
 
-def test_the_page_of_lights_names_every_kind():
+def test_the_page_of_lights_and_the_help_name_every_kind():
     page = (Path(__file__).parents[2] / "docs" / "lights.md").read_text()
-    assert [kind for kind in [*GENERATED, *NAMED] if f"`{kind}:" not in page] == []
+    assert [kind for kind in [*GENERATED, *NAMED] if f"`{kind}:" not in page or f"  {kind}:" not in LIGHTS] == []

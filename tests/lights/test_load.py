@@ -225,7 +225,6 @@ TABLES = {
     "blanks": "\n".join(" ".join(map(str, row)) for row in ROWS).encode(),
     "a mark and CR LF": ("\ufeff" + "\r\n".join(",".join(map(str, row)) for row in ROWS)).encode(),
     "utf-16": "\n".join("\t".join(map(str, row)) for row in ROWS).encode("utf-16"),
-    "semicolons": "\n".join(";".join(map(str, row)) for row in ROWS).encode(),
     "decimal commas": "\n".join(";".join(map(str, row)).replace(".", ",") for row in ROWS).encode(),
     "quotes": "\n".join(",".join(f'"{value}"' for value in row) for row in ROWS).encode(),
     "comments in Latin-1": b"# \xe9clair\n" + "\n".join(" ".join(map(str, row)) for row in ROWS).encode(),

@@ -61,21 +61,12 @@ class Cover:
         face, distance, _ = signed_distance(posed, draped, POSED_RANGE)
         hidden &= (face >= 0) & (distance < MAX_HEIGHT) & inner[self.faces[face]].all(1)
         deep = np.flatnonzero(hidden & (distance < -DEEP))
-        hidden[deep] = ~sees_outside(posed[deep], normal[deep], figure)
+        hidden[deep] = ~_sees_outside(posed[deep], normal[deep], figure)
         return hidden
 
 
-def sees_outside(points: np.ndarray, normal: np.ndarray, figure: Collider) -> np.ndarray:
-    """Returns from which points a ray can leave the figure.
-
-    Args:
-        points: (n,3) metres.
-        normal: (n,3) unit length.
-        figure: all surfaces of the figure.
-
-    Returns:
-        (n,) whether the ray in one of DIRECTIONS directions hits no surface.
-    """
+def _sees_outside(points: np.ndarray, normal: np.ndarray, figure: Collider) -> np.ndarray:
+    """Returns from which points (n,3), with unit normals (n,3), a ray in some direction leaves the figure."""
     index = np.arange(DIRECTIONS) + 0.5  # a Fibonacci spiral about the vertical
     up, turn = 1 - 2 * index / DIRECTIONS, np.pi * (1 + np.sqrt(5)) * index
     directions = np.stack([np.sqrt(1 - up**2) * np.cos(turn), up, np.sqrt(1 - up**2) * np.sin(turn)], axis=1)

@@ -153,21 +153,14 @@ def _hand_prop(kind: str, motion: Motion, side: str, figure: Surface, rng: np.ra
         x, faces = revolved(np.array(CUP))
         place = root + 0.052 * out - 0.018 * along - np.array([0.0, 0.5 * CUP_HEIGHT + 0.01, 0.0])
         return [Prop(place + x, faces, Material(sample_color(rng, min_grey=0.12), name="cup"))]
-    return bag(motion, 1.0 if side == "L" else -1.0, grip=root + 0.030 * out, figure=figure, rng=rng)
+    return _bag(motion, 1.0 if side == "L" else -1.0, grip=root + 0.030 * out, figure=figure, rng=rng)
 
 
-def bag(motion: Motion, sign: float, grip: np.ndarray, figure: Surface, rng: np.random.Generator) -> list[Prop]:
+def _bag(motion: Motion, sign: float, grip: np.ndarray, figure: Surface, rng: np.random.Generator) -> list[Prop]:
     """Builds a bag that hangs upright by two straps, moved outward until it keeps BAG_CLEARANCE.
 
-    Args:
-        motion: how the body moves from its rest pose into the pose.
-        sign: 1 for the left hand, -1 for the right one.
-        grip: (3,) point in the hand through which the straps run, metres.
-        figure: vertices and faces of the posed and dressed figure.
-        rng: random generator.
-
-    Returns:
-        The bag with its straps; nothing if there is no room within MAX_BAG_OFFSET.
+    The straps run through the point `grip` (3,) of the left hand, `sign` 1, or the right one, -1. There is no bag if it
+    has no room within MAX_BAG_OFFSET.
     """
     ahead = motion.bone("root")[:, 2] * [1, 0, 1]  # level
     outward = orthonormal_frame(ahead, np.array([sign, 0.0, 0.0]))[:, 1]
@@ -197,17 +190,10 @@ def bag(motion: Motion, sign: float, grip: np.ndarray, figure: Surface, rng: np.
     return [Prop(*pieces, material)]
 
 
-def stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Generator) -> list[Prop]:
-    """Builds a stool under a sitting figure, or none under a skirt, which hangs where the seat would be.
+def _stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Generator) -> list[Prop]:
+    """Builds a stool, seat and legs, under a sitting figure; none under a skirt, which hangs where the seat goes.
 
-    Args:
-        motion: how the body moves from its rest pose into the pose.
-        figure: vertices and faces of the posed and dressed figure.
-        ground: height of the floor, metres.
-        rng: random generator.
-
-    Returns:
-        Its seat and its legs, or nothing.
+    `figure` is posed and dressed, and `ground` the height of the floor, metres.
     """
     skin = motion.posed_skin
     thighs = skin[makehuman.bone_weights("root", "pelvis", "upperleg") > 0.5]
@@ -250,7 +236,7 @@ def props(motion: Motion, pose: Pose, figure: Surface, seed: int) -> list[Prop]:
     """
     rng = np.random.default_rng([seed, 5])
     floor = float(figure[0][:, 1].min())
-    built = stool(motion, figure, floor, rng) if pose.sitting else []
+    built = _stool(motion, figure, floor, rng) if pose.sitting else []
     for side, hand in (("L", pose.left), ("R", pose.right)):
         if hand.holds:
             built += _hand_prop(hand.holds, motion, side, figure, rng)

@@ -90,14 +90,8 @@ def heel_pitch(body: Body, shoe: Shoe) -> float:
     return float(np.degrees(np.arctan2(shoe.heel + stands.ball - shoe.sole - stands.heel, stands.length)))
 
 
-def rigid_weights(body: Body, side: str, z: np.ndarray) -> np.ndarray:
-    """Returns the skinning weights (n,B) of points of a shoe below the ankle, which bends at the ball of the foot.
-
-    Args:
-        body: in its rest pose.
-        side: L | R.
-        z: (n,) of the points on the rest pose, metres.
-    """
+def _rigid_weights(body: Body, side: str, z: np.ndarray) -> np.ndarray:
+    """Returns the skinning weights (n,B) of points z (n,), metres, of a shoe, which bends at the ball of the foot."""
     bones = makehuman.rig().bones
     weights = np.zeros((len(z), len(bones)))
     weights[:, bones.index(f"{TOES}.{side}")] = np.clip((z - body.joints[f"{TOES}.{side}"][2]) / BEND + 0.5, 0, 1)
@@ -137,7 +131,7 @@ def upper(body: Body, shoe: Shoe, side: str) -> Upper:
     shape[:, 1] = np.maximum(shape[:, 1], ground + 0.001)
     weights = matrix @ makehuman.rig().weights[makehuman.TIGHTS]
     rigid = np.clip((ankle[1] + 0.01 - shape[:, 1]) / 0.03, 0, 1)[:, None]  # 1 below the ankle
-    weights = weights / weights.sum(1, keepdims=True) * (1 - rigid) + rigid_weights(body, side, shape[:, 2]) * rigid
+    weights = weights / weights.sum(1, keepdims=True) * (1 - rigid) + _rigid_weights(body, side, shape[:, 2]) * rigid
     return Upper(shape, weights, faces, ground=ground, toes=toes, heel=heel)
 
 
@@ -250,5 +244,5 @@ def sole(bottom: np.ndarray, ground: float, shoe: Shoe, motion: Motion, side: st
     triangle = np.stack([zigzag[:-2], zigzag[1:-1], zigzag[2:]], axis=1)
     triangle[::2] = triangle[::2, ::-1]
     vertices, last = np.concatenate(rows), (len(rows) - 1) * n
-    weights = rigid_weights(motion.body, side, vertices[:, 2])
+    weights = _rigid_weights(motion.body, side, vertices[:, 2])
     return motion.skin(weights, vertices), np.concatenate([*strips, triangle, last + triangle[:, ::-1]])

@@ -252,13 +252,10 @@ def _rows_over(
     return rows
 
 
-def into_panel(faces: np.ndarray, cloth: np.ndarray, ring: np.ndarray) -> np.ndarray:
+def _into_panel(faces: np.ndarray, cloth: np.ndarray, ring: np.ndarray) -> np.ndarray:
     """Returns the unit direction (r,2) from each vertex of a border into its panel, along which a collar lies on it.
 
-    Args:
-        faces: (F,3) of the garment.
-        cloth: (n,2) of its vertices on the flat panels, metres.
-        ring: (r,) vertices of the border, in order.
+    `cloth` (n,2) are the vertices of the garment on the flat panels, metres, and `ring` (r,) those of the border.
     """
     step = cloth[faces].mean(1, keepdims=True) - cloth[faces]
     step[np.linalg.norm(step, axis=2).max(1) > TORN] = 0
@@ -319,7 +316,7 @@ def collar(
     points, shell, corner = thickened(points, strip_faces, THICKNESS, rings=None)
     row, column = np.divmod(strip_faces.ravel()[corner], len(ring))  # of each corner in the strip
     opens = kind in ("lapel", "stand")  # down an open front; the others lie above the panels' upper sides
-    direction = into_panel(faces, uv / uv_per_metre, ring) if opens else np.tile([0.0, -1.0], (len(ring), 1))
+    direction = _into_panel(faces, uv / uv_per_metre, ring) if opens else np.tile([0.0, -1.0], (len(ring), 1))
     corner_uv = uv[ring][column] + (travel[row, column] * uv_per_metre)[..., None] * direction[column]
     is_torn = np.ptp(corner_uv[..., 0], axis=1) > TORN * uv_per_metre  # across a seam between panels: use one of them
     corner_uv[is_torn] = corner_uv[is_torn][:, :1]

@@ -88,7 +88,7 @@ class Obstacles:
         head_and_arms = head_and_hands + makehuman.bone_weights("wrist", "lowerarm", "upperarm")
         trunk_and_arms = faces[(head_and_hands[faces] < 0.3).all(1)]
         self.body = motion.body
-        self.under_tops = trunk_and_arms[~cleft(motion.body, motion.body.skin, trunk_and_arms)]
+        self.under_tops = trunk_and_arms[~_cleft(motion.body, motion.body.skin, trunk_and_arms)]
         self.under_bottoms = faces[(head_and_arms[faces] < 0.3).all(1)]
         self.under_scarves = faces[hands[faces].max(1) < 0.3]
         self.skin = [motion.skin(weights, motion.body.skin, frame) for frame in range(frames + 1)]
@@ -114,9 +114,9 @@ class Obstacles:
             level = other.pattern.levels[-1 if fine else 0]
             faces = level.faces
             if is_top:
-                catching = cleft(self.body, level.fitted, faces)
+                catching = _cleft(self.body, level.fitted, faces)
                 if fine and (other.pattern.garment.gather or other.pattern.garment.pleat):
-                    catching |= fallen_over(other.draped.positions, faces)
+                    catching |= _fallen_over(other.draped.positions, faces)
                 faces = faces[~catching]
             parts.append((other.draped.positions if fine else other.draped.history[frame], faces))
         return stacked(parts)
@@ -149,16 +149,10 @@ def drape_outfit(motion: Motion, outfit: Outfit, detail: Detail) -> list[DrapedG
     return worn
 
 
-def cleft(body: Body, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Returns which faces line the cleft between the buttocks and the thighs below, where cloth must not be caught.
+def _cleft(body: Body, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Returns which faces (F,) line the cleft between buttocks and thighs, where cloth must not be caught.
 
-    Args:
-        body: in its rest pose.
-        rest: (n,3) vertices of a surface on the rest pose, metres.
-        faces: (F,3).
-
-    Returns:
-        (F,) bool.
+    `rest` (n,3) are the vertices on the rest pose, metres.
     """
     centre, normal = rest[faces].mean(1), face_normals(rest, faces)
     sideways = np.abs(normal[:, 0]) > 0.6 * np.linalg.norm(normal, axis=1)
@@ -166,17 +160,10 @@ def cleft(body: Body, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return sideways & (np.abs(centre[:, 0]) < CLEFT_WIDTH) & (height > CLEFT_HEIGHTS[0]) & (height < CLEFT_HEIGHTS[1])
 
 
-def fallen_over(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Returns which faces of cloth face against the cloth around them: gathers that fell over.
+def _fallen_over(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Returns which faces (F,) of cloth, vertices (n,3), face against the cloth around them: gathers that fell over.
 
     They would push cloth that hangs over them inward, and catch it.
-
-    Args:
-        x: (n,3) vertices, metres.
-        faces: (F,3).
-
-    Returns:
-        (F,) bool.
     """
     around = smoothed(normals(x, faces), faces, BROAD)[faces].sum(1)
     return np.einsum("fx,fx->f", face_normals(x, faces), around) < 0
