@@ -21,6 +21,7 @@ from skimage.metrics import structural_similarity
 from relight.lights import LightSet
 from relight.maps import Maps
 from relight.meshes import Material, Mesh
+from relight.photos.render import frames
 from relight.sh import unoccluded
 
 
@@ -148,3 +149,8 @@ def snowman(size: int, seed: int) -> Maps:
     layers |= {"coverage": mask, "transport": unoccluded(normal) * (ao * mask)[..., None]}
     info = {"name": f"snowman{seed:02d}", "subject": f"s{seed}", "size": size, "order": 2, "repairs": []}
     return Maps(mask, **{name: values.astype(np.float32) for name, values in layers.items()}, info=info)
+
+
+def render(pixels, people, light, mode="ratio", background=None, turn=0.0, stops=0.0):
+    """A photo under one light, as `relight.photos.render.frames` takes it."""
+    return next(frames(pixels, people, [(light, turn)], mode, background, stops))

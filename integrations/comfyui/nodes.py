@@ -26,6 +26,7 @@ from relight.lights.show import lit_ball
 from relight.maps.square import MASK_THRESHOLD
 from relight.panoramas import Panorama, orient, project
 from relight.photos.api import load
+from relight.photos.inferred import read_light
 from relight.photos.look import Look
 from relight.photos.mask.find import NobodyFound, masked
 from relight.photos.shading import shade
@@ -160,7 +161,7 @@ def find_mask(self, image, encoding="sRGB"):
 @node("RelightNamedLight", "Light by name", "hdri, lamp", light=LIGHT)
 def named_light(self, name):
     """room:7, sky:3, lamps:5, key:#ffe6c8@50,40,0.3 (color, degrees right and up, fill), or a file."""
-    light = relighter().read_light(changed(None, name)[0])
+    light = read_light(changed(None, name)[0], relighter().network)
     self.notes += light.notes if light else ()  # `auto` is none
     return (light,)
 

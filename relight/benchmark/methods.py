@@ -24,7 +24,7 @@ from relight.meshes import Mesh
 from relight.panoramas import project, read_panorama
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.person import Person, infer_person
-from relight.photos.render import render
+from relight.photos.render import frames
 from relight.photos.shading import gain, gain_between, shade
 from relight.photos.tone import apply_gain
 from relight.pictures.codes import to_srgb8
@@ -90,7 +90,7 @@ def _inferred_by(network: PhotoNetwork) -> Method:
         if entry.new:
             lights = [project(read_panorama(path), network.order).astype(np.float32) for path in entry.panoramas()]
             for mode in ("ratio", "full"):
-                arrays[mode] = np.stack([render(shot.photo, [person], light, mode) for light in lights])
+                arrays[mode] = np.stack([*frames(shot.photo, [person], [(light, 0.0) for light in lights], mode)])
         return arrays
 
     return apply

@@ -7,9 +7,8 @@ from typing import Unpack
 
 import numpy as np
 
-from relight.lights import Light
 from relight.photos.background import Background, read_background
-from relight.photos.inferred import AUTO, LightGiven, SceneOptions, read_light
+from relight.photos.inferred import AUTO, LightGiven, SceneOptions
 from relight.photos.look import Look
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.person import Person
@@ -59,12 +58,6 @@ class Relighter:
         scene = self.scene(image, mask, **options)
         _warn(scene)
         return list(scene.people)
-
-    def read_light(
-        self, text: Path | str, mask_model: Path | str | None = None, white_balance: str = "keep"
-    ) -> Light | None:
-        """Reads a light as a user names it: relight.photos.inferred.read_light."""
-        return read_light(text, self.network, mask_model, white_balance)
 
     def relight(
         self,

@@ -6,7 +6,6 @@ from typing import Any
 
 from relight.core.errors import UserError
 from relight.core.numbers import finite
-from relight.lights import Light
 from relight.lights.place import estimated, is_of_person
 from relight.photos.background import Background, read_background
 from relight.photos.inferred import AUTO, LightGiven, is_table, read_light
@@ -34,14 +33,6 @@ class Look:
         UserError: if an argument is not one of these.
     """
 
-    light: Light | None
-    windowed: bool  # whether the light is deringed, as those of photos and mere coefficients are not
-    mode: str
-    background: Background
-    turn: float
-    stops: float
-    match: bool
-
     def __init__(
         self,
         light: LightGiven = AUTO,
@@ -60,6 +51,7 @@ class Look:
         self.mode, self.match = mode, match
         self.background = read_background(background)
         self.light = read_light(light, network, mask_model, white_balance)
+        # Whether it is deringed, as lights of photos and mere coefficients are not.
         self.windowed = not (is_table(light) or (self.light and is_of_person(self.light.source)))
         if self.light is None and self.background.picture is not None:
             self.light = estimated(self.background.picture, self.background.name).checked()

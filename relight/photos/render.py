@@ -63,45 +63,31 @@ class _Layers:
     people: dict[int, _Own]
 
 
-def render(
-    pixels: np.ndarray,
-    people: Sequence[Person],
-    light: np.ndarray,
-    mode: str = "ratio",
-    background: Background | None = None,
-    turn: float = 0.0,
-    stops: float = 0.0,
-    alpha: np.ndarray | None = None,
-) -> np.ndarray:
-    """Relights the people of a photo.
-
-    Args:
-        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
-        people: as inferred from it.
-        light: (K,3) radiance coefficients, already turned.
-        mode: `ratio` multiplies the photo by new / old shading and keeps all its detail; `full` is albedo * shading.
-        background: the photo's own by default.
-        turn: of a panorama behind, radians.
-        stops: exposure of the people and of the background, as powers of two.
-        alpha: (H,W), as `Picture.alpha`, of a photo that is transparent in places; its colors are not multiplied by it.
-
-    Returns:
-        (H,W,3) of the same type, or (H,W,4) for a transparent background, or the photo's own with `alpha`. Values of a
-        linear photo are not rolled off.
-    """
-    return next(frames(pixels, people, [(light, turn)], mode, background or Background(), stops, alpha))
-
-
 def frames(
     pixels: np.ndarray,
     people: Sequence[Person],
     lights: Sequence[tuple[np.ndarray, float]],
-    mode: str,
-    background: Background,
-    stops: float,
+    mode: str = "ratio",
+    background: Background | None = None,
+    stops: float = 0.0,
     alpha: np.ndarray | None = None,
 ) -> Iterator[np.ndarray]:
-    """Yields what `render` returns for each of `lights`, with its turn. What these do not change is computed once."""
+    """Relights the people of a photo by one light after the other; what these do not change is computed once.
+
+    Args:
+        pixels: (H,W,3) uint8 or uint16 sRGB, or float32 linear Rec. 709.
+        people: as inferred from it.
+        lights: (K,3) radiance coefficients, already turned, with the turn of a panorama behind, radians.
+        mode: `ratio` multiplies the photo by new / old shading and keeps all its detail; `full` is albedo * shading.
+        background: the photo's own by default.
+        stops: exposure of the people and of the background, as powers of two.
+        alpha: (H,W), as `Picture.alpha`, of a photo that is transparent in places; its colors are not multiplied by it.
+
+    Yields:
+        (H,W,3) of the same type, or (H,W,4) for a transparent background, or the photo's own with `alpha`. Values of a
+        linear photo are not rolled off.
+    """
+    background = background or Background()
     shape = pixels.shape[:2]
     coverage = total_coverage(people) if people else np.zeros(shape, np.uint8)
     transparent = background.kind == "transparent"

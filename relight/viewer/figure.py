@@ -54,19 +54,12 @@ class Figure:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        height, width = self.maps.mask.shape
         if not self.maps.mask.any():
             raise UserError(f"figure '{self.title}': its mask is empty; a mask with the figure in it would be right")
         if self.maps.transport.shape[-1] < coefficient_count(2):
             raise UserError(
                 f"figure '{self.title}': transport has {self.maps.transport.shape[-1]} coefficients; order 2 has 9"
             )
-        if self.photo is not None and self.photo.shape != (height, width, 3):
-            raise UserError(
-                f"figure '{self.title}': the photo is {self.photo.shape}, the maps want ({height}, {width}, 3)"
-            )
-        if self.photo_light is not None and np.shape(self.photo_light) != (9, 3):
-            raise UserError(f"figure '{self.title}': the photo's light is {np.shape(self.photo_light)}, not (9, 3)")
 
 
 def differences(codes: np.ndarray) -> np.ndarray:

@@ -226,9 +226,8 @@ def test_every_frame_is_a_step_that_can_be_interrupted(nodes, portrait, comfy, m
     assert comfy.progress == [3, 1, 1]
 
 
-@pytest.mark.parametrize("kind", [torch.float16, torch.bfloat16])
-def test_half_floats_are_taken_as_they_are(nodes, portrait, kind):
-    image, mask = (values.to(kind) for values in portrait)
+def test_half_floats_are_taken_as_they_are(nodes, portrait):
+    image, mask = (values.to(torch.bfloat16) for values in portrait)
     (light,) = nodes["RelightNamedLight"]().run("key:#ff8040@80,10,0.05")
     half = nodes["RelightRelight"]().run(image, light, *PLAIN, mask)
     full = nodes["RelightRelight"]().run(image.float(), light, *PLAIN, mask.float())

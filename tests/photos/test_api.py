@@ -11,7 +11,7 @@ from relight.core.errors import UserError
 from relight.lights import Light, load_light
 from relight.panoramas import luminance
 from relight.photos.background import read_background
-from relight.photos.inferred import degrees_apart
+from relight.photos.inferred import degrees_apart, read_light
 from relight.photos.look import Look
 from relight.sh import deringed
 
@@ -87,7 +87,7 @@ def test_a_light_may_be_an_object_and_must_shine(relighter, photo_files):
     expected = relighter.relight(me, mask, light.coefficients[:9])
     for same in (light, light.coefficients[:9].tolist(), light.coefficients[:9].T):
         np.testing.assert_array_equal(relighter.relight(me, mask, same), expected)
-    room = relighter.read_light("room:7")
+    room = read_light("room:7", relighter.network)
     expected = relighter.relight(me, mask, "room:7", background="panorama")
     np.testing.assert_array_equal(relighter.relight(me, mask, room, background="panorama"), expected)
     for wrong, says in (
@@ -107,10 +107,10 @@ def test_a_light_by_name_and_as_an_object_are_one(relighter, photo_files):
     me, mask, *_ = photo_files
     lamp = "key:#ffffff@90,0,0"
     by_name = relighter.relight(me, mask, lamp)
-    for light in (load_light(lamp), load_light(lamp, order=4), relighter.read_light(lamp)):
+    for light in (load_light(lamp), load_light(lamp, order=4), read_light(lamp, relighter.network)):
         np.testing.assert_array_equal(relighter.relight(me, mask, light), by_name)
     assert (relighter.relight(me, mask, load_light(lamp).coefficients) != by_name).any()
-    own = relighter.read_light(str(me))
+    own = read_light(str(me), relighter.network)
     for same in (own.coefficients, str(me), me, [me], Look(me, network=relighter.network).light):
         np.testing.assert_array_equal(relighter.relight(me, mask, same), relighter.relight(me, mask, own))
     both = Look(f"{me} + {lamp}", network=relighter.network).light
@@ -163,7 +163,7 @@ def test_white_balance(relighter, photo_files):
     (kept,), (raw,) = (relighter.infer(me, white_balance=way) for way in ("keep", "scene"))
     assert np.ptp(kept.shading[kept.mask].mean(0)) < 1e-5 < np.ptp(raw.shading[raw.mask].mean(0))
     assert np.allclose(kept.light * kept.white, raw.light) and (raw.white == 1).all()
-    assert np.array_equal(relighter.read_light(str(me)).coefficients, kept.light)
+    assert np.array_equal(read_light(str(me), relighter.network).coefficients, kept.light)
     assert (relighter.relight(me, None, LIGHT) != relighter.relight(me, None, LIGHT, white_balance="scene")).any()
     with pytest.raises(UserError, match="'auto' is neither keep nor scene"):
         relighter.infer(me, white_balance="auto")

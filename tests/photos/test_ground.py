@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from samples import render
 
 from relight.core.srgb import LINEAR
 from relight.lights import Light, load_light
@@ -13,7 +14,6 @@ from relight.photos.background import Background, estimate_white, read_backgroun
 from relight.photos.ground import Camera, _fill_with_balls, _transport, ground_under, standing_box
 from relight.photos.look import Look
 from relight.photos.mask.pose import Body
-from relight.photos.render import render
 from relight.pictures.codes import to_srgb8
 from relight.sh import basis, rotate_y, unoccluded
 

@@ -182,7 +182,7 @@ def test_photo_without_a_mask(run, wheel, weights, tmp_path):
         run("mask", "draw", tmp_path / "me.png", "--out", tmp_path / "b.png")
 
 
-@pytest.mark.parametrize("answer", ["y", "", "n"])
+@pytest.mark.parametrize("answer", ["", "n"])
 @pytest.mark.slow
 def test_photo_at_a_terminal_asks_whether_to_fetch_the_network(answer, wheel, weights, tmp_path, monkeypatch):
     Image.fromarray(scene()[0]).save(tmp_path / "me.png")

@@ -99,8 +99,7 @@ def test_movie_of_a_photo(run, photo_files, weights, tmp_path, monkeypatch):
             run("movie", me, "--out", tmp_path / "b.mp4", "--turns", turns)
 
 
-@pytest.mark.parametrize("form", ["behind.mp4", "behind.gif", "behind"])
-@pytest.mark.parametrize("of", ["photo", "clip"])
+@pytest.mark.parametrize(("form", "of"), [("behind.mp4", "photo"), ("behind.gif", "clip"), ("behind", "photo")])
 def test_a_clip_behind_plays_at_its_speed_and_begins_again(run, photo_files, weights, tmp_path, monkeypatch, form, of):
     """Three greys of a tenth or a 25th of a second each (a folder), behind frames of a 20th or a 25th."""
     me, _, pixels, mask = photo_files

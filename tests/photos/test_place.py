@@ -69,11 +69,6 @@ def test_load_light_refuses_what_names_no_place(street, name, message):
         load_light(name)
 
 
-def test_default_light_is_that_of_a_picture_behind(street):
-    assert Look(background="street.png").light.source == "place:street.png"
-    assert {Look(background=text).light for text in ("keep", "transparent", "#334455")} == {None}
-
-
 @pytest.mark.slow
 def test_photo_takes_the_light_of_a_picture_behind(run, photo_files, weights, street, tmp_path):
     me = photo_files[0]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
+from samples import render
 from scipy.ndimage import gaussian_filter
 
 from relight.core.srgb import LINEAR, LUMINANCE, encode, to_linear
@@ -13,7 +14,7 @@ from relight.maps.square import crop_around
 from relight.panoramas import luminance
 from relight.photos.background import Background, read_background
 from relight.photos.person import Person, balanced, infer_person
-from relight.photos.render import estimate_foreground, over, render
+from relight.photos.render import estimate_foreground, over
 from relight.photos.shading import (
     ANGLES,
     DARK,
@@ -92,13 +93,6 @@ def test_known_ball_is_relit_right():
         error = np.abs(LINEAR[relit] - expected)[sure]
         assert error.max() < 0.02 and error.mean() < 0.002, mode
         assert np.array_equal(render(pixels, [figure], OTHER, mode)[figure.coverage == 0], pixels[figure.coverage == 0])
-
-
-def test_turning_by_360_degrees_closes(relighter, draw):
-    pixels, mask = draw()
-    start = relighter.relight(pixels, mask, LIGHT, turn=30)
-    assert np.array_equal(relighter.relight(pixels, mask, LIGHT, turn=390), start)
-    assert (relighter.relight(pixels, mask, LIGHT, turn=120) != start).any()
 
 
 def test_a_tinted_light_is_the_photos_white():

@@ -39,7 +39,6 @@ def test_a_label_has_one_control(part):
 
 def test_refusals_name_what_is_wrong(tmp_path, maps, lights):
     out = tmp_path / "a.html"
-    photo = np.zeros((*maps.mask.shape, 3))
     for message, change in {
         "at least one figure": {"figures": []},
         "at least one figure and one light": {"lights": {}},
@@ -52,8 +51,6 @@ def test_refusals_name_what_is_wrong(tmp_path, maps, lights):
     for message, figure in {
         "mask is empty": {"maps": replace(maps, mask=np.zeros_like(maps.mask))},
         "4 coefficients": {"maps": replace(maps, transport=maps.transport[..., :4])},
-        "photo is": {"photo": np.zeros((5, 5, 3))},
-        r"photo's light is \(4, 3\)": {"photo": photo, "photo_light": np.zeros((4, 3))},
     }.items():
         with pytest.raises(UserError, match=message):
             Figure(**{"title": "a", "maps": maps} | figure)

@@ -152,14 +152,14 @@ def saved(page):
 
 
 def test_a_photo_is_saved_at_its_own_size(page, server, exported, lights, tmp_path):
-    pixels, alpha = (np.asarray(Image.fromarray(part).resize((1100, 1500))) for part in photograph())
+    pixels, alpha = (np.asarray(Image.fromarray(part).resize((300, 1200))) for part in photograph())
     page.open(address(server))
     opened(page, png(np.dstack([pixels, alpha])))
     until(page, "relight.figure().title === 'me'")
     state = {"light": 0, "yaw": 40, "tilt": 0, "stops": 0, "background": "photo", "mode": "ratio", "view": "relit"}
     shown = page.pixels(**state, before="none")
     mine = saved(page)
-    assert shown.shape[:2] == (1024, 751) and mine.shape[:2] == (1500, 1100)
+    assert shown.shape[:2] == (1024, 256) and mine.shape[:2] == (1200, 300)
     assert np.array_equal(page.pixels(), shown), "the page shows what it showed"
 
     figure = photo_figure(Scene.of(Image.fromarray(np.dstack([pixels, alpha])), network=read_network(exported)))
