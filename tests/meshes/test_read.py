@@ -132,6 +132,17 @@ def test_a_texture_is_read_by_its_profile_as_a_photo_is_but_not_turned_and_in_gl
     np.testing.assert_array_equal(read_texture((tmp_path / "t.png").read_bytes(), "t", by_profile=False), codes)
 
 
+def test_obj_of_several_materials(tmp_path):
+    """Two libraries, one in Latin-1, a name with a blank, a color without texture, and a texture scaled and moved."""
+    picture(tmp_path / "t.png", GREEN)
+    (tmp_path / "a.mtl").write_bytes("# \xe9t\xe9\r\nnewmtl jeans blue\r\nKd 0.5 0.25 1\r\n".encode("latin-1"))
+    (tmp_path / "b.mtl").write_text("newmtl shirt\nmap_Kd -s 2 3 -o 0.5 t.png\n")
+    mesh = read_mesh(quad_obj(tmp_path / "a.obj", "shirt", "jeans blue", extra="mtllib a.mtl b.mtl"))
+    assert mesh.material.tolist() == [0, 0, 1, 1]
+    np.testing.assert_allclose(mesh.materials[1].color, linear(np.array([0.5, 0.25, 1])))
+    np.testing.assert_array_equal(mesh.uv[0], [[0.5, 0], [2.5, 0], [2.5, 3]])
+
+
 @pytest.mark.parametrize(
     "faces",
     [
