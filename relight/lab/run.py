@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Collection
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -88,12 +89,11 @@ def run(
         first, *tables = ran.stdout.split("Job stats:\n")  # which Snakemake prints twice
         print(first, *tables[-1:], sep="Job stats:\n", end="")
         return ran.returncode
-    os.close(hold(ROOT / plan.out))
-    if plan.data != plan.out:
-        os.close(hold(ROOT / plan.data, shared=True))
+    held = [hold(ROOT / plan.data, shared=True)] if plan.data != plan.out else []
+    held.append(hold(ROOT / plan.out))
     # In a file, since jobs on a cluster break quotes within quotes.
     command += ["--configfile", str(plan.write_record())]
-    code = snakemake(command)
+    code = snakemake(command, held)
     if code == INTERRUPTED:
         print("interrupted; the same command goes on", file=sys.stderr)
     elif targets == ["all"] and code == 0:
@@ -102,9 +102,11 @@ def run(
         print(f"failed: {', '.join(failed)}; the report of the others follows", file=sys.stderr)
         plan.record["failed"] = failed
         plan.write_record()
-        snakemake(command)
+        snakemake(command, held)
         del plan.record["failed"]  # the next run tries them again
         plan.write_record()
+    for handle in held:
+        os.close(handle)
     return code
 
 
@@ -128,10 +130,10 @@ def rows_of_sweep(given: list[str]) -> dict[str, list[str]] | None:
     return settings["sweep"]["rows"] if "sweep" in settings.get("experiments", {}) and not others else None
 
 
-def snakemake(command: list[str]) -> int:
+def snakemake(command: list[str], held: Collection[int] = ()) -> int:
     """Runs Snakemake in this repository. It ends with this process, and its jobs end with it (`relight.lab.job`).
 
-    Returns its exit code, or INTERRUPTED if this process was interrupted, terminated or hung up.
+    It inherits the handles of locks. Returns its exit code, or INTERRUPTED if this process was interrupted or ended.
     """
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) == signal.SIG_DFL:  # with nohup, HUP stays ignored
@@ -143,7 +145,9 @@ def snakemake(command: list[str]) -> int:
         end_with_parent(parent)
 
     # A process group of its own, so that Ctrl-C reaches it once, from here.
-    process = subprocess.Popen(command, cwd=ROOT, process_group=0, preexec_fn=prepare, stderr=subprocess.PIPE)
+    process = subprocess.Popen(
+        command, cwd=ROOT, process_group=0, preexec_fn=prepare, stderr=subprocess.PIPE, pass_fds=held
+    )
     try:
         for line in process.stderr or ():
             with suppress(OSError):  # a closed terminal
@@ -159,8 +163,7 @@ def snakemake(command: list[str]) -> int:
 def hold(out: Path | str, shared: bool = False) -> int:
     """Locks results until this process ends, however it ends, or closes the handle that this returns.
 
-    With `shared`, others may read them at the same time. Raises UserError if another workflow makes the results, or
-    they cannot be written.
+    With `shared`, others may read them, too. Raises UserError if another workflow makes them, or they are read-only.
     """
     try:
         Path(out).mkdir(parents=True, exist_ok=True)

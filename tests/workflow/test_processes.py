@@ -24,6 +24,7 @@ time.sleep(300)
 """
 SNAKEMAKE = f"""
 import os, shlex, signal, subprocess, sys
+os.fstat(int(sys.argv[1]))  # the lock
 stopped = []
 for number in (signal.SIGTERM, signal.SIGHUP):
     signal.signal(number, lambda *_: None)
@@ -35,9 +36,10 @@ while not stopped:
 sys.exit(1)
 """
 RUN = f"""
-import sys
+import os, sys
 from relight.lab.run import snakemake
-sys.exit(snakemake([sys.executable, "-c", {SNAKEMAKE!r}]))
+lock = os.open("/", os.O_RDONLY)
+sys.exit(snakemake([sys.executable, "-c", {SNAKEMAKE!r}, str(lock)], [lock]))
 """
 
 

@@ -24,9 +24,12 @@ def calls(tmp_path, monkeypatch) -> list:
     """What Snakemake was called with, (its words, what its configuration file held), in a repository of its own."""
     found = []
 
-    def snakemake(words):
+    def snakemake(words, held=()):
         file = Path(words[words.index("--configfile") + 1])
         found.append((words, yaml.safe_load(file.read_text()), file))
+        if held:  # a second run that begins now
+            with pytest.raises(UserError, match="another workflow is making"):
+                module.hold(file.parent)
         return 1
 
     def dry(words, **_):

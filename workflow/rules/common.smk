@@ -70,12 +70,10 @@ sys.executable = shlex.quote(sys.executable)
 
 
 onstart:
-    try:
+    if "--nolock" not in sys.argv:  # which `relight run` gives, and its own locks
         hold(OUT)
         if DATA != OUT:
             hold(DATA, shared=True)
-    except UserError as error:
-        raise WorkflowError(str(error)) from None
     workflow.persistence.cleanup_backup(Path(OUT))  # of jobs that were killed
     PLAN.write_record()
 
