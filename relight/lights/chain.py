@@ -47,7 +47,7 @@ def build_light_set(panoramas: Panoramas, lights: Lights, order: int) -> tuple[L
         UserError: if the settings name no panorama, if none can be read, or if no light can be selected.
     """
     found, coefficients, unreadable, repaired = project_panoramas(panoramas, order)
-    kept = largest_copies(found)
+    kept = _largest_copies(found)
     sources, coefficients = [found[i] for i in kept], coefficients[kept]
     selected, record = select_lights(coefficients, sources, lights)
     if panoramas.source == "folder":
@@ -111,12 +111,12 @@ def project_panoramas(panoramas: Panoramas, order: int) -> tuple[list[str], np.n
     return list(projected), np.stack(list(projected.values())), unreadable, repaired
 
 
-def largest_copies(sources: list[str]) -> list[int]:
+def _largest_copies(sources: list[str]) -> list[int]:
     """Returns the indices of panoramas, of those whose names differ in size or format only the largest.
 
     A name without a size counts as the largest.
 
-    >>> largest_copies(["hall_1k.hdr", "hall_2k.exr", "hall_2k.hdr", "hall2_1k.hdr", "room:1"])
+    >>> _largest_copies(["hall_1k.hdr", "hall_2k.exr", "hall_2k.hdr", "hall2_1k.hdr", "room:1"])
     [1, 3, 4]
     """
     best: dict[PurePosixPath, tuple[float, int]] = {}

@@ -55,7 +55,7 @@ def place_light(codes: np.ndarray, toward: np.ndarray | None = None) -> np.ndarr
         weights = np.append(1, np.clip(features(picture), *np.transpose(known["limits"])))  # of the mean and changes
         grey_light = np.tensordot(weights, np.reshape(known["light"], (-1, 9, 3)), 1)
     else:
-        grey_light = (lamp_parts(toward) @ known["lamp"])[:, None]
+        grey_light = (_lamp_parts(toward) @ known["lamp"])[:, None]
     light = grey_light * tint(picture)
     norm = float(np.linalg.norm(light * IRRADIANCE))
     return light * (known["level"] * max(float(luminance(picture).mean()), FLOOR) / norm)
@@ -99,15 +99,8 @@ def features(picture: np.ndarray) -> np.ndarray:
     ])  # fmt: skip
 
 
-def lamp_parts(toward: np.ndarray) -> np.ndarray:
-    """Returns the parts of which the light of a lamp is mixed, in the last axis: even light, bands 1 and 2 of the lamp.
-
-    Args:
-        toward: (...,3) unit vectors to the lamp.
-
-    Returns:
-        (...,9,3), coefficients by part.
-    """
+def _lamp_parts(toward: np.ndarray) -> np.ndarray:
+    """Returns the parts (...,9,3) that mix a lamp's light, seen along `toward` (...,3): even light, bands 1 and 2."""
     even, first, second = (bands(2) == band for band in range(3))
     lamp = basis(toward, 2)
     return np.stack(np.broadcast_arrays(even, lamp * first, lamp * second), -1)

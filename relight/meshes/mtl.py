@@ -65,7 +65,7 @@ def read_libraries(
     files: list[Path] = []
     for statement in statements:
         for file in _library_files(path, statement, missing):
-            for name, surface in read_mtl(file).items():
+            for name, surface in _read_mtl(file).items():
                 if name in library and file not in files:
                     surface.warnings.append(f"{file.name} defines the material {spellings(name)[0]!r} again: it counts")
                 library[name] = surface
@@ -133,17 +133,11 @@ def _texts(name: bytes) -> set[str]:
     return {unicodedata.normalize("NFC", text) for text in spellings(name)}
 
 
-def read_mtl(path: Path) -> dict[bytes, Surface]:
+def _read_mtl(path: Path) -> dict[bytes, Surface]:
     """Reads a .mtl file and its textures.
 
     A texture is not multiplied by Kd, as exporters write .8 or 0 beside it as often as 1. It is that of map_Kd, or else
     of map_Ka or map_Ke. Without a texture, the color is Kd, taken as sRGB as most exporters write it.
-
-    Returns:
-        The materials by name.
-
-    Raises:
-        UserError: if the file is too large, or a texture is missing, outside the folder or damaged.
     """
     if path.stat().st_size > MAX_BYTES:
         raise UserError(f"{path} is too large for a material library")

@@ -28,7 +28,7 @@ def triangulate(
     Raises:
         UserError: if a polygon that is not convex has over MAX_CORNERS corners.
     """
-    position, polygon = fan(counts)
+    position, polygon = _fan(counts)
     if (counts > 3).any() and index.min() >= 0 and index.max() < len(vertices):
         for bad in _turned_over(np.asarray(counts, np.int64), index, vertices):
             if counts[bad] > MAX_CORNERS:
@@ -36,20 +36,14 @@ def triangulate(
             first = np.searchsorted(polygon, bad)
             start = position[first, 0]
             corners = vertices[index[start : start + counts[bad]]]
-            position[first : first + counts[bad] - 2] = start + clip_ears(corners)
+            position[first : first + counts[bad] - 2] = start + _clip_ears(corners)
     return position, polygon
 
 
-def fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cuts polygons into fans of triangles from their first corners.
+def _fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cuts polygons into fans from their first corners: positions (F,3) in the flat list, and polygons (F,).
 
-    Args:
-        counts: (P,) of the polygons' corners, which are in one flat list.
-
-    Returns:
-        Positions (F,3) of the triangles' corners in the flat list, and the polygon (F,) of each triangle.
-
-    >>> fan(np.array([3, 4]))[0].tolist()
+    >>> _fan(np.array([3, 4]))[0].tolist()
     [[0, 1, 2], [3, 4, 5], [3, 5, 6]]
     """
     counts = np.asarray(counts, np.int64)
@@ -87,16 +81,11 @@ def _turned_over(counts: np.ndarray, index: np.ndarray, vertices: np.ndarray) ->
     return np.unique(np.concatenate(bad))
 
 
-def clip_ears(corners: np.ndarray) -> np.ndarray:
+def _clip_ears(corners: np.ndarray) -> np.ndarray:
     """Cuts a simple polygon into triangles that stay inside (Meisters, "Polygons have ears", 1975).
 
-    An ear is a corner whose triangle holds no other corner. The best-shaped one is cut off first.
-
-    Args:
-        corners: (N,3), not quite in one plane either.
-
-    Returns:
-        (N-2,3) numbers of corners, wound as the polygon.
+    An ear is a corner whose triangle holds no other corner. The best-shaped one is cut off first. The triangles
+    (N-2,3) are wound as the polygon (N,3), which need not be quite flat.
     """
     flat = _projected(corners)
     before, after = np.roll(np.arange(len(flat)), 1), np.roll(np.arange(len(flat)), -1)

@@ -289,17 +289,8 @@ def is_sunlit(room: Room, sun: Sun, point: np.ndarray) -> np.ndarray:
     return passes_window
 
 
-def sun_irradiance(room: Room, sun: Sun, grid: Grid) -> np.ndarray:
-    """Returns the irradiance of the sun on the cells of a grid, sampled at four points per cell.
-
-    Args:
-        room: with its windows, and the furniture that occludes.
-        sun: direction and irradiance.
-        grid: N cells on walls and boxes.
-
-    Returns:
-        (N,3), in the unit of `sun.irradiance`.
-    """
+def _sun_irradiance(room: Room, sun: Sun, grid: Grid) -> np.ndarray:
+    """Returns the sun's irradiance (N,3), through the windows, on a grid's cells, sampled at four points per cell."""
     n = len(grid.position)
     cosine = np.maximum(grid.normal @ sun.direction, 0)
     lit = np.zeros(n)
@@ -357,7 +348,7 @@ def render_room(room: Room) -> np.ndarray:
     """Renders a room from its camera to a lat-long panorama (HEIGHT,WIDTH,3) float64 of linear radiance."""
     walls = Grid(np.zeros((1, 3)), room.size[None], CELLS, inside=True)
     irradiance = direct_irradiance(room, walls.position, walls.normal)
-    sunlight = sun_irradiance(room, room.sun, walls) if room.sun else 0.0
+    sunlight = _sun_irradiance(room, room.sun, walls) if room.sun else 0.0
     albedo = np.repeat(room.albedo, CELLS**2, 0) * (1 - FURNITURE_ABSORPTION)
     bounced = indirect_irradiance(form_factors(walls, walls), albedo, irradiance + sunlight)
     total = albedo * (irradiance + sunlight + bounced)
@@ -400,7 +391,7 @@ def _render_boxes(room: Room, walls: Grid, radiosity: np.ndarray, image: np.ndar
     grid = Grid(low, high, BOX_CELLS, inside=False)
     irradiance = direct_irradiance(room, grid.position, grid.normal) + form_factors(grid, walls) @ radiosity
     if room.sun:
-        irradiance += sun_irradiance(room, room.sun, grid)
+        irradiance += _sun_irradiance(room, room.sun, grid)
     entered = axis[hit, box[hit]]
     face = 6 * box[hit] + 2 * entered + (direction[hit, entered] < 0)
     point = room.camera + direction[hit] * depth[hit, None]

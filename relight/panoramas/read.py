@@ -46,11 +46,11 @@ def read_panorama(path: Path | str, layout: str = "auto", repair: bool = False) 
     path = existing_file(path, "panorama")
     if layout != "auto" and layout not in LAYOUTS:
         raise UserError(f"layout={layout}: must be auto or one of {', '.join(LAYOUTS)}")
-    pixels, envmap, repairs = read_pixels(path)
+    pixels, envmap, repairs = _read_pixels(path)
     resolved = decide_layout(path, pixels.shape[1], pixels.shape[0], layout, envmap)
     has_attribute = resolved == envmap
     pixels = np.ascontiguousarray(pixels)
-    repairs += repair_pixels(path, pixels, repair) + clip_negatives(path, pixels) + repair_sun(path, pixels, repair)
+    repairs += repair_pixels(path, pixels, repair) + _clip_negatives(path, pixels) + repair_sun(path, pixels, repair)
     side = (min(pixels.shape[:2]) + 5) // 6  # half of a face
     if layout != resolved == "cross" and np.ptp((pixels[:side, :side], pixels[:side, -side:]), (1, 2)).any():
         which = "relight light --layout cross, or panoramas.layout=cross, says that it is one"
@@ -59,15 +59,12 @@ def read_panorama(path: Path | str, layout: str = "auto", repair: bool = False) 
     return Panorama(pixels, resolved, has_attribute, front=front, repairs=repairs)
 
 
-def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
+def _read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
     """Reads a picture whose format its first bytes tell.
 
     Returns:
         Pixels (H,W,3) float32, linear Rec. 709, row 0 at the top; the layout that OpenEXR's attribute `envmap`
         tells, or None; and what the reader changed, one sentence each.
-
-    Raises:
-        UserError: if the file is not a panorama.
     """
     with open(path, "rb") as file:
         start = file.read(256).removeprefix(codecs.BOM_UTF8)
@@ -114,15 +111,8 @@ def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str 
     return layout
 
 
-def clip_negatives(path: Path, pixels: np.ndarray) -> list[str]:
-    """Sets negative values of finite pixels (H,W,3) to zero, in place.
-
-    Returns:
-        The repair as one sentence, or an empty list.
-
-    Raises:
-        UserError: if the picture is black.
-    """
+def _clip_negatives(path: Path, pixels: np.ndarray) -> list[str]:
+    """Sets negative values of finite pixels (H,W,3) to zero, in place; says so, and refuses a black picture."""
     below = pixels < 0
     pixels[below] = 0
     if not pixels.any():

@@ -8,15 +8,10 @@ from relight.meshes import Mesh
 from relight.meshes.mesh import CLAMP, MIRROR, REPEAT
 
 
-def wrapped(texel: np.ndarray, size: int, mode: str) -> np.ndarray:
+def _wrapped(texel: np.ndarray, size: int, mode: str) -> np.ndarray:
     """Returns the numbers of texels in [0,size) that stand for texels beyond the edges, in one direction.
 
-    Args:
-        texel: (N,) int64, any numbers.
-        size: number of texels.
-        mode: how the texture goes on beyond its edges: REPEAT, CLAMP or MIRROR.
-
-    >>> [wrapped(np.arange(-2, 4), 2, mode).tolist() for mode in (REPEAT, CLAMP, MIRROR)]
+    >>> [_wrapped(np.arange(-2, 4), 2, mode).tolist() for mode in (REPEAT, CLAMP, MIRROR)]
     [[0, 1, 0, 1, 0, 1], [0, 0, 0, 1, 1, 1], [1, 0, 0, 1, 1, 0]]
     """
     if mode == CLAMP:
@@ -36,8 +31,8 @@ def _sample_texture(texture: np.ndarray, uv: np.ndarray, wrap: tuple[str, str] =
     x, y = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5
     left, top = np.floor(x), np.floor(y)
     weight_x, weight_y = (x - left).astype(np.float32)[:, None], (y - top).astype(np.float32)[:, None]
-    columns = [wrapped((left + k).astype(np.int64), width, wrap[0]) for k in (0, 1)]
-    rows = [wrapped((top + k).astype(np.int64), height, wrap[1]) for k in (0, 1)]
+    columns = [_wrapped((left + k).astype(np.int64), width, wrap[0]) for k in (0, 1)]
+    rows = [_wrapped((top + k).astype(np.int64), height, wrap[1]) for k in (0, 1)]
     upper_row, lower_row = (
         LINEAR[texture[row, columns[0]]] * (1 - weight_x) + LINEAR[texture[row, columns[1]]] * weight_x for row in rows
     )

@@ -76,13 +76,10 @@ def _wave_profile(garment: Garment, angle: np.ndarray) -> np.ndarray:
     return 0.5 + 0.5 * np.sin(garment.fold_count * angle + uneven + 4.1 * phase)
 
 
-def rounded(flat: np.ndarray, centre: np.ndarray, angle: np.ndarray) -> np.ndarray:
+def _rounded(flat: np.ndarray, centre: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Returns an outline (m,2) pushed out to its convex hull, which bridges the hollow between the legs.
 
-    Args:
-        flat: (m,2) the outline, seen from above, metres.
-        centre: (2,) inside it.
-        angle: (m,) bearings of its points about the centre, radians.
+    `angle` (m,) are the bearings of its points about `centre` (2,), radians.
     """
     outline = flat[ConvexHull(flat).vertices]
     radius = np.linalg.norm(outline - centre, axis=1)
@@ -104,7 +101,7 @@ def _drop_rows(
     flat = top[:, [0, 2]]  # seen from above
     centre = flat.mean(0)
     angle = np.arctan2(flat[:, 1] - centre[1], flat[:, 0] - centre[0])
-    round_outline = rounded(flat, centre, angle) if closed else flat.copy()
+    round_outline = _rounded(flat, centre, angle) if closed else flat.copy()
     wave = _wave_profile(garment, angle)
 
     def length(outline: np.ndarray) -> float:

@@ -74,17 +74,10 @@ def neck_of(motion: Motion) -> Neck:
     return Neck(motion.joint("neck01"), left, up, np.cross(left, up))
 
 
-def neckline(vertices: np.ndarray, faces: np.ndarray, neck: Neck, low: float = 0.0) -> tuple[np.ndarray, bool] | None:
-    """Finds the border around the neck.
+def _neckline(vertices: np.ndarray, faces: np.ndarray, neck: Neck, low: float = 0.0) -> tuple[np.ndarray, bool] | None:
+    """Returns the vertices (m,) of the border around the neck in order, and whether it is a loop, begun in front.
 
-    Args:
-        vertices: (n,3) metres.
-        faces: (F,3).
-        neck: of the posed figure.
-        low: metres below the neck down to which the edges of an open front belong to the neckline.
-
-    Returns:
-        Its vertices (m,) in order, and whether it is a closed loop, which begins in front; None if there is none.
+    The edges of an open front belong to it down to `low` metres below the neck. None if there is no such border.
     """
     for ring in border_loops(faces):
         away = vertices[ring] - neck.base
@@ -113,7 +106,7 @@ def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: Ne
         smooth: (n,3) the garment close around the body, without folds, metres.
         neck: of the posed figure.
     """
-    border = neckline(vertices, faces, neck)
+    border = _neckline(vertices, faces, neck)
     if border is None:
         return vertices
     ring, closed = border
@@ -281,7 +274,7 @@ def collar(
     Returns:
         Vertices (V,3), faces (F,3) and corner uv (F,3,2); None if the neckline is not found.
     """
-    border = neckline(vertices, faces, neck, low=LAPEL if kind == "lapel" else 0.0)
+    border = _neckline(vertices, faces, neck, low=LAPEL if kind == "lapel" else 0.0)
     if border is None:
         return None
     ring, closed = border

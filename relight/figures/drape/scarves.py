@@ -46,16 +46,8 @@ class Wrap:
     width: float
 
 
-def outline(surface: Collider, neck: Neck) -> np.ndarray:
-    """Measures neck and collars around the base of the neck.
-
-    Args:
-        surface: the dressed figure.
-        neck: of the posed figure.
-
-    Returns:
-        Radii (BEARINGS,) in metres, from the front to the left.
-    """
+def _outline(surface: Collider, neck: Neck) -> np.ndarray:
+    """Returns the radii (BEARINGS,) of the dressed neck about its base, metres, from the front to the left."""
     angle = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
     outward = np.outer(np.sin(angle), neck.left) + np.outer(np.cos(angle), neck.forward)
     low, high = NECK_RADII
@@ -86,7 +78,7 @@ def _centre_line(wrap: Wrap, surface: Collider, neck: Neck) -> tuple[np.ndarray,
 
     Returns its points (n,3), every EDGE, and the unit directions (n,3) away from the figure there.
     """
-    neck_radius = outline(surface, neck)
+    neck_radius = _outline(surface, neck)
     angle = np.radians(wrap.start - np.arange(0, wrap.turn + 1, RING_STEP))
     layers = LAYER * np.abs(angle - angle[0]) / (2 * np.pi)  # each turn lies on the one before
     bearings = 2 * np.pi * np.arange(BEARINGS) / BEARINGS

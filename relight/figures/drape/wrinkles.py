@@ -155,16 +155,10 @@ class Region:
     edge: float
 
 
-def compression(region: Region, normal: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns how and in which direction the cloth is compressed most.
+def _compression(region: Region, normal: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the least stretch (n,), below 1 where cloth is compressed, and its unit direction (n,3) on the pattern.
 
-    Args:
-        region: the cloth.
-        normal: (n,3) unit normals of the pattern.
-        seed: random seed of old creases.
-
-    Returns:
-        The least stretch (n,), below 1 where cloth is compressed, and its unit direction (n,3) on the pattern.
+    `normal` (n,3) are unit normals of the pattern, and `seed` that of old creases.
     """
     times = int(np.ceil(6 * (SMOOTHED_EDGE / region.edge) ** 2))  # the same centimetre at all levels
     rest, draped = (averaged(points, region.average, times) for points in (region.rest_shape, region.x))
@@ -188,7 +182,7 @@ def _ridges(region: Region, crimp: Crimp, share: float, max_height: float, seed:
     """Returns the heights (n,), metres, of the folds of one width, which take up a share of the excess length."""
     rest, hang, count = region.rest_shape, region.hang, len(region.x)
     normal = normals(rest, region.faces)
-    least_stretch, across = compression(region, normal, seed)
+    least_stretch, across = _compression(region, normal, seed)
     creased = np.clip(1 + 0.6 * _smooth_noise(rest, 0.10, seed + 7), 0.1, 2.2)  # cloth is creased more in some places
     excess = np.clip(crimp.slack * creased + 1 - least_stretch, 0, MAX_EXCESS)  # relative length to be taken up
     room = np.sqrt(share * region.free * excess)  # proportional to the height of folds that take it up

@@ -14,13 +14,8 @@ LIMBS = {  # kind of garment: the field along its limbs, and the bones at whose 
 }
 
 
-def contour(values: np.ndarray, faces: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Finds the contour line of a field on a surface; it crosses each face in one straight piece.
-
-    Args:
-        values: (n,) the field at the vertices, linear on each face.
-        faces: (F,3) of one orientation.
-        level: the value.
+def _contour(values: np.ndarray, faces: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Finds the contour line of a field (n,), linear on each face, which it crosses in one straight piece.
 
     Returns:
         edges: (S,2,2) vertices of the two edges on which each of the S pieces begins and ends. Pieces run with the
@@ -100,7 +95,7 @@ def lost_rings(pattern: Pattern, x: np.ndarray, motion: Motion) -> dict[str, tup
         faces = level.faces[on_limb[level.faces].all(1)]
         winds_once = []  # for each ring, as draped
         for ring_level in LEVELS:
-            edge, share, closed = contour(pattern.fields[f"{field}{side}"], faces, ring_level)
+            edge, share, closed = _contour(pattern.fields[f"{field}{side}"], faces, ring_level)
             if not closed or len(edge) == 0:
                 continue
             near, far, share = edge[..., 0], edge[..., 1], share[..., None]
