@@ -54,10 +54,12 @@ def update(scene, depsgraph=None, force=False):
                     continue
                 if key not in world.LIGHTS:
                     world.LIGHTS[key] = world.render(scene, shown)
-                shader.set_light(item, light.rotation(turned.T) @ world.LIGHTS[key])
+                shader.set_light(item, light.rotation(turned.T), *world.LIGHTS[key])
                 item[SIGNATURE] = signature
                 if window:
                     item.update_tag(refresh={"OBJECT"})
+        if window and (error := max(item.original[shader.LIGHT[-1]][3] for item in items)) > 0.028:
+            WARNINGS.append(f"the world's light is too sharp for nine numbers (RMS error {error:.1%} of the brightest)")
     except light.Problem as problem:
         WARNINGS.append(str(problem))
         raise
@@ -146,7 +148,6 @@ class ImportMaps(bpy.types.Operator, ImportHelper):
     """Add maps of a person (maps.exr of relight photo, or what relight bake wrote) as a plane lit by the world"""
 
     bl_idname, bl_label, bl_options = "relight.import_maps", "Import Maps of relight", {"REGISTER", "UNDO"}
-    filename_ext = ".exr"
     filter_glob: bpy.props.StringProperty(default="*.exr", options={"HIDDEN"})
 
     def execute(self, context):

@@ -29,10 +29,12 @@ def sphere(rows):
 
 
 def light_on(matte):
-    """Returns the light (9,3) by which white matte surfaces have a radiance `matte` (rows,2 rows,3) by their normal."""
+    """Returns the light (9,3) of the radiance (rows,2 rows,3) of white matte surfaces by normal, and its RMS error."""
     rows = len(matte)
     size = np.sin(np.pi * (np.arange(rows) + 0.5) / rows)[:, None, None] * (np.pi / rows) ** 2  # of a pixel, in sr
-    return np.tensordot(basis(sphere(rows)), size * matte, ((0, 1), (0, 1))) / MATTE
+    kept = np.tensordot(basis(sphere(rows)), size * matte, ((0, 1), (0, 1)))
+    lost = np.sqrt(max((size * matte**2).sum() - (kept**2).sum(), 0) / 12 / np.pi)
+    return kept / MATTE, lost / max(matte.max(), 1e-9)
 
 
 def rotation(axes):

@@ -5,16 +5,16 @@ import numpy as np
 
 GROUP = "relight"
 TRANSPORT = ("Transport 0", "Transport 1", "Transport 2")  # coefficients 0 to 2, 3 to 5 and 6 to 8 of a pixel or vertex
-# Properties of an object: colors of coefficients 0 to 6, with those of 7 and 8 as fourths, for Eevee reads only eight.
+# Properties of an object: colors of coefficients 0 to 6; as fourths those of 7 and 8 and the error: Eevee reads eight.
 LIGHT = [f"relight_light_{i}" for i in range(7)]
 NOT_MATTE = ("Metallic", "Transmission Weight", "Subsurface Weight", "Emission Strength")
 ORIGIN = "relight_origin"  # property of a material: the user's own, of which it is a copy
 
 
-def set_light(item, coefficients):
-    """Sets the light of an object: radiance coefficients (9,3) in the frame of its transport."""
-    colors, rest = np.split(np.asarray(coefficients, float), [7])
-    for name, color, last in zip(LIGHT, colors, [*rest.ravel(), 0]):
+def set_light(item, rotation, coefficients, error):
+    """Sets the light of an object: radiance coefficients (9,3), with their rotation (9,9) to its transport's frame."""
+    colors, rest = np.split(rotation @ coefficients, [7])
+    for name, color, last in zip(LIGHT, colors, [*rest.ravel(), error]):
         item[name] = [*color, last]
 
 

@@ -13,7 +13,7 @@ from .light import Problem, light_on
 ROWS, SAMPLES = 32, 16  # of the render, and of each of its pixels: lights are right to half a percent
 WIDTH = 1024  # pixels of a side to which Cycles shrinks panoramas: less noise
 PLACEMENT = {"rna_type", "location", "location_absolute", "width", "height", "dimensions", "select"}
-LIGHTS = {}  # coefficients (9,3) by `state`: each is rendered once
+LIGHTS = {}  # coefficients (9,3) and their error by `state`: each is rendered once
 
 
 def state(world, frame):
@@ -43,13 +43,13 @@ def leaves(thing):
 
 
 def render(scene, world):
-    """Returns the light (9,3) of the evaluated world of a scene; raises Problem if Cycles does not render it.
+    """Returns `light_on` of the evaluated world of a scene; raises Problem if Cycles does not render it.
 
     A panoramic camera stands in a white ball that only cameras see: the point that it sees in a direction is a matte
     surface, lit by all of the world, whose normal is the opposite direction. No handlers are called.
     """
     if not world:
-        return np.zeros((9, 3))
+        return np.zeros((9, 3)), 0.0
     import OpenImageIO  # only Blender itself has it on its path
 
     made = []

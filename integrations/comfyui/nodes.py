@@ -95,10 +95,7 @@ def each(node, image, mask, find):
 
 
 def pixels_of(picture, encoding):
-    """Returns a picture (H,W,C) as (H,W,3) uint16 sRGB, or as float32 linear if it is linear or has values above 1.
-
-    sRGB codes above 1 go on along the curve.
-    """
+    """Returns a picture (H,W,C) as (H,W,3) uint16 sRGB, or as float32 linear if it is linear or has values above 1."""
     values = picture[..., :3].float().cpu().numpy()
     if encoding == "sRGB" and values.max() <= 1:
         return np.round(values.clip(0) * np.float32(65535)).astype(np.uint16)
@@ -181,8 +178,7 @@ NODE_CLASS_MAPPINGS["RelightNamedLight"].IS_CHANGED = classmethod(changed)
 
 @node("RelightPanoramaLight", "Light of a panorama", "hdri", light=LIGHT)
 def panorama_light(self, panorama, encoding):
-    """Light of a lat-long panorama, whose middle is in front of the camera; of the first, if there are several.
-    Negative values count as 0."""
+    """Light of a lat-long panorama, whose middle is in front of the camera; of the first, if there are several."""
     pixels = srgb.to_linear(pixels_of(panorama[0], encoding)).clip(0)
     if pixels.shape[1] != 2 * pixels.shape[0]:
         raise ValueError(f"the panorama is {pixels.shape[1]} x {pixels.shape[0]}: give one twice as wide as high")
