@@ -40,7 +40,7 @@ def test_report_is_one_page_with_pictures(done):
 
 def test_a_network_becomes_the_weights_of_photos(done, tmp_path):
     make = runpy.run_path(str(ROOT / "tools" / "weights.py"))["main"]
-    make.__globals__ |= {"OUT": tmp_path, "export": lambda network, path, header: path.write_text(json.dumps(header))}
+    make.__globals__.update(OUT=tmp_path, export=lambda network, path, header: path.write_text(json.dumps(header)))
     make(done / OUT, "ours_full.s0")
     header = json.loads((tmp_path / "photo.onnx").read_text())
     assert header["train"]["start"] is None and [stage["steps"] for stage in header["stages"]] == [24]
