@@ -85,25 +85,30 @@ def clamp_rim(maps: Tensor, mask: Tensor) -> Tensor:
 
 
 class OpenRefinement(Refinement):
-    """Refinement for every size, and with elimination in place of a solver that ONNX does not have.
+    """Refinement for every size, and with Newton's iteration for the inverse (Schulz 1933) in place of a solver.
 
-    The system is symmetric and positive definite, so that elimination needs no pivots.
+    ONNX has none, and elimination takes hundreds of nodes, which are slow to load. The system is symmetric and positive
+    definite. With a diagonal of ones its condition is about 6, and the steps suffice for 3,000.
     """
+
+    STEPS = 16
 
     def __init__(self, refinement: Refinement):
         super().__init__(len(refinement.trust))
         self.load_state_dict(refinement.state_dict())
 
     def forward(self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor) -> Tensor:
-        """Returns the refined light, by Gauss-Jordan elimination of the normal equations."""
+        """Returns the refined light, the solution of the normal equations."""
         mask = mask * _thinning(*image.shape[-2:])
         left, right = self.normal_equations(light, albedo, transport, image, mask)
-        system = torch.cat([left, right[..., None]], -1)
-        for k in range(3 * len(self.trust)):  # removes unknown k from all equations but its own
-            row = system[:, k : k + 1] / system[:, k : k + 1, k : k + 1]
-            others = system - system[..., k : k + 1] * row
-            system = torch.cat([others[:, :k], row, others[:, k + 1 :]], 1)
-        return system[..., -1].view(-1, 3, len(self.trust)).mT
+        eye = torch.eye(3 * len(self.trust))
+        scale = (left * eye).sum(-1).rsqrt()
+        left = scale[:, :, None] * left * scale[:, None]
+        inverse = eye / left.abs().sum(-1).amax(-1)[:, None, None]
+        for _ in range(self.STEPS):  # each squares the error
+            inverse = 2 * inverse - inverse @ left @ inverse
+        solution = scale * (inverse @ (scale * right)[..., None])[..., 0]
+        return solution.view(-1, 3, len(self.trust)).mT
 
 
 def _thinning(height: int, width: int) -> Tensor:

@@ -19,7 +19,7 @@ BRIGHTEST = 0.85  # linear value in the picture of a light, of its brightest cha
 PANE = 256  # pixels of the height of a panorama in it
 DARK = 0.08  # code around the ball
 EVEN = 0.005  # contrast |L1| / L00 that is shown as 0.00: such light has no direction
-SAMPLES = 2  # of a ball, per pixel in each direction
+SAMPLES = 4  # of a ball's edge, per pixel in each direction
 
 
 def lit_ball(coefficients: np.ndarray, size: int, white: float = 1 / ALBEDO, linear: bool = True) -> np.ndarray:
@@ -34,32 +34,36 @@ def lit_ball(coefficients: np.ndarray, size: int, white: float = 1 / ALBEDO, lin
     Returns:
         (size,size,4) float64 codes and alpha in [0,1].
     """
-    inside, transport = unoccluded_ball(size * SAMPLES, order_of(len(coefficients)))
-    picture = np.zeros((*inside.shape, 4))
+    inside, transport = unoccluded_ball(size, order_of(len(coefficients)), rim=1 + 2 / size)
     lit = np.einsum("pk,kc->pc", transport, coefficients)  # BLAS costs ten times as much, for its threads spin
-    picture[inside, :3] = np.maximum(lit / white, 0)
-    picture[inside, 3] = 1
-    picture = picture.reshape(size, SAMPLES, size, SAMPLES, 4).mean((1, 3))
-    color = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
-    return np.concatenate([encode(color) if linear else np.minimum(color, 1), picture[..., 3:]], -1)
+    color = np.maximum(lit / white, 0)
+    picture = np.zeros((size, size, 4))
+    picture[inside, :3] = encode(color) if linear else np.minimum(color, 1)
+    t = (2 * np.arange(size * SAMPLES) + 1) / (size * SAMPLES) - 1
+    picture[..., 3] = (t[:, None] ** 2 + t**2 < 1).reshape(size, SAMPLES, size, SAMPLES).mean((1, 3))
+    return picture
 
 
 @lru_cache(maxsize=4)
-def unoccluded_ball(size: int, order: int) -> tuple[np.ndarray, np.ndarray]:
+def unoccluded_ball(size: int, order: int, rim: float = 1) -> tuple[np.ndarray, np.ndarray]:
     """Returns the disc and the transport of a unit ball seen from the front.
 
     Args:
         size: side of the square picture, pixels.
         order: largest degree of the spherical harmonics; there are K = (order + 1)^2 coefficients.
+        rim: radius of the disc; beyond 1, normals are those at the ball's rim.
 
     Returns:
         The disc, (size,size) bool, and the unoccluded transport (P,K) of its pixels in raster order.
     """
     t = (2 * np.arange(size) + 1) / size - 1
     x, y = np.meshgrid(t, -t)
-    inside = x * x + y * y < 1
+    inside = x * x + y * y < rim * rim
     z = np.sqrt(np.maximum(1 - x * x - y * y, 0))
-    return inside, unoccluded(np.stack([x, y, z], -1)[inside], order)
+    normals = np.stack([x, y, z], -1)[inside]
+    if rim > 1:
+        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    return inside, unoccluded(normals, order)
 
 
 def diffuse_panorama(coefficients: np.ndarray, height: int) -> np.ndarray:
