@@ -29,9 +29,10 @@ def read(output: str) -> Record:
     """Returns the record of a file or folder; {} if it has none that can be read."""
     try:
         record: Record = json.loads(record_file(output).read_bytes())
-    except (OSError, ValueError):
-        record = {}
-    return record
+        is_whole = all(isinstance(record[part], dict) for part in ("params", "inputs", "files", "code"))
+    except (OSError, ValueError, TypeError, KeyError):
+        return {}
+    return record if is_whole else {}
 
 
 def record_file(output: str) -> Path:
