@@ -29,10 +29,9 @@ def read(output: str) -> Record:
     """Returns the record of a file or folder; {} if it has none that can be read."""
     try:
         record: Record = json.loads(record_file(output).read_bytes())
-        is_whole = all(isinstance(record[part], dict) for part in ("params", "inputs", "files", "code"))
+        return record if all(isinstance(record[part], dict) for part in ("params", "inputs", "files", "code")) else {}
     except (OSError, ValueError, TypeError, KeyError):
         return {}
-    return record if is_whole else {}
 
 
 def record_file(output: str) -> Path:
@@ -93,8 +92,7 @@ def named(paths: Iterable[str], output: str) -> dict[str, Content]:
 
 def describe(rule: str, params: Mapping[str, Any], inputs: Iterable[str], output: str) -> Record:
     """Returns what decides the outputs of a job, as in its record: `rule`, `params` and `inputs`."""
-    job = {"rule": rule, "params": dict(params), "inputs": named(inputs, output)}
-    described: Record = json.loads(json.dumps(job))
+    described: Record = json.loads(json.dumps({"rule": rule, "params": dict(params), "inputs": named(inputs, output)}))
     return described
 
 
@@ -199,6 +197,8 @@ def restore(out: str, dry: bool = False) -> dict[str, str]:
         if not record or not os.path.exists(output):
             continue
         reason = outdated(output, record, records.get)
+        given = [found_at(output, name) for name in record["inputs"]]
+        lost = [records.get(path, {}) for path in given if not os.path.exists(path)]  # as temporary ones
         if not reason and not dry and record != dated(output, record):
             for name in (*record["files"], ".snakemake_timestamp"):
                 with suppress(OSError):
@@ -206,12 +206,11 @@ def restore(out: str, dry: bool = False) -> dict[str, str]:
             write_json(record_file(output), dated(output, record))
         if "unfinished" in record:
             reason = f"{output} is unfinished"
-        elif module := changed_code(record):
+        elif module := next(filter(None, map(changed_code, (record, *lost))), None):
             reason = f"{module} has changed"
         reasons |= {output: reason} if reason else {}
         params = sorted([*map(repr, record["params"].values()), *([f"{CHANGED}{reason}'"] if reason else [])])
-        inputs = sorted(found_at(output, name) for name in record["inputs"])
-        known[output] = {"rule": record["rule"], "params": params, "input": inputs, **version}
+        known[output] = {"rule": record["rule"], "params": params, "input": sorted(given), **version}
 
     class Records(FilePersistence):
         def _read_record(self, key: str) -> Any:

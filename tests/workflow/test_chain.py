@@ -119,6 +119,7 @@ EDITS = {
     ("relight/meshes/gltf.py", "X = 1\n"): {},
     ("relight/settings/scores.py", "READINGS['ssim'] = Reading('SSIM', 1)\n"): {"report": 1},
     ("relight/settings/scores.py", "QUANTITIES['ao'] = Quantity('AO', 2)\n"): {"evaluate": 3, "report": 1},
+    ("workflow/scripts/clean.py", "X = 1\n"): {"clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},  # whose output is gone
     ("workflow/scripts/lights.py", "X = 1\n"): {"lights": 1, **AFTER_LIGHTS},
     ("workflow/rules/lights.smk", "        more=1,\n"): {"lights": 1, **AFTER_LIGHTS},
 }

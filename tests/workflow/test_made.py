@@ -93,6 +93,13 @@ def test_a_job_makes_all_again_if_code_has_changed_that_made_any_of_it(code, mon
     assert figure(NAMES) == NAMES and read(FIGURES)["code"] == {"more than figure": "c"}
 
 
+def test_code_that_made_a_temporary_input_counts(code):
+    figure(NAMES), bake()
+    shutil.rmtree(FIGURES)
+    code["figure"] = "d"
+    assert known() == {MAPS: [f"{CHANGED}figure has changed'"]}
+
+
 def test_a_file_is_made_again_for_other_inputs_params_code_or_content(tmp_path):
     figure(NAMES)
     scan = tmp_path / "a scan.obj"
@@ -198,7 +205,9 @@ def test_snakemake_learns_what_it_does_not_know():
     assert known()[MAPS] and bake(rays=8) == []
 
 
-@pytest.mark.parametrize("text", ["[1]", "3", "null", '{"rule": "pack"}', '{"code": "old", "params": {}, "inputs": {}, "files": {}}', "{"])
+@pytest.mark.parametrize(
+    "text", ["[1]", "3", "null", '{"rule": "pack"}', '{"code": "old", "params": {}, "inputs": {}, "files": {}}', "{"]
+)
 def test_a_record_of_another_shape_is_none(text):
     write(PACKED, "1"), write("results/a/made/packed.safetensors.json", text)
     assert restore("results/a") == {} and read(PACKED) == {}
