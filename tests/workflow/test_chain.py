@@ -88,8 +88,8 @@ CHANGES = {
     "augment.camera=0": {},
     "split.seed=1": {"split": 1, **AFTER_SPLIT},
     "bake.rays=8": {"bake": 1, **AFTER_BAKING},
-    "align.up=+y": {"clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
-    "figures.sitting=0.5": {"figure": 1, "clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
+    "align.up=+y": {"clean": 1, "align": 1, **MADE_AGAIN},
+    "figures.sitting=0.5": {"figure": 1, "clean": 1, "align": 1, **MADE_AGAIN},
     "lights.clusters=5": {"lights": 1, **AFTER_LIGHTS},
     # One more network, on the usual figures and lights; and the same network under lights of an experiment's own.
     "experiment=table2 sweep.only=[ours_full,no_tv]": {
@@ -119,7 +119,7 @@ EDITS = {
     ("relight/meshes/gltf.py", "X = 1\n"): {},
     ("relight/settings/scores.py", "READINGS['ssim'] = Reading('SSIM', 1)\n"): {"report": 1},
     ("relight/settings/scores.py", "QUANTITIES['ao'] = Quantity('AO', 2)\n"): {"evaluate": 3, "report": 1},
-    ("workflow/scripts/clean.py", "X = 1\n"): {"clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},  # whose output is gone
+    ("workflow/scripts/clean.py", "X = 1\n"): {"clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
     ("workflow/scripts/lights.py", "X = 1\n"): {"lights": 1, **AFTER_LIGHTS},
     ("workflow/rules/lights.smk", "        more=1,\n"): {"lights": 1, **AFTER_LIGHTS},
 }
