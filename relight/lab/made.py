@@ -194,23 +194,23 @@ def restore(out: str, dry: bool = False) -> dict[str, str]:
     records, reasons = {output: read(output) for output in outputs}, dict[str, str]()
     known: dict[str, dict[str, Any]] = {}
     for output, record in records.items():
-        if not record or not os.path.exists(output):
+        if not record:
             continue
-        reason = outdated(output, record, records.get)
-        given = [found_at(output, name) for name in record["inputs"]]
-        lost = [records.get(path, {}) for path in given if not os.path.exists(path)]  # as temporary ones
-        if not reason and not dry and record != dated(output, record):
+        exists = os.path.exists(output)  # or Snakemake looks for changes in what was made of it
+        reason = outdated(output, record, records.get) if exists else None
+        if exists and not reason and not dry and record != dated(output, record):
             for name in (*record["files"], ".snakemake_timestamp"):
                 with suppress(OSError):
                     os.utime(Path(output, name), ns=(now, now))
             write_json(record_file(output), dated(output, record))
         if "unfinished" in record:
             reason = f"{output} is unfinished"
-        elif module := next(filter(None, map(changed_code, (record, *lost))), None):
+        elif module := changed_code(record):
             reason = f"{module} has changed"
         reasons |= {output: reason} if reason else {}
         params = sorted([*map(repr, record["params"].values()), *([f"{CHANGED}{reason}'"] if reason else [])])
-        known[output] = {"rule": record["rule"], "params": params, "input": sorted(given), **version}
+        inputs = sorted(found_at(output, name) for name in record["inputs"])
+        known[output] = {"rule": record["rule"], "params": params, "input": inputs, **version}
 
     class Records(FilePersistence):
         def _read_record(self, key: str) -> Any:
