@@ -1,6 +1,7 @@
 """The whole workflow at its smallest, from seeds to the report, and what re-runs."""
 
 import csv
+import hashlib
 import json
 import math
 import os
@@ -13,7 +14,7 @@ import mlflow
 import numpy as np
 import pytest
 import torch
-from repo import OUT, ROOT, WORDS, hashes, output, planned, relight
+from repo import OUT, ROOT, WORDS, copy, hashes, output, planned, relight
 
 from relight.lab.run import hold
 from relight.learning.checkpoint import load_network
@@ -88,8 +89,8 @@ CHANGES = {
     "augment.camera=0": {},
     "split.seed=1": {"split": 1, **AFTER_SPLIT},
     "bake.rays=8": {"bake": 1, **AFTER_BAKING},
-    "align.up=+y": {"clean": 1, "align": 1, **MADE_AGAIN},
-    "figures.sitting=0.5": {"figure": 1, "clean": 1, "align": 1, **MADE_AGAIN},
+    "align.up=+y": {"clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
+    "figures.sitting=0.5": {"figure": 1, "clean": 1, "align": 1, "bake": 1, **AFTER_BAKING},
     "lights.clusters=5": {"lights": 1, **AFTER_LIGHTS},
     # One more network, on the usual figures and lights; and the same network under lights of an experiment's own.
     "experiment=table2 sweep.only=[ours_full,no_tv]": {
@@ -255,6 +256,18 @@ def test_a_second_workflow_at_the_same_time_is_refused(done, tmp_path):
     assert run.returncode == 1 and f"another workflow is making {OUT}: wait for it" in run.stdout, run.stdout
     assert "Traceback" not in run.stdout
     os.close(handle)
+
+
+def test_records_that_cannot_be_written_are_a_sentence(tmp_path):
+    """Here for a name that is too long; as in a folder that is read-only."""
+    repo, name = copy(tmp_path), "x" * 250
+    (repo / OUT / "made").mkdir(parents=True)
+    (repo / OUT / name).touch()
+    record = {"rule": "split", "params": {}, "inputs": {}, "files": {"": [0, hashlib.sha256().hexdigest()[:16]]}}
+    (repo / OUT / "made" / f"{name}.json").write_text(json.dumps({**record, "code": {}}))
+    run = output(repo, [sys.executable, "-m", "snakemake", "--list-rules", "--config", "scale=smoke"])
+    assert run.returncode == 1 and "cannot be written: file name too long" in run.stdout, run.stdout
+    assert "UserError" not in run.stdout and "Traceback" not in run.stdout
 
 
 def test_errors_are_one_line(done):

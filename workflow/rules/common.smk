@@ -28,6 +28,10 @@ from relight.settings.scores import BASELINES, QUANTITIES, READINGS, ROWS
 try:
     PLAN = Plan(from_config(config))
     check(PLAN)
+    if workflow.is_main_process:
+        dry = any(re.fullmatch(r"-\w*n\w*|--dry-?run", word) for word in sys.argv)
+        for line in changes(PLAN, dry):
+            logger.warning(line)
 except UserError as error:
     raise WorkflowError(str(error)) from None
 OUT, DATA, SETTINGS = PLAN.out, PLAN.data, PLAN.shared
@@ -36,10 +40,6 @@ SPLIT = f"{OUT}/split.json"
 # The settings are no code: what of relight.settings.scores decides scores, and what decides the report.
 SCORED = repr([[(name, one.span) for name, one in QUANTITIES.items()], [*READINGS]])
 REPORTED = repr([QUANTITIES, READINGS, BASELINES, ROWS])
-if workflow.is_main_process:
-    dry = any(re.fullmatch(r"-\w*n\w*|--dry-?run", word) for word in sys.argv)
-    for line in changes(PLAN, dry):
-        logger.warning(line)
 # What jobs need to know, and what is no reason to run them again.
 config["job"] = {
     "process": os.getpid(),
