@@ -155,12 +155,11 @@ def outdated(output: str, record: Record, read: Callable[[str], Record | None] =
     for name, entry in record["files"].items():
         if found.get(name) != entry:
             return f"{Path(output, name)} {'is another one' if name in found else 'is missing'}"
+    here = any(os.path.exists(found_at(output, name)) for name in record["inputs"])  # or a copy left them
     for name, files in inputs_of(record).items():
-        if (path := found_at(output, name)).startswith("results/"):
-            now = (read(path) or {}).get("files")
-        else:
-            now = content(path, {"files": files, "dates": record.get("read", {}).get(name, {})})
-        if now and now != files:
+        path, known = found_at(output, name), {"files": files, "dates": record.get("read", {}).get(name, {})}
+        now = (read(path) or {}).get("files") if path.startswith("results/") else content(path, known)
+        if now != files and (now or (here and name in record.get("found", {}))):
             return f"{output} was made of another {name}"
     return None
 

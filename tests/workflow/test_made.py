@@ -132,10 +132,10 @@ def test_a_file_is_made_again_for_what_its_job_found_by_itself(tmp_path):
     """Below the working directory, which may move, and elsewhere; also when it appears where the job looked first."""
     outside = tmp_path.parent / f"{tmp_path.name}.png"
     sought = [reads("scans/skin.png"), reads(outside), reads(Path("scans", "skin.mtl").resolve())]
-    write("scans/skin.png", "1"), write(str(outside), "1")
+    write("scans/skin.png", "1"), write(str(outside), "1"), write("scans/a.obj", "1")
 
     def scan() -> bool:
-        return work(PACKED, describe("scan", {}, [], PACKED), {}, "") is not None
+        return work(PACKED, describe("scan", {}, ["scans/a.obj"], PACKED), {}, "") is not None
 
     write(PACKED, "1")
     assert scan() and not scan()
@@ -146,7 +146,9 @@ def test_a_file_is_made_again_for_what_its_job_found_by_itself(tmp_path):
     os.utime(outside, (1e9, 1e9))
     assert outdated(PACKED, read(PACKED)) is None and not scan()
     outside.unlink()
-    assert scan() and not scan()
+    assert "was made of another" in outdated(PACKED, read(PACKED)) and scan() and not scan()
+    shutil.rmtree("scans")
+    assert outdated(PACKED, read(PACKED)) is None, "results were copied without the scans"
 
 
 def test_a_job_that_failed_leaves_what_it_would_have_replaced_as_unfinished():
