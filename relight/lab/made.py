@@ -159,7 +159,7 @@ def outdated(output: str, record: Record, read: Callable[[str], Record | None] =
     for name, files in inputs_of(record).items():
         path, known = found_at(output, name), {"files": files, "dates": record.get("read", {}).get(name, {})}
         now = (read(path) or {}).get("files") if path.startswith("results/") else content(path, known)
-        if now != files and (now or (here and name in record.get("found", {}))):
+        if now != files and (now or (now == {} and here and name in record.get("found", {}))):
             return f"{output} was made of another {name}"
     return None
 
