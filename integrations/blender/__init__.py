@@ -58,7 +58,7 @@ def update(scene, depsgraph=None, force=False):
                 item[SIGNATURE] = signature
                 if window:
                     item.update_tag(refresh={"OBJECT"})
-        if window and (error := max(item.original[shader.LIGHT[-1]][3] for item in items)) > 0.028:
+        if window and (error := max(item.original[shader.LIGHT[-1]][3] for item in items)) > 0.028:  # as of a sun
             WARNINGS.append(f"the world's light is too sharp for nine numbers (RMS error {error:.1%} of the brightest)")
     except light.Problem as problem:
         WARNINGS.append(str(problem))

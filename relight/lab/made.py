@@ -155,7 +155,7 @@ def outdated(output: str, record: Record, read: Callable[[str], Record | None] =
     for name, entry in record["files"].items():
         if found.get(name) != entry:
             return f"{Path(output, name)} {'is another one' if name in found else 'is missing'}"
-    here = any(os.path.exists(found_at(output, name)) for name in record["inputs"])  # or a copy left them
+    here = any(os.path.exists(found_at(output, name)) for name in record["inputs"])  # else a copy came without
     for name, files in inputs_of(record).items():
         path, known = found_at(output, name), {"files": files, "dates": record.get("read", {}).get(name, {})}
         now = (read(path) or {}).get("files") if path.startswith("results/") else content(path, known)
