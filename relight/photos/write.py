@@ -1,6 +1,6 @@
 """The files that `relight photo` writes: pictures, maps and light, in the photo's size and at its place."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -66,9 +66,9 @@ def write_maps(folder: Path, scene: Scene) -> None:
         picture[..., 3] = total_coverage(people)
     for person in people:
         fits = person.fitted_albedo, person.fit_shading(person.light)
-        for window, own, albedo, lit in placed_maps(person, pixels, fits):
+        for window, own, share, albedo, lit in placed_maps(person, people, pixels, fits):
             for name, codes in (("albedo", to_srgb8(albedo**2)), ("shading", to_srgb8(display_shading(lit)))):
-                pictures[name][window][own, :3] = codes
+                pictures[name][window][own, :3] += (share * codes).astype(np.uint8)
     for name, picture in pictures.items():
         write_picture(folder / f"{name}.png", picture)
     channels, top, left = layers(scene)
@@ -99,36 +99,40 @@ def layers(scene: Scene) -> tuple[dict[str, np.ndarray], int, int]:
     channels["coverage.A"] = (coverage / np.float32(255)).astype(np.float16)
     for person in people:
         fits = person.fitted_albedo, person.fitted_transport
-        for (rows, columns), own, albedo, transport in placed_maps(person, scene.picture.pixels, fits):
+        for (rows, columns), own, share, albedo, transport in placed_maps(person, people, scene.picture.pixels, fits):
             window = slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left)
             lit, normal = shade(transport, person.light), mean_direction(transport)
-            values = np.concatenate([albedo**2, lit, normal, transport], -1)
+            values = share * np.concatenate([albedo**2, lit, normal, transport], -1)
             for name, channel in zip(names, values.T):
-                channels[name][window][own] = channel
+                channels[name][window][own] += channel
     return channels, top, left
 
 
 def placed_maps(
-    person: Person, pixels: np.ndarray, fits: tuple[FittedMap, FittedMap]
-) -> Iterator[tuple[Window, np.ndarray, np.ndarray, np.ndarray]]:
+    person: Person, people: Sequence[Person], pixels: np.ndarray, fits: tuple[FittedMap, FittedMap]
+) -> Iterator[tuple[Window, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Yields two fitted maps of a person at the photo's pixels, in parts: those of an 8k photo are gigabytes.
 
     Args:
         person: whose maps they are.
+        people: all in the photo.
         pixels: (H,W,3) of the photo.
         fits: a map that the colors guide, and one that the luma guides.
 
     Yields:
-        The window of a part in the photo, its pixels of the person (h,w) bool, and the values (N,C) of both maps.
+        The window of a part in the photo, its pixels of the person (h,w) bool, the person's share (N,1) of all people's
+        coverage there, and the values (N,C) of both maps.
     """
+    total = total_coverage(people)
     for window in tiles(person.crop.rows, person.crop.columns):
         own = person.coverage[window] > 0
+        share = (person.coverage[window][own] / total[window][own]).astype(np.float32)[:, None]
         # The photo's detail beyond the network's resolution guides both maps.
         detail = person.detail(to_linear(pixels[window]), window)
         by_color, by_luma = (
             fit.place(person.crop, guide, window)[own] for fit, guide in zip(fits, (detail, luma(detail)))
         )
-        yield window, own, by_color, by_luma
+        yield window, own, share, by_color, by_luma
 
 
 def write_light_files(stem: Path, coefficients: np.ndarray, source: str) -> None:

@@ -123,8 +123,9 @@ def photo_figure(scene: Scene) -> Figure:
     albedo, transport = np.zeros((*shape, 3), np.float32), np.zeros((*shape, (scene.order + 1) ** 2), np.float32)
     for person in people:
         fits = person.fitted_albedo, person.fitted_transport
-        for window, own, root, values in placed_maps(person, pixels, fits):
-            albedo[window][own], transport[window][own] = root**2, values
+        for window, own, share, root, values in placed_maps(person, people, pixels, fits):
+            albedo[window][own] += share * root**2
+            transport[window][own] += share * values
     maps = Maps(
         mask=coverage > 0,
         coverage=coverage / np.float32(255),

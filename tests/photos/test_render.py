@@ -27,6 +27,7 @@ from relight.photos.shading import (
     steady,
 )
 from relight.photos.tone import apply_gain
+from relight.photos.write import placed_maps
 from relight.pictures.codes import to_codes, to_srgb8
 from relight.sh import UNOCCLUDED_T00, rotate_y, unoccluded
 
@@ -242,17 +243,24 @@ def test_a_cut_out_is_relit_as_the_picture_that_it_is_put_into(relighter, draw):
 
 
 def test_people_who_touch_pass_into_each_other():
-    """Where both have a share of a pixel, its gain is the mean of theirs, 2 and 1."""
+    """Where both have a share of a pixel, its gain is the mean of theirs, 2 and 1, and so is its transport."""
     left = np.clip(np.linspace(300, -45, 64), 0, 255).round().astype(np.uint8) * np.ones((64, 1), np.uint8)
     pixels, light = np.full((64, 64, 3), 0.1, np.float32), np.zeros((9, 3), np.float32)
     light[0], flat = 1, np.ones((16, 16, 3), np.float32)
     mask, transport = np.ones((16, 16), bool), np.full((16, 16, 9), 0.5, np.float32)
     people = [
-        Person(crop_around(share, 16), share, mask, 0.1 * flat, flat, transport, light / factor)
+        Person(crop_around(share, 16), share, mask, 0.1 * flat, flat, factor * transport, light / factor)
         for share, factor in ((left, 2), (255 - left, 1))
     ]
-    relit = render(pixels, people, light)
-    np.testing.assert_allclose(relit, 0.1 * (1 + left[..., None] / 255) * np.ones(3), rtol=1e-5)
+    gains = 1 + left / 255
+    np.testing.assert_allclose(render(pixels, people, light), 0.1 * gains[..., None] * np.ones(3), rtol=1e-5)
+    shown = np.zeros((64, 64), np.float32)
+    for person in people:
+        for window, own, share, _, values in placed_maps(
+            person, people, pixels, (person.fitted_albedo, person.fitted_transport)
+        ):
+            shown[window][own] += (share * values)[:, 0]
+    np.testing.assert_allclose(shown, 0.5 * gains, rtol=1e-5)
 
 
 def test_parts_do_not_show(relighter, monkeypatch, draw):
