@@ -82,17 +82,14 @@ class Plan:
     @cached_property
     def scans(self) -> dict[str, Scan]:
         """The user's meshes by name; empty for other sources."""
-        if self.shared["figures"]["source"] != "scans":
-            return {}
-        return list_scans(self.shared["figures"]["folder"])
+        figures = self.shared["figures"]
+        return list_scans(figures["folder"]) if figures["source"] == "scans" else {}
 
     @property
     def table(self) -> list[str]:
         """The table of the scans, if the user's folder has one."""
-        if not self.scans:
-            return []
-        table = Path(self.shared["figures"]["folder"]) / TABLE
-        return [str(table)] if table.is_file() else []
+        table = Path(self.shared["figures"]["folder"] or "") / TABLE
+        return [str(table)] if self.scans and table.is_file() else []
 
     @cached_property
     def batches(self) -> dict[str, list[str]]:

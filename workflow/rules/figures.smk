@@ -11,8 +11,6 @@ if PLAN.scans:
             update(directory(f"{DATA}/figures/{{batch}}")),
         log:
             f"{DATA}/log/scan/{{batch}}.log",
-        group:
-            "figures"
         params:
             mesh=lambda wildcards: str(PLAN.scans[wildcards.batch].path),
             subject=lambda wildcards: PLAN.scans[wildcards.batch].subject,
@@ -27,8 +25,6 @@ else:
             update(directory(f"{DATA}/figures/{{batch}}")),
         log:
             f"{DATA}/log/figure/{{batch}}.log",
-        group:
-            "figures"
         params:
             names=lambda wildcards: PLAN.batches[wildcards.batch],
             figures={
@@ -48,8 +44,6 @@ rule clean:
         temp(directory(f"{DATA}/clean/{{batch}}")),
     log:
         f"{DATA}/log/clean/{{batch}}.log",
-    group:
-        "figures"
     script:
         "../scripts/clean.py"
 
@@ -63,8 +57,6 @@ rule align:
         update(directory(f"{DATA}/aligned/{{batch}}")),
     log:
         f"{DATA}/log/align/{{batch}}.log",
-    group:
-        "figures"
     params:
         align=SETTINGS["align"],
     script:
@@ -79,8 +71,6 @@ rule bake:
         update(directory(f"{DATA}/maps/{{batch}}")),
     log:
         f"{DATA}/log/bake/{{batch}}.log",
-    group:
-        "figures"
     resources:
         mem_mb=memory,
         runtime=minutes,
