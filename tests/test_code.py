@@ -2,6 +2,7 @@
 
 import ast
 import hashlib
+import math
 import subprocess
 import sys
 
@@ -24,6 +25,7 @@ def root(tmp_path, monkeypatch):
         (tmp_path / "relight" / "transport" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "relight" / "transport" / name).write_text(text)
     monkeypatch.setattr(code, "ROOT", tmp_path)
+    monkeypatch.setattr(code, "BEGUN", math.inf)
     yield tmp_path
     code.code_hash.cache_clear()
 
@@ -118,7 +120,8 @@ def test_only_what_a_result_can_depend_on_changes_the_syntax(old, new, same):
 def test_extensions_count_with_the_modules_that_they_import(tmp_path, monkeypatch):
     """Files in relight/extensions, and modules of a package that is installed beside relight."""
     (tmp_path / "other").mkdir()
-    for name, text in {"other/__init__": "", "other/relighting": "from . import helper\n", "other/helper": ""}.items():
+    files = {"__init__": "", "relighting": "from . import helper\n", "helper": "", "late": ""}
+    for name, text in {f"other/{name}": text for name, text in files.items()}.items():
         (tmp_path / f"{name}.py").write_text(text)
     words = f"""
 import importlib, json, sys
@@ -134,7 +137,10 @@ except Exception as error:
 import relight.sh.harmonics
 before = code_of("split")
 open(sys.modules["other.helper"].__file__, "a").write("X = 1")
-print(*before, all(before.values()) and before == code_of("split"))
+import other.late
+open(other.late.__file__, "a").write("X = 1")
+after = code_of("split")  # which does not know what other.late was when it was imported
+print(*before, all(before.values()) and after == {{**before, "other.late": ""}})
 """
     done = subprocess.run([sys.executable, "-c", words], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.split()[0] == "True"

@@ -3,7 +3,7 @@
 import os
 import re
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -113,7 +113,7 @@ def results_of(plan: Plan) -> list[str]:
     return [*(f"{plan.data}/{name}" for name in DATA), f"{plan.out}/split.json", *map(plan.network, plan.trainings)]
 
 
-def changes(plan: Plan, dry: bool = False) -> Iterator[str]:
+def changes(plan: Plan, begin: Callable[[], object] = lambda: None) -> Iterator[str]:
     """Gives Snakemake the records of a run, by `restore`, and yields what to say before it begins."""
     made = results_of(plan)
     if settings := sorted(changed(plan, made)):
@@ -122,7 +122,7 @@ def changes(plan: Plan, dry: bool = False) -> Iterator[str]:
             f"{plan.out} was made with other settings ({', '.join(settings[:4])}{more}): what depends on them is made "
             "again; to keep both, give this run a name, name=NAME"
         )
-    reasons = restore(plan.out, dry)
+    reasons = restore(plan.out, begin)
     tables = {file.stem: str(file) for file in sorted(Path(plan.out, "report").glob("*.md"))}
     earlier = ((name, file) for name, file in tables.items() if name not in plan.requested)
     if old := [name for name, file in earlier if changed(plan, [file]) or reasons.keys() & dict(records_of([file]))]:

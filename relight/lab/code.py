@@ -4,6 +4,7 @@ import ast
 import hashlib
 import re
 import sys
+import time
 from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
@@ -20,7 +21,7 @@ WITHOUT_RESULTS = re.compile(
     r"|lab(\.(?!page|training).*)?|settings(\..*)?))?"
 )
 DOCUMENTED = ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef
-SCRIPTS = ROOT / "workflow" / "scripts"
+BEGUN = time.time()
 
 
 def code_of(rule: str) -> dict[str, str]:
@@ -38,7 +39,7 @@ def code_of(rule: str) -> dict[str, str]:
 def code_hash(module: str) -> str:
     """Returns a hash of a module, and of the data beside it if it is a package of relight; "" if there is none.
 
-    Comments, docstrings and the layout do not count.
+    Comments, docstrings and the layout do not count. Of a module that was edited since this process began, it is "".
     """
     base = ROOT.joinpath(*module.split("."))
     files = base.with_suffix(".py"), base / "__init__.py"
@@ -46,7 +47,7 @@ def code_hash(module: str) -> str:
     if path is None:
         with suppress(ModuleNotFoundError):
             path = Path(getattr(find_spec(module), "origin", None) or "")
-    if path is None or not path.is_file():
+    if path is None or not path.is_file() or BEGUN < path.stat().st_mtime < time.time():
         return ""
     content = path.read_bytes()
     parts = [syntax(ast.parse(content)) if path.suffix == ".py" else content.hex()]

@@ -16,6 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from relight.core.errors import UserError
 from relight.core.files import file_hash, write_json
 from relight.extensions import READ
 from relight.lab.code import code_hash, code_of
@@ -179,29 +180,25 @@ def records_of(outputs: Iterable[str]) -> Iterator[tuple[str, Record]]:
             yield output, record
 
 
-def restore(out: str, dry: bool = False) -> dict[str, str]:
-    """Has Snakemake read the records of results as its metadata, and gives files one date that have lost theirs.
+def restore(out: str, begin: Callable[[], object] = lambda: None) -> dict[str, str]:
+    """Has Snakemake read the records of results as its metadata.
 
-    Returns what has changed since outputs were made, settings aside, by output. With `dry`, this writes nothing.
+    Before it makes anything, `begin` is called, and files get one date that have lost theirs; else this writes nothing.
+    Returns what has changed since outputs were made, settings aside, by output.
     """
     import snakemake.api  # which imports snakemake.workflow
+    from snakemake.exceptions import WorkflowError
     from snakemake.persistence import RECORD_FORMAT_VERSION, MetadataRecord
     from snakemake.persistence.file import FilePersistence
 
     made, now, version = Path(out, "made"), time.time_ns(), {"record_format_version": RECORD_FORMAT_VERSION}
     outputs = [str(Path(out, file.relative_to(made).with_suffix(""))) for file in made.rglob("[!.]*.json")]
-    records, reasons = {output: read(output) for output in outputs}, dict[str, str]()
-    known: dict[str, dict[str, Any]] = {}
+    records, reasons = {output: record for output in outputs if (record := read(output))}, dict[str, str]()
+    known, undated = dict[str, dict[str, Any]](), list[str]()
     for output, record in records.items():
-        if not record:
-            continue
         exists = os.path.exists(output)  # or Snakemake looks for changes in what was made of it
         reason = outdated(output, record, records.get) if exists else None
-        if exists and not reason and not dry and record != dated(output, record):
-            for name in (*record["files"], ".snakemake_timestamp"):
-                with suppress(OSError):
-                    os.utime(Path(output, name), ns=(now, now))
-            write_json(record_file(output), dated(output, record))
+        undated += [output] if exists and not reason and record != dated(output, record) else []
         if "unfinished" in record:
             reason = f"{output} is unfinished"
         elif module := changed_code(record):
@@ -212,6 +209,21 @@ def restore(out: str, dry: bool = False) -> dict[str, str]:
         known[output] = {"rule": record["rule"], "params": params, "input": inputs, **version}
 
     class Records(FilePersistence):
+        def __init__(self, dag: Any = None, **options: Any):
+            super().__init__(dag=dag, **options)
+            if not dag or not dag.workflow.executor_plugin or dag.workflow.dryrun:  # as for --summary
+                return
+            try:
+                begin()
+                for output in undated:
+                    if (record := read(output)) == records[output]:  # nobody has made it meanwhile
+                        for name in (*record["files"], ".snakemake_timestamp"):
+                            with suppress(OSError):
+                                os.utime(Path(output, name), ns=(now, now))
+                        write_json(record_file(output), dated(output, record))
+            except UserError as error:
+                raise WorkflowError(str(error)) from None
+
         def _read_record(self, key: str) -> Any:
             found = super()._read_record(key)
             return (found or MetadataRecord()).model_copy(update=known[key]) if key in known else found

@@ -63,7 +63,8 @@ def from_config(config: dict[str, Any]) -> Record:
         for key in config.keys() - {*PARTS, "job"}:  # which the Snakefile adds for jobs
             raise UserError(f"{key} is given beside the record of a run, which has all settings: give one of the two")
         name, record = config["settings"].get("name"), {key: config[key] for key in PARTS if key in config}
-        for folder in (Path(word).resolve().parent for word in sys.argv if Path(word).name == "run.yaml"):
+        words = [word.rpartition("=")[2] for word in sys.argv if Path(word).name == "run.yaml"]
+        for folder in (Path(word).resolve().parent for word in words):
             if folder.parent.name == "results" and folder.name != name:
                 raise UserError(
                     f"{folder}/run.yaml is a copy of that of {name}: relight run name={folder.name} goes on"

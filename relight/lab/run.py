@@ -17,12 +17,12 @@ from shutil import which
 from relight.core.errors import UserError
 from relight.core.processes import end_with_parent
 from relight.lab.checks import check, check_figures
-from relight.lab.code import SCRIPTS
 from relight.lab.plan import Plan
 from relight.lab.record import compose_run, expand_sweep, read_record
 from relight.settings import ROOT
 
 LOCK = "lock"  # a file of the results, locked as long as a workflow makes them; Snakemake's own stay after a kill
+HOLDER = "RELIGHT_HOLDER"  # variable with the process that has locked the results for its Snakemake
 INTERRUPTED = 130  # exit code after Ctrl-C
 
 
@@ -76,7 +76,7 @@ def run(
         import_module("snakemake_executor_plugin_slurm")  # without it Snakemake prints its whole usage
     words = ["--quiet", "rules", "reason", "host", "--nolock", *gpu, "--cores", str(cores or "all"), *extra]
     rules = [target for target in targets if "/" not in target and target != "all"]
-    known = sorted({path.stem for path in SCRIPTS.glob("*.py")} - {"figure" if plan.scans else "scan"})
+    known = sorted({path.stem for path in ROOT.glob("workflow/scripts/*.py")} - {"figure" if plan.scans else "scan"})
     if unknown := [rule for rule in rules if rule not in known]:
         raise UserError(f"--target {unknown[0]} is neither a file nor a rule of this run; those are {', '.join(known)}")
     files = [target for target in targets if target not in rules] or ["all"]
@@ -89,8 +89,7 @@ def run(
         first, *tables = ran.stdout.split("Job stats:\n")  # which Snakemake prints twice
         print(first, *tables[-1:], sep="Job stats:\n", end="")
         return ran.returncode
-    held = [hold(ROOT / plan.data, shared=True)] if plan.data != plan.out else []
-    held.append(hold(ROOT / plan.out))
+    held = hold_all(plan, ROOT)
     # In a file, since jobs on a cluster break quotes within quotes.
     command += ["--configfile", str(plan.write_record())]
     code = snakemake(command, held)
@@ -143,6 +142,7 @@ def snakemake(command: list[str], held: Collection[int] = ()) -> int:
     def prepare() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # which scripts and cron ignore
         end_with_parent(parent)
+        os.environ[HOLDER] = str(parent)
 
     # A process group of its own, so that Ctrl-C reaches it once, from here.
     process = subprocess.Popen(
@@ -158,6 +158,11 @@ def snakemake(command: list[str], held: Collection[int] = ()) -> int:
             os.killpg(process.pid, signal.SIGINT)
         process.communicate()  # drops their tracebacks
         return INTERRUPTED
+
+
+def hold_all(plan: Plan, folder: Path) -> list[int]:
+    """Locks the results of a plan in a folder, and the data of another run for reading, by `hold`."""
+    return [*([hold(folder / plan.data, shared=True)] if plan.data != plan.out else []), hold(folder / plan.out)]
 
 
 def hold(out: Path | str, shared: bool = False) -> int:

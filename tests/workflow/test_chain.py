@@ -191,6 +191,9 @@ def test_results_know_how_they_were_made(done, tmp_path):
     assert dict(zip(COPIES, planned(repo, *words))) == COPIES and state(repo) == before, "a dry run writes nothing"
     for path in sorted((repo / OUT).rglob("*"), reverse=True):  # after `cp -r`: what it reads, when it is made
         path.touch()
+    before, hydra = state(repo), f"hydra={' '.join(WORDS)}"
+    told = output(repo, [sys.executable, "-m", "snakemake", "all", "--summary", "--config", hydra]).stdout
+    assert told.count("no update") > 20 and state(repo) == before, told
     kept = relight(repo, "run", *WORDS, "bake.rays=8", "--snakemake", "--rerun-triggers mtime")
     assert "(bake.rays): what depends on them" in kept.stdout and "Nothing to be done" in kept.stdout, kept.stdout
     assert hashes(repo) == hashes(done)
@@ -202,6 +205,12 @@ def test_results_know_how_they_were_made(done, tmp_path):
     assert [path.stat().st_mtime_ns == date for path, date in zip(maps, dates)] == [True, False, True]
     kept = re.findall(r"^(\w+) ?\S*: kept: it was made", run.stdout, re.M)
     assert kept.count("train") == 2 and kept.count("evaluate") == 3 and hashes(repo) == hashes(done)
+    record, under_way = repo / OUT / "made/train/ours_full.s0.safetensors.json", repo / OUT / "train/state/ours_full.s0"
+    record.write_text(json.dumps({**json.loads(record.read_text()), "unfinished": False}))  # as after a kill
+    under_way.mkdir(parents=True)
+    maps[1].unlink()
+    run = relight(repo, "run", *WORDS, "--target", str(maps[1].parent.relative_to(repo)))
+    assert run.returncode == 0 and maps[1].exists() and under_way.exists(), "a training goes on later"
 
 
 MODULE = """
@@ -240,7 +249,7 @@ def test_another_workflow_takes_it_as_a_module(done, tmp_path):
     [
         ("all --cache bake", "--cache knows no code of relight"),
         ("all --config scale=smoke --config name=x", "Snakemake drops one of two --config"),
-        ("evaluate --config scale=smoke", "evaluate has a job for each of many: snakemake --until evaluate"),
+        ("evaluate --config scale=smoke", "evaluate has several jobs: snakemake --until evaluate"),
     ],
 )
 def test_what_snakemake_would_take_otherwise_is_refused(done, words, told):
@@ -252,7 +261,7 @@ def test_a_second_workflow_at_the_same_time_is_refused(done, tmp_path):
     """Where both have begun before either makes anything."""
     handle = hold(tmp_path / OUT)
     words = ["--snakefile", done / "Snakefile", f"{OUT}/lights/lights.npz", "--cores", "1", "--config", "scale=smoke"]
-    run = output(tmp_path, [sys.executable, "-m", "snakemake", *words])
+    run = output(tmp_path, [sys.executable, "-m", "snakemake", *words, "--nolock"])  # of Snakemake's own lock alone
     assert run.returncode == 1 and f"another workflow is making {OUT}: wait for it" in run.stdout, run.stdout
     assert "Traceback" not in run.stdout
     os.close(handle)
@@ -265,7 +274,7 @@ def test_records_that_cannot_be_written_are_a_sentence(tmp_path):
     (repo / OUT / name).touch()
     record = {"rule": "split", "params": {}, "inputs": {}, "files": {"": [0, hashlib.sha256().hexdigest()[:16]]}}
     (repo / OUT / "made" / f"{name}.json").write_text(json.dumps({**record, "code": {}}))
-    run = output(repo, [sys.executable, "-m", "snakemake", "--list-rules", "--config", "scale=smoke"])
+    run = output(repo, [sys.executable, "-m", "snakemake", "--cores", "1", "--config", "scale=smoke"])
     assert run.returncode == 1 and "cannot be written: file name too long" in run.stdout, run.stdout
     assert "UserError" not in run.stdout and "Traceback" not in run.stdout
 

@@ -4,6 +4,7 @@ import os
 import shutil
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import snakemake.api
@@ -76,7 +77,7 @@ def test_a_job_makes_the_figures_that_are_new_or_changed():
     assert bake(rays=9) == ["g0001"] and "g0007.exr" not in os.listdir(MAPS)
     write(f"{FIGURES}/g0000.npz", "edited")
     assert bake(rays=9) == ["g0000"]
-    restore("results/a")
+    restore("results/a"), began()
     write(f"{MAPS}/g0001.exr", "0001g1")  # of the same size, and older than its record
     os.utime(f"{MAPS}/g0001.exr", (1e9, 1e9))
     assert bake(rays=9) == ["g0001"]
@@ -170,6 +171,13 @@ def test_what_a_first_job_has_begun_is_unfinished():
     assert figure(NAMES) == NAMES and is_made(FIGURES)
 
 
+def began(dryrun: bool = False) -> None:
+    """Has Snakemake begin to make results, or say what it would make."""
+    settings = SimpleNamespace(max_checksum_file_size=0)
+    workflow = SimpleNamespace(executor_plugin=True, dryrun=dryrun, dag_settings=settings)
+    snakemake.workflow.FilePersistence(dag=SimpleNamespace(workflow=workflow))
+
+
 def metadata(output: str) -> dict:
     """What Snakemake knows."""
     return dict(snakemake.workflow.FilePersistence(nolock=True)._read_record(output).items())
@@ -215,3 +223,20 @@ def test_a_record_of_another_shape_is_none(text):
     write(PACKED, "1"), write("results/a/made/packed.safetensors.json", text)
     assert restore("results/a") == {} and read(PACKED) == {}
     assert work(PACKED, describe("pack", {}, [], PACKED), {}, "") == []
+
+
+def test_files_get_a_date_when_results_are_locked():
+    """Not in a dry run, and not if another process has made them since they were looked at."""
+    figure(NAMES)
+    file, calls = Path(FIGURES, "g0000.npz"), []
+    os.utime(file, (1e9, 1e9))
+    before = read(FIGURES)
+    restore("results/a", lambda: calls.append(read(FIGURES)))
+    began(dryrun=True)
+    assert not calls and file.stat().st_mtime == 1e9
+    began()
+    assert calls == [before] and file.stat().st_mtime > 1e9 and read(FIGURES) != before
+    os.utime(file, (1e9, 1e9))
+    restore("results/a", lambda: figure(NAMES, "2", cloth="d"))
+    began()
+    assert read(FIGURES)["params"]["cloth"] == "d"

@@ -19,7 +19,13 @@ from relight.lab.made import describe, finish
 from relight.lab.plan import DATA, Plan
 from relight.lab.record import compose_run, expand_sweep, from_config
 from relight.learning.train import learning_rate
-from relight.settings import CONF, Train
+from relight.settings import CONF, ROOT, Train
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """A folder without results, which a plan is compared with."""
+    monkeypatch.chdir(tmp_path)
 
 
 def plan_of(words: str, **rows: list[str]) -> Plan:
@@ -73,9 +79,10 @@ def test_a_record_belongs_to_the_folder_of_its_name(monkeypatch):
     record = compose_run(["scale=smoke"])
     monkeypatch.setattr(sys, "argv", ["snakemake", "--configfile", "results/smoke/run.yaml"])
     assert from_config(copy.deepcopy(record)) == record
-    monkeypatch.setattr(sys, "argv", ["snakemake", "--configfile", "results/other/run.yaml"])
-    with pytest.raises(UserError, match=r"other/run\.yaml is a copy of that of smoke: relight run name=other goes on"):
-        from_config(record)
+    for words in (["--configfile", "results/other/run.yaml"], ["--configfile=results/other/run.yaml"]):
+        monkeypatch.setattr(sys, "argv", ["snakemake", *words])
+        with pytest.raises(UserError, match=r"other/run\.yaml is a copy of that of smoke: relight run name=other goes"):
+            from_config(record)
 
 
 PRESETS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
@@ -185,7 +192,7 @@ def test_sweeps_are_named(words, names):
     [
         ("align.table=no.csv", None, "align.table: there is no file no.csv"),
         ("train.start=no.onnx", None, "row sfsnet_ao: train.start: there is no file no.onnx"),
-        ("train.start=README.md", None, "README.md is not a safetensors file"),
+        (f"train.start={ROOT}/README.md", None, "README.md is not a safetensors file"),
         ("model.order=3", None, "row sfsnet_ao has model.order=3, and the maps have bake.order=2"),
         ("", "train.color=photo", "row b has train.color=photo, and the baselines paper"),
         ("experiment=light_transfer ++sweep.rows.ours_full=['train.color=photo']", None, "row ours_full has"),
@@ -228,9 +235,8 @@ def test_files_of_the_future_are_told(tmp_path, kind):
         check(plan)
 
 
-def test_data_of_another_run(tmp_path, monkeypatch):
+def test_data_of_another_run():
     """They are inputs: what made them is not planned, and settings that would change them are refused."""
-    monkeypatch.chdir(tmp_path)
     with pytest.raises(UserError, match="data=a: results/a has no data set yet: relight run name=a makes it"):
         check(plan_of("scale=smoke data=a name=b"))
     first, plan = plan_of("scale=smoke name=a"), plan_of("scale=smoke data=a name=b train.lr=0.1")
@@ -276,11 +282,10 @@ def test_data_of_another_run(tmp_path, monkeypatch):
         check(other)
 
 
-def test_a_table_of_scans_belongs_to_scans(tmp_path, monkeypatch):
+def test_a_table_of_scans_belongs_to_scans(tmp_path):
     """Where figures are generated, a scans.csv in the current folder concerns nobody."""
     (tmp_path / "scans.csv").write_text("path\na.obj\n")
     (tmp_path / "a.obj").write_text("")
-    monkeypatch.chdir(tmp_path)
     assert plan_of("scale=smoke").table == []
     assert Plan(compose_run(["figures=scans", f"figures.folder={tmp_path}"])).table == [f"{tmp_path}/scans.csv"]
 

@@ -20,17 +20,18 @@ from snakemake.logging import logger
 
 from relight.core.errors import UserError
 from relight.lab.checks import changes, check
+from relight.lab.made import is_made
 from relight.lab.plan import Plan, safe
-from relight.lab.run import hold
 from relight.lab.record import from_config
+from relight.lab.run import HOLDER, hold_all
 from relight.settings.scores import BASELINES, QUANTITIES, READINGS, ROWS
 
 try:
     PLAN = Plan(from_config(config))
     check(PLAN)
     if workflow.is_main_process:
-        dry = any(re.fullmatch(r"-\w*n\w*|--dry-?run", word) for word in sys.argv)
-        for line in changes(PLAN, dry):
+        held = os.environ.get(HOLDER) == str(os.getppid())  # by `relight run`
+        for line in changes(PLAN, lambda: held or hold_all(PLAN, Path())):
             logger.warning(line)
 except UserError as error:
     raise WorkflowError(str(error)) from None
@@ -70,10 +71,6 @@ sys.executable = shlex.quote(sys.executable)
 
 
 onstart:
-    if "--nolock" not in sys.argv:  # which `relight run` gives, and its own locks
-        hold(OUT)
-        if DATA != OUT:
-            hold(DATA, shared=True)
     workflow.persistence.cleanup_backup(Path(OUT))  # of jobs that were killed
     PLAN.write_record()
 
@@ -81,7 +78,7 @@ onstart:
 onsuccess:
     # The states of trainings are kept until Snakemake has recorded their outputs, which it deletes otherwise.
     for training in PLAN.trainings:
-        if Path(PLAN.network(training)).exists():
+        if is_made(PLAN.network(training)):
             shutil.rmtree(f"{OUT}/train/state/{training}", ignore_errors=True)
 
 
