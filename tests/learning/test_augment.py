@@ -11,7 +11,7 @@ from PIL import Image
 from relight.learning.augment import RED_PER_BLUE, _reframed, augment_batch, specular_reflection
 from relight.learning.camera import compress_jpeg
 from relight.learning.color import photograph
-from relight.learning.data import RelitSet, compact_index
+from relight.learning.data import RelitSet
 from relight.learning.losses import variation
 from relight.sh import basis
 
@@ -29,20 +29,6 @@ def batch_of(data, figures=(0, 1, 2, 3)):
 
 def generators(count, seed=0):
     return [np.random.default_rng([seed, i]) for i in range(count)]
-
-
-def test_compact_places_are_those_of_the_packed_set(data):
-    batch = batch_of(data)
-    places = compact_index(batch.mask > 0)
-    count = int(batch.inside.sum(1).max())
-    for name in ("inside", "interior"):
-        torch.testing.assert_close(getattr(places, name)[:, :count], getattr(batch, name)[:, :count])
-    most, ours = batch.inside.shape[1], places.inside.shape[1]
-    for i in range(4):
-        own = int(batch.inside[i].sum())
-        assert torch.equal(places.pixel.view(4, -1)[i, :own], batch.pixel.view(4, -1)[i, :own]), "raster order"
-        assert torch.equal(places.below.view(4, -1)[i, :own] - i * ours, batch.below.view(4, -1)[i, :own] - i * most)
-    torch.testing.assert_close(places.gather(batch.scatter(batch.albedo))[:, :count], batch.albedo[:, :count])
 
 
 def test_nothing_asked_for_changes_nothing(data, augment):
@@ -69,6 +55,8 @@ def test_truth_still_explains_the_picture_after_framing_tint_recoloring_and_expo
     assert batch.mask.sum() == batch.inside.sum()
     lengths = batch.normal.norm(dim=-1, keepdim=True)
     torch.testing.assert_close(lengths, batch.inside)
+    rows_below = (batch.pixel[batch.below] - batch.pixel)[batch.interior.flatten() > 0]
+    assert rows_below.unique().tolist() == [data.size], "a row further, in the same picture"
 
 
 def framed(monkeypatch, cut: float = 0.0, zoom: tuple[float, float] = (1.0, 1.0)) -> None:

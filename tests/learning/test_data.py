@@ -58,16 +58,6 @@ def test_color_paper_takes_the_codes_of_albedo_as_linear_and_never_clips(tiny_wo
     assert paper.image.max() > 1.2
 
 
-def test_take_is_the_inverse_of_put(tiny_world):
-    batch = RelitSet(tiny_world["packed"], tiny_world["lights"], 2, "paper").batch(FIGURES, LIGHTS)
-    assert torch.equal(batch.gather(batch.scatter(batch.transport)), batch.transport)
-    noise = torch.randn(3, 4, 16, 16)
-    assert torch.equal(batch.scatter(batch.gather(noise)), noise * batch.mask)
-    assert batch.mask_pixels == batch.mask.sum() == batch.inside.sum()
-    for compact in (batch.albedo, batch.transport, batch.normal, batch.ao, batch.shading, batch.relit):
-        assert (compact * (1 - batch.inside) == 0).all()
-
-
 def test_neighbours():
     rng = np.random.default_rng(0)
     masks = rng.random((4, 12, 12)) > 0.3
