@@ -59,20 +59,20 @@ def content(path: str, record: Record | None = None) -> Content:
     found, record = {}, read(path) if record is None else record
     for name, stat in stats(path).items():
         known = record.get("files", {}).get(name, [])
-        same = stat.st_size in known and stat.st_mtime_ns == record.get("dates", {}).get(name)
+        same = stat.st_size in known and record.get("dates", {}).get(name) in (stat.st_mtime_ns, stat.st_ctime_ns)
         found[name] = known if same else [stat.st_size, file_hash(Path(path, name))[:16]]
     return found
 
 
 def dated(output: str, record: Record) -> Record:
-    """Returns a record with the dates, nanoseconds, of its files, and of the user's files among the inputs."""
+    """Returns a record with the dates, nanoseconds, of its files, and of the user's files among the inputs.
 
-    def dates(path: str) -> dict[str, int]:
-        return {name: stat.st_mtime_ns for name, stat in stats(path).items()}
-
+    Those of the user's are of the last change of any kind, which `touch -r`, `mv` and `unzip` do not set.
+    """
     given = {name: found_at(output, name) for name in inputs_of(record)}
-    sources = {name: dates(path) for name, path in given.items() if not path.startswith("results/")}
-    return {**record, "dates": dates(output), "read": sources}
+    sources = {name: stats(path) for name, path in given.items() if not path.startswith("results/")}
+    read = {name: {file: stat.st_ctime_ns for file, stat in found.items()} for name, found in sources.items()}
+    return {**record, "dates": {name: stat.st_mtime_ns for name, stat in stats(output).items()}, "read": read}
 
 
 def inputs_of(record: Record) -> dict[str, Content]:
@@ -159,7 +159,7 @@ def outdated(output: str, record: Record, read: Callable[[str], Record | None] =
     here = any(os.path.exists(found_at(output, name)) for name in record["inputs"])  # else a copy came without
     for name, files in inputs_of(record).items():
         path, known = found_at(output, name), {"files": files, "dates": record.get("read", {}).get(name, {})}
-        now = (read(path) or {}).get("files") if path.startswith("results/") else content(path, known)
+        now = ((path.startswith("results/") and read(path)) or {"files": content(path, known)})["files"]
         if now != files and (now or (now == {} and here and name in record.get("found", {}))):
             return f"{output} was made of another {name}"
     return None

@@ -125,6 +125,9 @@ def test_a_file_is_made_again_for_other_inputs_params_code_or_content(tmp_path):
     os.utime(scan, (1e9, 1e9 + 1))  # older than what was made of it, as after unzip
     assert outdated(PACKED, read(PACKED)) == f"{PACKED} was made of another {scan}"
     assert pack(size=2, scale=0.1) and not pack(size=2, scale=0.1)
+    scan.write_text("4")
+    os.utime(scan, (1e9, 1e9 + 1))  # of the same size and date, as by `touch -r`, or swapped with another
+    assert outdated(PACKED, read(PACKED)) == f"{PACKED} was made of another {scan}"
     Path(PACKED).unlink()
     assert pack(size=2, scale=0.1)
 
@@ -148,6 +151,11 @@ def test_a_file_is_made_again_for_what_its_job_found_by_itself(tmp_path):
     assert outdated(PACKED, read(PACKED)) is None and not scan()
     outside.unlink()
     assert "was made of another" in outdated(PACKED, read(PACKED)) and scan() and not scan()
+    write("results/scans/a.obj", "1"), write("results/scans/skin.png", "1"), reads("results/scans/skin.png")
+    assert work(MAPS, describe("scan", {}, ["results/scans/a.obj"], MAPS), {}, "") == []
+    assert outdated(MAPS, read(MAPS)) is None
+    write("results/scans/skin.png", "2")
+    assert "was made of another" in outdated(MAPS, read(MAPS)), "below results, where scans have no records"
     shutil.rmtree("scans")
     assert outdated(PACKED, read(PACKED)) is None, "results were copied without the scans"
 
