@@ -211,7 +211,7 @@ def restore(out: str, begin: Callable[[], object] = lambda: None) -> dict[str, s
     class Records(FilePersistence):
         def __init__(self, dag: Any = None, **options: Any):
             super().__init__(dag=dag, **options)
-            if not dag or not dag.workflow.executor_plugin or dag.workflow.dryrun:  # as for --summary
+            if dag is None or not dag.workflow.executor_plugin or dag.workflow.dryrun:  # as for --summary
                 return
             try:
                 begin()
