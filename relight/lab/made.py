@@ -209,7 +209,7 @@ def restore(out: str, begin: Callable[[], object] = lambda: None) -> dict[str, s
         known[output] = {"rule": record["rule"], "params": params, "input": inputs, **version}
 
     class Records(FilePersistence):
-        def __init__(self, dag: Any = None, **options: Any):
+        def __init__(self, dag: Any = None, db_url: str = "", **options: Any):
             super().__init__(dag=dag, **options)
             if dag is None or not dag.workflow.executor_plugin or dag.workflow.dryrun:  # as for --summary
                 return
@@ -228,7 +228,7 @@ def restore(out: str, begin: Callable[[], object] = lambda: None) -> dict[str, s
             found = super()._read_record(key)
             return (found or MetadataRecord()).model_copy(update=known[key]) if key in known else found
 
-    snakemake.workflow.FilePersistence = Records
+    snakemake.workflow.FilePersistence = snakemake.workflow.DbPersistence = Records
     return reasons
 
 

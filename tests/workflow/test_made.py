@@ -203,7 +203,8 @@ def test_snakemake_learns_what_it_does_not_know():
     figure(NAMES), bake()
     assert known() == {FIGURES: [], MAPS: []}
     assert metadata(FIGURES)["params"] == ["'c'", "['g0000', 'g0001']"] and metadata(MAPS)["input"] == [FIGURES]
-    store = snakemake.workflow.FilePersistence(nolock=True)
+    for store in snakemake.workflow.DbPersistence(db_url="sqlite://"), snakemake.workflow.FilePersistence(nolock=True):
+        assert store._read_record(MAPS).input == [FIGURES], "as with --persistence-backend db"
     touched = store._read_record(MAPS)
     touched.params = ["'touched'"]
     store._write_record(MAPS, touched)
