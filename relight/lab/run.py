@@ -19,7 +19,7 @@ from relight.core.processes import end_with_parent
 from relight.lab.checks import check, check_figures
 from relight.lab.plan import Plan
 from relight.lab.record import compose_run, expand_sweep, read_record
-from relight.settings import ROOT
+from relight.settings import CONF, ROOT
 
 LOCK = "lock"  # a file of the results, locked as long as a workflow makes them; Snakemake's own stay after a kill
 HOLDER = "RELIGHT_HOLDER"  # variable with the process that has locked the results for its Snakemake
@@ -76,7 +76,7 @@ def run(
         import_module("snakemake_executor_plugin_slurm")  # without it Snakemake prints its whole usage
     words = ["--quiet", "rules", "reason", "host", "--nolock", *gpu, "--cores", str(cores or "all"), *extra]
     rules = [target for target in targets if "/" not in target and target != "all"]
-    known = sorted({path.stem for path in ROOT.glob("workflow/scripts/*.py")} - {"figure" if plan.scans else "scan"})
+    known = sorted({path.stem for path in CONF.parent.glob("workflow/s*/*.py")} - {"figure" if plan.scans else "scan"})
     if unknown := [rule for rule in rules if rule not in known]:
         raise UserError(f"--target {unknown[0]} is neither a file nor a rule of this run; those are {', '.join(known)}")
     files = [target for target in targets if target not in rules] or ["all"]
