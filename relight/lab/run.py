@@ -76,9 +76,9 @@ def run(
         import_module("snakemake_executor_plugin_slurm")  # without it Snakemake prints its whole usage
     words = ["--quiet", "rules", "reason", "host", "--nolock", *gpu, "--cores", str(cores or "all"), *extra]
     rules = [target for target in targets if "/" not in target and target != "all"]
-    known = sorted({path.stem for path in CONF.parent.glob("workflow/s*/*.py")} - {"figure" if plan.scans else "scan"})
+    known = {path.stem for path in CONF.parent.glob("workflow/scripts/*.py")} - {"figure" if plan.scans else "scan"}
     if unknown := [rule for rule in rules if rule not in known]:
-        raise UserError(f"--target {unknown[0]} is neither a file nor a rule of this run; those are {', '.join(known)}")
+        raise UserError(f"--target {unknown[0]} is neither a file nor a rule of this run: {', '.join(sorted(known))}")
     files = [target for target in targets if target not in rules] or ["all"]
     words += ["--until", *rules] if rules else []  # of each figure or training, too
     command = [sys.executable, "-m", "snakemake", *files, *words]

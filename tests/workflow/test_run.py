@@ -109,7 +109,7 @@ def test_a_target_is_a_rule_or_a_file(calls):
     assert " ".join(calls[0][0]).split("snakemake ")[1].startswith("results/smoke/lights/lights.npz --quiet")
     assert "--until bake --configfile" in " ".join(calls[0][0])
     for rule in ("bakee", "scan"):
-        with pytest.raises(UserError, match=f"{rule} is neither a file nor a rule of this run; those are align"):
+        with pytest.raises(UserError, match=f"{rule} is neither a file nor a rule of this run: align"):
             module.run(WORDS, False, None, False, [rule], [])
 
 
