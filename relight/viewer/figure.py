@@ -24,6 +24,7 @@ ALBEDO_STEPS = 510  # per unit of sRGB-coded albedo: a quarter of an 8-bit code 
 NORMAL_STEPS = 511  # per unit of the octahedral map: .2 degrees
 EDGE_STEPS = 4095  # per unit of sRGB-coded half linear values: a soft edge is a small difference of two colors
 EXCESS_STEPS = 255  # per unit of the share by which light was above a clipped channel
+LARGEST = 1.9  # of transport, which is below 1.1: the codes hold no more of a network that has not learned
 MARGIN = 2  # pixels around the figure, room for the browser to carry colors past the edge before it filters
 # Steps per unit of transport; the first that fits is taken. The finest keeps even a dark pixel at +1.5 stops within 1.2
 # codes (4096: 2.7, 2048: 3.5), for .14 MB a halving at 1024 px.
@@ -112,7 +113,7 @@ def pack(figure: Figure, transport_steps: int) -> tuple[dict[str, Any], bytes]:
         """Returns a map (H,W,...) on the box, float32, carried outward past the mask."""
         return fill_outside(np.nan_to_num(np.asarray(values, np.float32)[rows, columns]), mask)
 
-    transport, ao = cut(maps.transport[..., : coefficient_count(2)]), cut(maps.ao)
+    transport, ao = cut(maps.transport[..., : coefficient_count(2)]).clip(-LARGEST, LARGEST), cut(maps.ao)
     add("transport", np.rint(transport * transport_steps), transport_steps, region)
     add("albedo", np.rint(encode_srgb(cut(maps.albedo)) * ALBEDO_STEPS), ALBEDO_STEPS, region)
     if maps.normal.any():

@@ -13,7 +13,7 @@ from relight.lights import write_light_set
 from relight.maps import write_maps
 from relight.viewer import build
 from relight.viewer.build import build_viewer
-from relight.viewer.figure import Figure, embed, pack, smaller
+from relight.viewer.figure import QUALITIES, Figure, embed, pack, smaller
 
 
 def test_page_is_one_file_that_asks_the_network_for_nothing(tmp_path, maps, lights):
@@ -55,6 +55,12 @@ def test_refusals_name_what_is_wrong(tmp_path, maps, lights):
         with pytest.raises(UserError, match=message):
             Figure(**{"title": "a", "maps": maps} | figure)
     assert not out.exists()
+
+
+def test_a_network_that_has_not_learned_has_a_page(maps):
+    wild = np.random.default_rng(0).normal(0, 1e4, maps.transport.shape).astype(np.float32)
+    header, data = pack(Figure("wild", replace(maps, transport=wild)), QUALITIES[0])
+    assert header["planes"][0]["name"] == "transport" and len(data) > header["planes"][0]["bytes"]
 
 
 def test_a_tight_limit_costs_precision_and_then_pixels(tmp_path, maps, lights):
