@@ -119,8 +119,8 @@ def changes(plan: Plan, begin: Callable[[], object] = lambda: None) -> Iterator[
     if settings := sorted(changed(plan, made)):
         more = f" and {len(settings) - 4} more" if len(settings) > 4 else ""
         yield (
-            f"{plan.out} was made with other settings ({', '.join(settings[:4])}{more}): what depends on them is made "
-            "again; to keep both, give this run a name, name=NAME"
+            f"{plan.out} was made with other settings ({', '.join(settings[:4])}{more}): what depends on them is "
+            "outdated; to keep both, give this run a name, name=NAME"
         )
     reasons = restore(plan.out, begin)
     tables = {file.stem: str(file) for file in sorted(Path(plan.out, "report").glob("*.md"))}

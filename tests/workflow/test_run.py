@@ -153,7 +153,7 @@ def test_changed_settings_are_told_with_the_way_to_keep_both(calls):
         run(*(words := ["bake.rays=64", "train.lr=0.5", "train.device=cpu", "track.experiment=other"]))
         (line,) = changes(Plan(compose_run([*WORDS, *words])))
         assert line.startswith("results/smoke was made with other settings (bake.rays, train.lr): what depends on them")
-        assert line.endswith("is made again; to keep both, give this run a name, name=NAME")
+        assert line.endswith("is outdated; to keep both, give this run a name, name=NAME")
     assert not [*changes(plan)]
 
 
