@@ -208,7 +208,7 @@ def restore(out: str, begin: Callable[[], object] = lambda: None) -> dict[str, s
         inputs = sorted(found_at(output, name) for name in record["inputs"])
         known[output] = {"rule": record["rule"], "params": params, "input": inputs, **version}
 
-    class Records(FilePersistence):
+    class Records(FilePersistence):  # type: ignore[misc]  # Snakemake has no types
         def __init__(self, dag: Any = None, db_url: str = "", **options: Any):
             super().__init__(dag=dag, **options)
             if dag is None or not dag.workflow.executor_plugin or dag.workflow.dryrun:  # as for --summary

@@ -29,6 +29,7 @@ Scores (`test_`) are means over all test figures and lights; `scores` of the art
 The columns of pictures: the picture, albedo, shading, a ball under the light, the figure under another light; the \
 truth is above what is inferred.
 """
+Settings = dict[str, Any]  # nested
 RETRY_FACTOR = 100  # delay before a failed store is tried again, over the duration of the failure
 
 
@@ -40,7 +41,7 @@ class TrainingRun:
     cannot be reached, `finish` sends, except pictures. A run that has finished stays as it is.
     """
 
-    def __init__(self, tracking: dict[str, Any], name: str, fingerprint: str, settings: dict):
+    def __init__(self, tracking: Settings, name: str, fingerprint: str, settings: Settings):
         """Takes what the run records; nothing is sent before `open`.
 
         Args:
@@ -205,7 +206,7 @@ def log_network(run: str, network: Path) -> None:
 
 
 @contextmanager
-def training_run(tracking: dict[str, Any], name: str, fingerprint: str, settings: dict) -> Iterator[TrainingRun | None]:
+def training_run(tracking: Settings, name: str, fingerprint: str, settings: Settings) -> Iterator[TrainingRun | None]:
     """Yields the open run of a training, and marks it as failed if the block raises, or as killed by SIGTERM.
 
     Args:
@@ -228,15 +229,15 @@ def training_run(tracking: dict[str, Any], name: str, fingerprint: str, settings
         raise
 
 
-def run_of(tracking: dict[str, Any], network: Path) -> TrainingRun:
+def run_of(tracking: Settings, network: Path) -> TrainingRun:
     """Returns the run of the training of a network (.safetensors); `finish` makes it if the store lacks it."""
     config = read_config(network)
-    settings = {part: config[part] for part in ("model", "loss", "train", "augment") if part in config}
+    settings: Settings = {part: config[part] for part in ("model", "loss", "train", "augment") if part in config}
     # A network without a fingerprint was trained elsewhere, and has its own run.
     return TrainingRun(tracking, network.stem, config.get("fingerprint") or file_hash(network), settings)
 
 
-def log_report(tracking: dict[str, Any], networks: Iterable[Path], files: Iterable[Path], record: Path) -> None:
+def log_report(tracking: Settings, networks: Iterable[Path], files: Iterable[Path], record: Path) -> None:
     """Records a report, its page and tables, in a run of its own, whose children are the runs of its trainings.
 
     `tracking` is as for `TrainingRun`; of `record` (run.yaml) no password is sent.
@@ -263,7 +264,7 @@ def log_report(tracking: dict[str, Any], networks: Iterable[Path], files: Iterab
             client.set_tag(training.id, "mlflow.parentRunId", report.id)
 
 
-def log_scores(tracking: dict[str, Any], network: Path, condition: str, scores: Path) -> None:
+def log_scores(tracking: Settings, network: Path, condition: str, scores: Path) -> None:
     """Adds the scores (.csv) of a network to the run of its training, which is made if the store lacks it.
 
     `tracking` is as for `TrainingRun`, and `condition` what was scored: `test`, whose mean RMSE become metrics, or

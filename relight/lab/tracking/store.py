@@ -8,6 +8,7 @@ import sqlite3
 import tempfile
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlparse
 from urllib.request import url2pathname
 
@@ -51,7 +52,7 @@ def select_store(uri: str) -> None:
     mlflow.set_tracking_uri(uri)
 
 
-def connect(track: Track) -> tuple:
+def connect(track: Track) -> tuple[Any, str]:
     """Selects a store, and creates a missing database and experiment.
 
     Args:
