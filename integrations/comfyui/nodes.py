@@ -212,15 +212,15 @@ def relight(self, image, light, mode, strength, turn, stops, mask=None, backgrou
 def maps_of(self, image, mask=None, encoding="sRGB", lit_by=None):
     """What the network infers, 0 where nobody is: albedo, shading at half its strength, and mask. Normals are mean
     unoccluded directions as in OpenGL, (n + 1) / 2, toward the camera where nobody is."""
-    maps = [torch.zeros(*image.shape[:3], 3) for _ in range(3)]
-    alpha, maps[2][:] = torch.zeros(image.shape[:3]), torch.tensor([0.5, 0.5, 1])
+    alpha, maps = torch.zeros(image.shape[:3]), [torch.zeros(*image.shape[:3], 3) for _ in range(3)]
     for i, scene in each(self, image, mask, inferred(image, mask, lit_by, encoding)):
         alpha[i] = torch.from_numpy(scene.picture.coverage) / 255
         for person in scene.people:
             fits = person.fitted_albedo, person.fitted_transport
-            for window, own, albedo, transport in placed_maps(person, scene.picture.pixels, fits):
+            for window, own, share, albedo, transport in placed_maps(person, scene.people, scene.picture.pixels, fits):
                 lit = shade(transport, person.light) / 2  # it may exceed 1
                 shown = encoded(albedo**2, encoding), encoded(lit, encoding), (mean_direction(transport) + 1) / 2
                 for out, values in zip(maps, shown):
-                    out[i].numpy()[window][own] = values
+                    out[i].numpy()[window][own] += share * values
+    maps[2][~maps[2].any(-1)] = torch.tensor([0.5, 0.5, 1])
     return maps[0], maps[1], alpha, maps[2]
