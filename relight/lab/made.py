@@ -183,11 +183,13 @@ def records_of(outputs: Iterable[str]) -> Iterator[tuple[str, Record]]:
 def restore(out: str, begin: Callable[[], object] = lambda: None) -> dict[str, str]:
     """Has Snakemake read the records of results as its metadata.
 
-    Before it makes anything, `begin` is called, and files get one date that have lost theirs; else this writes nothing.
+    Files that have lost their dates have one date in its plan. Before it makes anything, `begin` is called, and they get
+    that date; else this writes nothing.
     Returns what has changed since outputs were made, settings aside, by output.
     """
     import snakemake.api  # which imports snakemake.workflow
     from snakemake.exceptions import WorkflowError
+    from snakemake.io import Mtime
     from snakemake.persistence import RECORD_FORMAT_VERSION, MetadataRecord
     from snakemake.persistence.file import FilePersistence
 
@@ -211,7 +213,10 @@ def restore(out: str, begin: Callable[[], object] = lambda: None) -> dict[str, s
     class Records(FilePersistence):  # type: ignore[misc]  # Snakemake has no types
         def __init__(self, dag: Any = None, db_url: str = "", **options: Any):
             super().__init__(dag=dag, **options)
-            if dag is None or not dag.workflow.executor_plugin or dag.workflow.dryrun:  # as for --summary
+            if dag is None:
+                return
+            dag.workflow.iocache.mtime.update(dict.fromkeys(undated, Mtime(local=now / 1e9)))
+            if not dag.workflow.executor_plugin or dag.workflow.dryrun:  # as for --summary
                 return
             try:
                 begin()

@@ -9,6 +9,7 @@ import re
 import runpy
 import shutil
 import sys
+import time
 
 import mlflow
 import numpy as np
@@ -189,8 +190,8 @@ def test_results_know_how_they_were_made(done, tmp_path):
         words.append([*WORDS, f"name=copy{number}", *word.split()])
     before = state(repo)
     assert dict(zip(COPIES, planned(repo, *words))) == COPIES and state(repo) == before, "a dry run writes nothing"
-    for path in sorted((repo / OUT).rglob("*"), reverse=True):  # after `cp -r`: what it reads, when it is made
-        path.touch()
+    for number, path in enumerate(sorted((repo / OUT).rglob("*"), reverse=True)):  # as by `cp -r`, inputs after outputs
+        os.utime(path, (time.time() - 1e4 + number,) * 2)
     before, hydra = state(repo), f"hydra={' '.join(WORDS)}"
     told = output(repo, [sys.executable, "-m", "snakemake", "all", "--summary", "--config", hydra]).stdout
     assert told.count("no update") > 20 and state(repo) == before, told
