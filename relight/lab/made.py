@@ -109,8 +109,7 @@ def begin(outputs: list[str], job: Record) -> set[str]:
     job = {**job, "found": named(found, outputs[0])}
     code_of(job["rule"])  # which keeps the hashes for `finish`, whoever edits a file meanwhile
     same_code = not any(map(changed_code, before.values()))
-    made = {output: {"found": {}, **record} for output, record in before.items()}
-    if same_code and all({**made[output], **job, "files": files[output]} == made[output] for output in outputs):
+    if same_code and all({**record, **job, "files": files[output]} == record for output, record in before.items()):
         for output, record in before.items():
             record = {key: value for key, value in record.items() if key not in ("unfinished", "old")}
             write_json(record_file(output), dated(output, record))
@@ -183,13 +182,11 @@ def records_of(outputs: Iterable[str]) -> Iterator[tuple[str, Record]]:
 def restore(out: str, begin: Callable[[], object] = lambda: None) -> dict[str, str]:
     """Has Snakemake read the records of results as its metadata.
 
-    Files that have lost their dates have one date in its plan. Before it makes anything, `begin` is called, and they get
-    that date; else this writes nothing.
-    Returns what has changed since outputs were made, settings aside, by output.
+    Files that have lost their dates have one in its plan. Before it makes anything, `begin` is called, and they get it;
+    else this writes nothing. Returns what has changed since outputs were made, settings aside, by output.
     """
     import snakemake.api  # which imports snakemake.workflow
     from snakemake.exceptions import WorkflowError
-    from snakemake.io import Mtime
     from snakemake.persistence import RECORD_FORMAT_VERSION, MetadataRecord
     from snakemake.persistence.file import FilePersistence
 
@@ -211,11 +208,9 @@ def restore(out: str, begin: Callable[[], object] = lambda: None) -> dict[str, s
         known[output] = {"rule": record["rule"], "params": params, "input": inputs, **version}
 
     class Records(FilePersistence):  # type: ignore[misc]  # Snakemake has no types
-        def __init__(self, dag: Any = None, db_url: str = "", **options: Any):
+        def __init__(self, dag: Any, db_url: str = "", **options: Any):
             super().__init__(dag=dag, **options)
-            if dag is None:
-                return
-            dag.workflow.iocache.mtime.update(dict.fromkeys(undated, Mtime(local=now / 1e9)))
+            dag.workflow.iocache.mtime.update(dict.fromkeys(undated, snakemake.io.Mtime(now / 1e9)))
             if not dag.workflow.executor_plugin or dag.workflow.dryrun:  # as for --summary
                 return
             try:

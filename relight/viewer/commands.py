@@ -81,13 +81,14 @@ def web_build(
 
     network = weights or WEIGHTS
     relighter = load(network)
-    if relighter.network.order != 2:
+    if relighter.network.order < 2:
         raise UserError(f"the site needs a network of order 2; {network} has order {relighter.network.order}")
     figures = [figure_of(path, relighter, size=size) for path in progress(paths or (), "figures inferred")]
     figures = figures or [portrait(relighter)]
     build_site(out, network, relighter.network.size, figures, named_lights(light or ()))
     size = sum(path.stat().st_size for path in out.iterdir())
-    typer.echo(f"{out}: {size / 1e6:.0f} MB")
+    shown = "; of its network, bands 0 to 2 are shown" * (relighter.network.order > 2)
+    typer.echo(f"{out}: {size / 1e6:.0f} MB{shown}")
     serve = f"python -m http.server --bind 127.0.0.1 --directory {shlex.quote(str(out))}"
     typer.echo(f"to look at it: {serve}, then http://127.0.0.1:8000")
 

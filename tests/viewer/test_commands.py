@@ -114,8 +114,8 @@ def test_a_photo_of_two_people_is_shown_as_the_photo_command_shows_it(page, tmp_
         with pytest.raises(UserError, match="color=photo"):
             CliRunner().invoke(web_app if len(words) > 1 else app, words, catch_exceptions=False)
     monkeypatch.setitem(config["train"], "color", "photo")
-    monkeypatch.setitem(config["model"], "order", 3)
-    with pytest.raises(UserError, match=r"order 2; .* has order 3"):
+    monkeypatch.setitem(config["model"], "order", 1)
+    with pytest.raises(UserError, match=r"order 2; .* has order 1"):
         CliRunner().invoke(web_app, ["build", "site", "b.exr"], catch_exceptions=False)
     monkeypatch.setitem(config["model"], "order", 2)
     small = run(tmp_path / "me.png", "--size", 70, "-o", tmp_path / "small.html")

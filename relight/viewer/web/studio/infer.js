@@ -52,8 +52,8 @@ async function inferPerson(image, width, coverage, run, size) {
   const images = new Float32Array(3 * area);
   square.forEach((plane, c) => images.set(plane, c * area));
   const found = await run(images, Float32Array.from(mask)), scale = (crop.side / size) ** 2;
-  const [albedo, transport] = [found.albedo, found.transport].map((values) =>
-    Array.from({ length: values.length / area }, (_, c) => values.subarray(c * area, (c + 1) * area)));
+  const planes = (values, count) => Array.from({ length: count }, (_, c) => values.subarray(c * area, (c + 1) * area));
+  const albedo = planes(found.albedo, 3), transport = planes(found.transport, 9); // of a higher order, the lower bands
   const light = Array.from({ length: 9 }, (_, k) => [...found.light.subarray(3 * k, 3 * k + 3)]);
   return { coverage, crop, square, mask, albedo, transport, light, scale };
 }
