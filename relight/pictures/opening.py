@@ -94,7 +94,7 @@ def require_still(image: Image.Image, what: str) -> None:
     if count > 1 and image.format in ANIMATIONS:
         raise UserError(f"{what} is animated ({count} frames): save one, or all in a folder for `relight movie`")
     if isinstance(image, TiffImagePlugin.TiffImageFile):
-        pages = []
+        image.filename, pages = "", []  # else Pillow maps the file, and what lies on its side becomes a jumble
         for page in range(count):
             image.seek(page)
             if DNG_VERSION in image.tag_v2:
@@ -114,6 +114,13 @@ def orientation_of(image: Image.Image) -> int:
         return image.getexif().get(ExifTags.Base.Orientation, 1)
     except Exception:  # Pillow raises a dozen types
         return 1
+
+
+def stored(image: Image.Image) -> np.ndarray:
+    """Returns the pixels of an image, black as 0; Pillow leaves those of a grey TIFF of 16 bits as they are coded."""
+    is_negative = isinstance(image, TiffImagePlugin.TiffImageFile) and image.tag_v2.get(262) == 0  # white is zero
+    pixels = np.asarray(image)
+    return 65535 - pixels.astype(np.uint16) if is_negative and image.mode.startswith("I;16") else pixels
 
 
 def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Union
 
 import numpy as np
-from PIL import Image, TiffImagePlugin
+from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.files import existing_file
@@ -18,6 +18,7 @@ from relight.pictures.opening import (
     open_picture,
     orientation_of,
     require_still,
+    stored,
     upright,
 )
 from relight.pictures.profile import to_srgb
@@ -149,11 +150,10 @@ def decoded(image: Image.Image, what: str, file: Path | None) -> tuple[np.ndarra
     if bits == 16 and file is not None and not is_deep_grey:
         pixels, alpha = read_16_bits(file, what, image.tell())
     elif is_deep_grey:
-        grey = np.asarray(image, np.uint16)
+        grey = stored(image).astype(np.uint16)  # of the machine's byte order
         if "transparency" in image.info:
             alpha = np.where(grey == image.info["transparency"], 0, 65535).astype(np.uint16)
-        is_negative = isinstance(image, TiffImagePlugin.TiffImageFile) and image.tag_v2.get(262) == 0  # white is zero
-        pixels = np.repeat((65535 - grey if is_negative else grey)[..., None], 3, axis=2)
+        pixels = np.repeat(grey[..., None], 3, axis=2)
     else:
         if "A" in image.getbands() or "transparency" in image.info:
             rgba = np.asarray(image.convert("RGBA"))

@@ -118,7 +118,7 @@ def _add_sound(path: Path, source: Path) -> None:
     options, (coding, *taken) = CONTAINERS[path.suffix.lower()], SOUNDS[path.suffix.lower()]
     try:
         with (
-            av.open(str(source)) as spoken,
+            av.open(f"file:{source}") as spoken,
             av.open(str(path)) as shown,
             av.open(str(with_sound), "w", options=options) as out,
         ):
@@ -208,12 +208,12 @@ def read_frames(path: Path) -> tuple[Iterator[Picture], list[int], float]:
 
     stored, end, is_cut = [], 0.0, False
     try:
-        with av.open(str(path)) as container:
+        with av.open(f"file:{path}") as container:  # else FFmpeg takes what is before a colon for a protocol
             film, is_gif = _film(container, path), container.format.name == "gif"
             rate, own = float(film.average_rate or FPS), film.duration is not None
             promised = float((film.duration or 0) * (film.time_base or 0)) if own else (container.duration or 0) / 1e6
-            if container.format.name == "avi":  # whose duration is guessed by the bytes that are there
-                promised = film.frames / rate
+            is_avi = container.format.name == "avi"  # its duration is guessed by the bytes that are there
+            promised = film.frames / rate if is_avi else promised
             for packet in container.demux(*[film] * own):  # the length of a Matroska is that of its longest stream
                 if packet.pts is None or packet.is_discard:
                     continue
@@ -225,7 +225,7 @@ def read_frames(path: Path) -> tuple[Iterator[Picture], list[int], float]:
     except (av.FFmpegError, TypeError) as error:
         raise UserError(f"{path} cannot be read as a video ({error})") from None
     times = np.sort([time for time, _ in stored])
-    decoded = _of_one_size(_decoded(path, times), path)
+    decoded = _of_one_size(_decoded(path, np.full(len(times), np.inf) if is_avi else times), path)
     steps = np.diff(times)
     found = end - times[0] * own if len(times) else promised
     longest = (np.median(steps) if own else steps.max()) if len(steps) else 1 / rate
@@ -268,7 +268,9 @@ def _of_one_size(frames: Iterable[Picture], path: Path) -> Iterator[Picture]:
 
 
 def _decoded(path: Path, stamps: np.ndarray) -> Iterator[Picture]:
-    """Yields the frames of a video, upright and in sRGB: one for each of `stamps`, seconds, where these are known.
+    """Yields the frames of a video, upright and in sRGB: one for each of `stamps`, seconds.
+
+    Stamps of AVI, which holds none, are infinite: frames come in their order, and those that are lost at the end.
 
     Raises:
         UserError: if the file is damaged, or its colors are of a kind that is not read.
@@ -276,7 +278,7 @@ def _decoded(path: Path, stamps: np.ndarray) -> Iterator[Picture]:
     import av
 
     try:
-        with av.open(str(path)) as container:
+        with av.open(f"file:{path}") as container:
             film = _film(container, path)
             decoder = film.codec_context
             if film.metadata.get("alpha_mode") == "1":  # which FFmpeg's own decoders of VP8 and VP9 leave out

@@ -467,10 +467,15 @@ def test_read_photo_of_16_bits_takes_the_picture_behind_its_preview(tmp_path):
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
-def test_read_photo_where_0_is_white(tmp_path, kind):
-    stored = DEEP[..., 0].astype(kind)
-    tifffile.imwrite(tmp_path / "a.tif", np.iinfo(kind).max - stored, photometric="miniswhite")
-    np.testing.assert_array_equal(Picture.of(tmp_path / "a.tif").pixels[..., 0], stored)
+@pytest.mark.parametrize("orientation", [3, 6])
+def test_a_grey_tiff_may_be_turned_and_0_may_be_white(tmp_path, kind, orientation):
+    """A photo and its mask."""
+    for name, shown in (("a", DEEP[..., 0].astype(kind)), ("m", SOFT.astype(kind) * kind(np.iinfo(kind).max // 255))):
+        turned = np.iinfo(kind).max - np.rot90(shown, {3: 2, 6: 1}[orientation])
+        tags = [(274, "H", 1, orientation, True)]
+        tifffile.imwrite(tmp_path / f"{name}.tif", turned, photometric="miniswhite", extratags=tags)
+    np.testing.assert_array_equal(Picture.of(tmp_path / "a.tif").pixels[..., 0], DEEP[..., 0].astype(kind))
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.tif", (40, 30))[0], SOFT)
 
 
 def test_read_photo_of_16_bits_without_its_package_blames_no_file(tmp_path, monkeypatch):

@@ -17,7 +17,15 @@ from relight.photos.mask.people import NobodyFound, is_inverted, mask_doubts
 from relight.photos.mask.pose import Body
 from relight.pictures.codes import as_codes, convert_alpha
 from relight.pictures.deep import is_exr
-from relight.pictures.opening import decoding_errors, mask_beside, open_picture, orientation_of, require_still, upright
+from relight.pictures.opening import (
+    decoding_errors,
+    mask_beside,
+    open_picture,
+    orientation_of,
+    require_still,
+    stored,
+    upright,
+)
 from relight.pictures.picture import Given, Picture
 
 AUTOMATIC = "the mask is automatic; `relight mask draw` writes it for correction"
@@ -124,11 +132,12 @@ def read_mask(mask: Given, size: tuple[int, int]) -> tuple[np.ndarray, list[str]
 
 def _values(image: Image.Image, what: str) -> np.ndarray:
     require_still(image, what)
-    orientation = orientation_of(image)
-    if image.mode.startswith(("I", "F")) or (image.mode == "L" and "transparency" not in image.info):
-        return upright(np.asarray(image), orientation)
-    rgba = upright(np.asarray(image.convert("RGBA")), orientation)
-    return rgba[..., 3] if has_outline(rgba[..., 3]) else rgba[..., :3]
+    is_plain = image.mode.startswith(("I", "F")) or (image.mode == "L" and "transparency" not in image.info)
+    values = stored(image if is_plain else image.convert("RGBA"))
+    values = upright(values, orientation_of(image))  # 1 by now in a TIFF, which Pillow turns as it decodes
+    if is_plain:
+        return values
+    return values[..., 3] if has_outline(values[..., 3]) else values[..., :3]
 
 
 def automatic_mask(picture: Picture, model: Path | str | None = None) -> tuple[np.ndarray, list[Body]]:
