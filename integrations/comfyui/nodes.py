@@ -29,7 +29,6 @@ from relight.photos.api import load
 from relight.photos.inferred import read_light
 from relight.photos.look import Look
 from relight.photos.mask.find import NobodyFound, masked
-from relight.photos.shading import shade
 from relight.photos.write import placed_maps
 from relight.pictures.picture import Picture
 from relight.sh import mean_direction
@@ -216,10 +215,10 @@ def maps_of(self, image, mask=None, encoding="sRGB", lit_by=None):
     for i, scene in each(self, image, mask, inferred(image, mask, lit_by, encoding)):
         alpha[i] = torch.from_numpy(scene.picture.coverage) / 255
         for person in scene.people:
-            fits = person.fitted_albedo, person.fitted_transport
-            for window, own, share, albedo, transport in placed_maps(person, scene.people, scene.picture.pixels, fits):
-                lit = shade(transport, person.light) / 2  # it may exceed 1
-                shown = encoded(albedo**2, encoding), encoded(lit, encoding), (mean_direction(transport) + 1) / 2
+            fits = person.fitted_albedo, person.fit(np.concatenate([person.transport[..., :4], person.shading], -1))
+            for window, own, share, albedo, others in placed_maps(person, scene.people, scene.picture.pixels, fits):
+                lit = np.maximum(others[..., 4:], 0) / 2  # it may exceed 1
+                shown = encoded(albedo**2, encoding), encoded(lit, encoding), (mean_direction(others) + 1) / 2
                 for out, values in zip(maps, shown):
                     out[i].numpy()[window][own] += share * values
     maps[2][~maps[2].any(-1)] = torch.tensor([0.5, 0.5, 1])

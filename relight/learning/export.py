@@ -99,7 +99,10 @@ class OpenRefinement(Refinement):
 
     def forward(self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor) -> Tensor:
         """Returns the refined light, the solution of the normal equations."""
-        mask = mask * _thinning(*image.shape[-2:])
+        rows, columns = torch.arange(image.shape[2]), torch.arange(image.shape[3])  # of open sizes: no arithmetic
+        kept = columns % ((rows[-1] + 1) // self.SIDE) == 0
+        seen = albedo, transport, image, mask * kept
+        albedo, transport, image, mask = (x.unflatten(2, (self.SIDE, -1))[:, :, :, 0] for x in seen)
         left, right = self.normal_equations(light, albedo, transport, image, mask)
         eye = torch.eye(3 * len(self.trust))
         scale = (left * eye).sum(-1).rsqrt()
@@ -109,13 +112,6 @@ class OpenRefinement(Refinement):
             inverse = 2 * inverse - inverse @ left @ inverse
         solution = scale * (inverse @ (scale * right)[..., None])[..., 0]
         return solution.view(-1, 3, len(self.trust)).mT
-
-
-def _thinning(height: int, width: int) -> Tensor:
-    """Returns (H,W): 1 at the pixels that Refinement keeps of an image, 0 elsewhere."""
-    rows, columns = torch.arange(height), torch.arange(width)
-    every = ((columns[-1] + 1) // Refinement.SIDE).clamp_min(1)  # a tensor: ONNX knows no arithmetic with open sizes
-    return (rows % every == 0).float()[:, None] * (columns % every == 0).float()
 
 
 def export(network: Network, path: Path | str, config: dict[str, Any]) -> float:

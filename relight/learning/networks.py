@@ -186,7 +186,7 @@ class Refinement(nn.Module):
             The refined light (B,K,3).
         """
         with torch.autocast(light.device.type, enabled=False):
-            step = max(1, image.shape[-1] // self.SIDE)
+            step = max(1, image.shape[2] // self.SIDE)
             maps = [x[..., ::step, ::step].float().detach() for x in (albedo, transport, image, mask)]
             return torch.linalg.solve(*self.normal_equations(light.float(), *maps)).view_as(light.mT).mT
 

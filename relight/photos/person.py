@@ -69,22 +69,21 @@ class Person:
 
     def fit_gain(self, light: np.ndarray) -> FittedMap:
         """Fits the gain of mode `ratio` on the photo's linear values, under a new light (K,3)."""
-        return fit_map(gain(self.transport, self.mask, self.light, light) ** self.gamma, self._grey_guide)
+        return self.fit(gain(self.transport, self.mask, self.light, light) ** self.gamma)
 
     def fit_shading(self, light: np.ndarray) -> FittedMap:
         """Fits the shading of mode `full`, as a factor on linear values, under a new light (K,3)."""
         lit = steady(shade(self.transport, light), light)
-        return fit_map(lit**self.gamma, self._grey_guide)
+        return self.fit(lit**self.gamma)
 
     @cached_property
     def fitted_albedo(self) -> FittedMap:
         """The square root of the linear albedo, which is nearly linear in that of the photo where the light is even."""
         return fit_map(square_root(self._linear(self.albedo)), self._color_guide, textured=True)
 
-    @cached_property
-    def fitted_transport(self) -> FittedMap:
-        """The transport."""
-        return fit_map(self.transport, self._grey_guide)
+    def fit(self, values: np.ndarray) -> FittedMap:
+        """Fits values (S,S,C), such as transport or shading, on the photo's luma."""
+        return fit_map(values, self._grey_guide)
 
     def detail(self, linear: np.ndarray, window: Window) -> np.ndarray:
         """Returns the detail of the photo beyond the square's resolution, as `FittedMap.place` takes it.

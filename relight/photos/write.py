@@ -98,7 +98,7 @@ def layers(scene: Scene) -> tuple[dict[str, np.ndarray], int, int]:
     coverage = total_coverage(people)[top:bottom, left:right]
     channels["coverage.A"] = (coverage / np.float32(255)).astype(np.float16)
     for person in people:
-        fits = person.fitted_albedo, person.fitted_transport
+        fits = person.fitted_albedo, person.fit(person.transport)
         for (rows, columns), own, share, albedo, transport in placed_maps(person, people, scene.picture.pixels, fits):
             window = slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left)
             lit, normal = shade(transport, person.light), mean_direction(transport)

@@ -117,12 +117,12 @@ def photo_figure(scene: Scene) -> Figure:
     Args:
         scene: with a picture of 8 bits, whose name is the title of the figure, and a network of `train.color=photo`.
     """
-    people = [replace(person, transport=person.transport[..., :9]) for person in scene.people]
-    pixels, coverage = scene.picture.codes, total_coverage(people)
+    people, pixels = scene.people, scene.picture.codes
+    coverage = total_coverage(people)
     shape = coverage.shape
     albedo, transport = np.zeros((*shape, 3), np.float32), np.zeros((*shape, 9), np.float32)
     for person in people:
-        fits = person.fitted_albedo, person.fitted_transport
+        fits = person.fitted_albedo, person.fit(person.transport[..., :9])
         for window, own, share, root, values in placed_maps(person, people, pixels, fits):
             albedo[window][own] += share * root**2
             transport[window][own] += share * values
