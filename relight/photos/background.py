@@ -160,13 +160,15 @@ def read_background(
         clip = path if is_clip else None
         return Background("picture", picture=codes, blur=blur, shadow=shadow, name=text, clip=clip)
     try:
-        color = np.array(ImageColor.getrgb(text)[:3], np.uint8)
+        color = np.array(ImageColor.getcolor(text, "RGBA"), np.uint8)
     except ValueError:
         if re.search(r"\.\w+$", text) and Path(text).is_file():
             raise UserError(f"background {text} is not a picture: give JPEG, PNG, WebP or TIFF") from None
         words = f"keep, transparent, panorama, a color (#334455) or a picture file{', or a clip' * moving}"
         raise UserError(f"background {text!r} is not {words}") from None
-    return Background("color", color=color, blur=blur, shadow=shadow, name=text)
+    if color[3] < 255:
+        raise UserError(f"background {text} is not opaque: give a color without alpha, or transparent")
+    return Background("color", color=color[:3], blur=blur, shadow=shadow, name=text)
 
 
 def estimate_white(picture: np.ndarray) -> np.ndarray:

@@ -126,8 +126,7 @@ def photo(
         if not each.exists() or (several and each.is_dir()):
             raise UserError(f"photo: there is no file {'' if several else 'or folder '}{each}")
     if out is None:
-        named = path.resolve() if path.name in ("", "..") else path  # "." has no name of its own
-        out = Path("relit") if several else named.with_name(f"{named.stem if path.is_file() else named.name}_relit")
+        out = Path("relit") if several else relit(path)
     suffixes = *PHOTO_SUFFIXES, *VIDEO_SUFFIXES, ".exr", ".psd", ".jxl"
     picture = out if out.suffix.lower() in suffixes and not out.is_dir() else None  # alone
     network = read_network(weights)
@@ -213,7 +212,7 @@ def movie(
     """Writes a movie."""
     from relight.pictures.video import require_writable_video
 
-    out = out or Path(f"{path.stem}_relit.mp4")
+    out = out or Path(f"{relit(path).name}.mp4")
     require_writable_video(out)
     if not path.exists():
         raise UserError(f"movie: there is no file or folder {path}")
@@ -271,6 +270,12 @@ def mask_draw(
     out = writable_file(out, "--out")
     write_picture(out, automatic_mask(Picture.of(path), mask_model)[0])
     print(out)
+
+
+def relit(path: Path) -> Path:
+    """Returns the name of the results of a photo or a folder, beside it."""
+    named = path.resolve() if path.name in ("", "..") else path  # "." has no name of its own
+    return named.with_name(f"{named.name if path.is_dir() else named.stem}_relit")
 
 
 def at_terminal() -> bool:

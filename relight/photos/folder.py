@@ -42,7 +42,7 @@ RECORD = "photo.json"
 BEFORE_AFTER = "before_after.jpg"
 RESULTS = ("relit", "before_after", "albedo", "shading", "maps", "light", "new_light")  # names of files, without suffix
 BYTES_PER_PIXEL = 54  # of the photo, at most, for the results: three pictures and 19 maps of half floats
-JPEG, JPEG_QUALITY = (".jpg", ".jpeg"), 95
+JPEG, JPEG_QUALITY, JPEG_SIDE = (".jpg", ".jpeg"), 95, 65500  # libjpeg's most pixels a side
 MOST_LINES = 12  # of notes in a summary
 
 
@@ -144,6 +144,8 @@ def relight_to(
         raise UserError(f"--out {out}: a JPEG cannot be transparent, give a name that ends in {picture.suffix}")
     if suffix not in (*JPEG, picture.suffix):
         raise UserError(f"--out {out}: {suffix} is not written; end it in .jpg or {picture.suffix}, or give a folder")
+    if suffix in JPEG and max(picture.shape) > JPEG_SIDE:
+        raise UserError(f"--out {out}: a JPEG has at most {JPEG_SIDE} pixels a side; end it in {picture.suffix}")
     scene = Scene.of(picture, mask, network, **options)
     relit = scene.relit(look)
     if suffix in JPEG:
@@ -151,7 +153,7 @@ def relight_to(
             Image.fromarray(on_white(relit)).save(tmp, quality=JPEG_QUALITY)
     else:
         write_picture(out, relit)
-    return scene.notes + scene.notes_on(look)
+    return scene.notes + scene.notes_on(look, opaque=suffix in JPEG)
 
 
 def require_unused(out: Path, path: Path, mask: Path | None, look: Look, lit_by: Light | str | None) -> None:

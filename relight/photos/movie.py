@@ -42,7 +42,6 @@ CODER = 16  # codes from black, and from what is bright in a mask, within which 
 CHANGE = 0.06  # of linear values: pixels that differ by more from a neighbouring frame count as moved
 SECONDS = 6.0  # of the movie of a photo
 NOBODY = "nobody is seen, so nothing is relit"
-WHITE = "what is transparent is white, since a movie is opaque: --background gives something else"
 BOUNDS = {"seconds": (0.1, 600), "fps": (1, 120), "turns": (-1000, 1000)}
 UNKNOWN_LENGTH = 250  # frames of one turn of the light, for clips that do not state their length
 
@@ -103,7 +102,7 @@ def write_movie(
     exposed = scene.exposed(look, turning=turn != 0)
     frames = map(on_white, scene.turned(look, exposed, [turn * i for i in range(count)]))
     write_video(out, progress(frames, "frames", total=count), fps)
-    return scene.notes + scene.notes_on(look, turn != 0) + _white_notes(scene.picture, look)
+    return scene.notes + scene.notes_on(look, turn != 0, opaque=True)
 
 
 def _relight_clip(
@@ -142,9 +141,9 @@ def _relight_clip(
             said, shown_as = scene.picture.notes, exposed
             if scene.people:
                 scene.network = network
-                said = scene.notes + scene.notes_on(look, turns != 0)
+                said = scene.notes + scene.notes_on(look, turns != 0, opaque=True)
                 shown_as = exposed = exposed or scene.exposed(look, turns != 0)
-            for note in said + _white_notes(scene.picture, look):
+            for note in said:
                 notes.setdefault(re.sub(r"\d[\d.]*", "", note), []).append(note)
             turn = 2 * np.pi * turns * i / (count or UNKNOWN_LENGTH)
             unlit = Exposed(np.zeros((9, 3)), look.background)
@@ -153,11 +152,6 @@ def _relight_clip(
             raise NobodyFound(f"nobody was found in {path}: give masks with --mask")
 
     return relit(), count, fps
-
-
-def _white_notes(picture: Picture, look: Look) -> list[str]:
-    """Returns a note if a picture is transparent in places, and a look keeps them so."""
-    return [WHITE] * (picture.alpha is not None and look.background.kind == "keep")
 
 
 def with_masks(

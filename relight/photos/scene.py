@@ -16,6 +16,7 @@ from relight.photos.shading import exposure_factor
 from relight.sh import deringed, rotate_y
 
 BEHIND = 110  # degrees from the front
+WHITE = "what is transparent is white, since the result is opaque: --background gives something else"
 DIRECTED = 0.5  # a part of the first band over the mean: 1.7 for a lamp, less for an even light
 
 
@@ -52,12 +53,12 @@ class Scene(Inferred):
         light = light * np.float32(factor)
         return Exposed(light, look.background.matched(light, factor, factor / needed))
 
-    def notes_on(self, look: Look, turning: bool = False) -> list[str]:
+    def notes_on(self, look: Look, turning: bool = False, opaque: bool = False) -> list[str]:
         """What a user should know about a look: who casts no shadow, and notes on its light, from behind or below.
 
-        A light that is `turning` comes from everywhere in turn.
+        A light that is `turning` comes from everywhere in turn. If the result is `opaque`, what becomes white is noted.
         """
-        shadows = []
+        shadows = [WHITE] * (opaque and self.picture.alpha is not None and look.background.kind == "keep")
         if look.background.replaced and look.background.shadow:
             for number, person in enumerate(self.people, 1):
                 if standing_box(person.coverage, person.body) is None:

@@ -15,6 +15,8 @@ from relight.viewer.build import Additions, build_viewer
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import Figure
 
+NAMES = {"index.html", "network.onnx", "mask.onnx", "mask.LICENSE.txt", "LICENSES.txt", "README.md", "sw.js"}
+NAMES |= {*runtime.FILES}  # of the files of a site
 STUDIO = Path(__file__).parent / "web" / "studio"
 # To load the site's own files. Before it reads a photo, the page adds a policy without `connect-src` (engine.js).
 POLICY = (
@@ -47,8 +49,9 @@ def build_site(
         raise UserError(
             f"web: {out} is the folder that you are in, and would be replaced: give a folder in it, or go up"
         )
-    if out.is_dir() and any(out.iterdir()) and not (out / "sw.js").is_file():
-        raise UserError(f"web: the folder {out} holds other files: give a new or an empty one")
+    found = {path.name for path in out.iterdir()} if out.is_dir() else set()
+    if found and (others := found if "network.onnx" not in found else found - NAMES):
+        raise UserError(f"web: the folder {out} holds other files ({min(others)}): give a new or an empty one")
     with atomic_folder(out) as folder:
         shutil.copyfile(network, folder / "network.onnx")
         files = [*runtime.unpack(folder), folder / "network.onnx"]

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 from relight.cli import app
 from relight.core.errors import UserError
 from relight.lights import load_light
+from relight.photos.commands import relit
 from relight.photos.folder import MOST_LINES, note_lines
 
 
@@ -135,6 +136,10 @@ def bad(tmp_path, weights):
         yield [me, flag, name, "--mask", me, "--out", mask], "me_mask.png would be overwritten"
     yield [me, "--maps", "--out", "one.png"], "--maps writes several files, and --out one.png is one picture"
     yield [me, "--background", "transparent", "--out", "one.jpg"], "a JPEG cannot be transparent"
+    yield [me, "--background", "#00000000"], "background #00000000 is not opaque: give a color without alpha"
+    wide = tmp_path / "wide.png"
+    Image.new("RGB", (65501, 8)).save(wide)
+    yield [wide, "--mask", mask, "--out", "one.jpg"], r"at most 65500 pixels a side; end it in \.png"
     yield [me, "--out", me / "sub"], "nothing can be written there"
     yield [me, me, "--out", "two.png"], "two.png is one picture, and there are several photos: give a folder"
     yield [me, "--out", "out.mp4"], r"\.mp4 is not written; end it in \.jpg or \.png, or give a folder"
@@ -209,6 +214,8 @@ def test_the_folder_here_is_relit_beside_itself(photo_files, monkeypatch, tmp_pa
     monkeypatch.chdir(tmp_path)
     CliRunner().invoke(app, ["photo", "."])
     assert asked == [tmp_path.with_name(f"{tmp_path.name}_relit")]
+    (tmp_path / "frames.v2").mkdir()
+    assert relit(Path("frames.v2")).name == "frames.v2_relit" and relit(Path("b/a.b.jpg")) == Path("b/a.b_relit")
 
 
 @pytest.mark.slow
@@ -229,6 +236,10 @@ def test_several_photos_and_the_picture_alone(photo_files, run, weights, monkeyp
         assert run("photo", me, "--out", name, *words).startswith(name)
     assert np.array_equal(picture("one.png"), picture("relit/you.png/relit.png"))
     assert np.abs(picture("one.jpeg").astype(int) - picture("one.png")).mean() < 20  # of noise
+    Image.open(me).save("you.jfif", format="JPEG")
+    Image.fromarray(np.dstack([picture(me), picture(mask)])).save("cut.png")
+    said = run("photo", "cut.png", "--out", "cut.jpg", "--lit-by", "you.jfif", *words)
+    assert "what is transparent is white, since the result is opaque" in said
     with pytest.raises(UserError, match="would be overwritten"):
         run("photo", me, "--out", me, *words)
 

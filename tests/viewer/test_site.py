@@ -349,8 +349,10 @@ def test_what_is_no_picture_is_told(page, server):
 def test_other_folders_are_left_alone(tmp_path, monkeypatch, maps, lights):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
-    (tmp_path / "file").write_text("")
-    for name, message in {"mine": "holds other files", "file": "is a file"}.items():
+    (tmp_path / "hosted").mkdir()
+    for name in ("file", "hosted/sw.js", "hosted/network.onnx", "hosted/.git"):
+        (tmp_path / name).write_text("")
+    for name, message in {"mine": "letter.txt", "hosted": r"holds other files \(\.git\)", "file": "is a file"}.items():
         with pytest.raises(UserError, match=message):
             build_site(tmp_path / name, Path("none.onnx"), SIDE, [Figure("Balls", maps)], lights)
     assert (tmp_path / "mine" / "letter.txt").read_text() == "dear"
