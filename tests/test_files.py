@@ -64,11 +64,12 @@ def test_a_full_disk_is_said_and_leaves_the_old_file(tmp_path):
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, usual[1]))
     try:
-        with (
-            pytest.raises(UserError, match=r"a\.bin cannot be written: file too large"),
-            atomic_write(tmp_path / "a.bin") as out,
-        ):
-            out.write_bytes(bytes(5000))
+        for block, name in ((atomic_write, "a.bin"), (atomic_folder, "site")):
+            with (
+                pytest.raises(UserError, match=f"{name} cannot be written: file too large"),
+                block(tmp_path / name) as out,
+            ):
+                (out / "in" if out.is_dir() else out).write_bytes(bytes(5000))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, usual)
         signal.signal(signal.SIGXFSZ, handler)

@@ -163,16 +163,18 @@ def write_json(path: Path | str, record: Any, default: Callable[[Any], Any] | No
 def atomic_folder(path: Path | str) -> Iterator[Path]:
     """Writes a folder atomically: yields an empty folder beside `path` that replaces it if the block succeeds.
 
-    The folders of killed writers of the same path are removed.
+    The folders of killed writers of the same path are removed. Raises UserError if the file system refuses to write.
     """
     path = Path(path).resolve()  # a link stays
-    path.parent.mkdir(parents=True, exist_ok=True)
-    _remove_stale(path.parent, f".{path.name}.")
-    temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
+    with _file_system_errors(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_stale(path.parent, f".{path.name}.")
+        temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
     handle = os.open(temporary, os.O_RDONLY)
     try:
         _try_lock(handle)
-        yield temporary
+        with _file_system_errors(path):
+            yield temporary
         temporary.chmod(0o755)  # mkdtemp creates private folders
         if path.exists():
             shutil.rmtree(path)

@@ -8,7 +8,7 @@ neighbouring frames only where the image itself did not change, so that a moving
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, repeat
 from pathlib import Path
 from typing import TypeVar, Unpack
 
@@ -149,7 +149,8 @@ def _relight_clip(
             unlit = Exposed(np.zeros((9, 3)), look.background)
             yield from map(on_white, scene.turned(look, shown_as or unlit, [turn]))
         if exposed is None:
-            raise NobodyFound(f"nobody was found in {path}: give masks with --mask")
+            advice = "give masks with --mask" if masks is None else f"all masks of {masks} are empty"
+            raise NobodyFound(f"nobody was found in {path}: {advice}")
 
     return relit(), count, fps
 
@@ -160,32 +161,38 @@ def with_masks(
     """Yields the frames of a clip, masked.
 
     `masks` is a video, or a folder: by the frames' names if any has one, else in order. If it is None, a frame's file
-    has its mask beside it, or it is found; a frame may show nobody. Raises UserError if a mask is missing or is of
+    has its mask beside it, or it is found. A frame may show nobody. Raises UserError if a mask is missing or is of
     another size.
     """
-    if masks is None:
-        for frame in frames:
-            try:
-                yield masked(frame, None, mask_model)
-            except NobodyFound:
-                yield replace(frame, coverage=np.zeros(frame.shape, np.uint8), notes=[*frame.notes, NOBODY])
-        return
-    named = masks.is_dir() and clip.is_dir() and any(mask_in(masks, frame.stem) for frame in list_photos(clip))
-    if not masks.is_dir() and not is_video(masks):
-        raise UserError(f"mask {masks}: for a clip give a folder of masks or a video of them")
-    stream: Iterator[Given] = iter(list_pictures(masks)) if masks.is_dir() else read_frames(masks)[0]
-    for number, frame in enumerate(frames, 1):
-        mask = mask_in(masks, frame.name) if named else next(stream, None)
-        if mask is None and named:
-            raise UserError(f"folder {masks} holds no mask of the frame {frame.name}")
-        if mask is None:
-            raise UserError(f"{masks} holds {number - 1} masks, but the clip has more frames")
+    given = repeat(None) if masks is None else _masks(clip, masks)
+    for number, (frame, mask) in enumerate(zip(frames, given, strict=masks is not None), 1):
         try:
-            yield masked(frame, _drawn(mask) if isinstance(mask, Picture) else mask)
+            yield masked(frame, _drawn(mask) if isinstance(mask, Picture) else mask, mask_model)
+        except NobodyFound:
+            yield replace(frame, coverage=np.zeros(frame.shape, np.uint8), notes=[*frame.notes, NOBODY])
         except UserError as error:
-            raise UserError(f"frame {number} of the clip, mask of {masks}: {error}") from None
-    if not named and next(stream, None) is not None:
-        raise UserError(f"{masks} holds more masks than the clip has frames: each has its own")
+            where = f"frame {number} of the clip, mask of {masks}: " if masks else ""
+            raise UserError(f"{where}{error}") from None
+
+
+def _masks(clip: Path, masks: Path) -> Iterator[Given]:
+    """Returns the masks of the frames of a clip; raises UserError if they are not as many."""
+    stream: Iterator[Given]
+    if masks.is_dir():
+        by_name = {frame.name: mask_in(masks, frame.stem) for frame in (list_photos(clip) if clip.is_dir() else [])}
+        missing = [name for name, mask in by_name.items() if mask is None]
+        if 0 < len(missing) < len(by_name):
+            raise UserError(f"folder {masks} holds no mask of the frame {missing[0]}")
+        files = list_pictures(masks) if missing or not by_name else list(filter(None, by_name.values()))
+        stream, count = iter(files), len(files)
+    elif is_video(masks):
+        stream, shown, _ = read_frames(masks)
+        count = len(shown)
+    else:
+        raise UserError(f"mask {masks}: for a clip give a folder of masks or a video of them")
+    if count != (needed := len(read_frames(clip)[1])):
+        raise UserError(f"{masks} holds {count} masks, but the clip has {needed} frames: each has its own")
+    return stream
 
 
 def _drawn(frame: Picture) -> Image.Image:

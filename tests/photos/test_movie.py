@@ -16,7 +16,7 @@ from relight.photos import movie
 from relight.photos.look import Look
 from relight.photos.mask.find import masked
 from relight.photos.mask.people import NobodyFound
-from relight.photos.movie import smooth_over_time, with_masks, write_movie
+from relight.photos.movie import NOBODY, smooth_over_time, with_masks, write_movie
 from relight.photos.person import Person
 from relight.pictures.picture import Picture
 from relight.pictures.video import is_video, read_frames, write_video
@@ -226,11 +226,11 @@ def test_movie_of_a_clip(run, weights, tmp_path, draw):
         with pytest.raises(UserError, match=says):
             run("movie", *([tmp_path / "a.webm"] if not refused else [frames]), *words[2:], *refused)
     (masks / "4.png").unlink()
-    with pytest.raises(UserError, match="holds no mask of the frame 4"):
+    with pytest.raises(UserError, match=r"holds no mask of the frame 4\.png"):
         run(*words)
     for i in range(4):
         (masks / f"{i}.png").rename(masks / f"mask {i}.png")  # other names: in their order
-    with pytest.raises(UserError, match="holds 4 masks"):
+    with pytest.raises(UserError, match="holds 4 masks, but the clip has 5 frames"):
         run(*words)
 
 
@@ -269,10 +269,8 @@ def test_masks_of_a_clip_are_fitted_where_they_have_two_values(masks, tmp_path):
     assert masks == "masks.mp4" or np.array_equal(second, soft)
 
 
-@pytest.mark.parametrize(
-    ("count", "told"), [(1, "holds 1 masks, but the clip"), (2, ""), (3, "holds more masks than the clip")]
-)
-def test_a_mask_video_has_as_many_frames_as_the_clip(tmp_path, count, told):
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_a_mask_video_has_as_many_frames_as_the_clip(tmp_path, count):
     frame = np.full((96, 96, 3), 200, np.uint8)
     frame[30:60, 30:60] = 0
     write_video(tmp_path / "masks.mp4", [200 - frame] * count, 25)
@@ -282,8 +280,8 @@ def test_a_mask_video_has_as_many_frames_as_the_clip(tmp_path, count, told):
     if count == 2:
         assert len(list(masked)) == 2
     else:
-        with pytest.raises(UserError, match=told):
-            list(masked)
+        with pytest.raises(UserError, match=f"holds {count} masks, but the clip has 2 frames"):
+            next(masked)
 
 
 INSIDE = np.hypot(*np.meshgrid(np.arange(96) - 48, np.arange(96) - 48)) < 30
@@ -294,7 +292,8 @@ PERSON = (PERSON + 30 * np.sin(np.indices((96, 96))[1] / 9)[..., None]).astype(i
 DRAWN = {
     "white": (NOTHING + 255 * INSIDE[..., None], ""),
     "green": (NOTHING + INSIDE[..., None] * [30, 220, 30], ""),
-    "empty": (NOTHING, "the mask is empty"),
+    "empty": (NOTHING, ""),  # in this frame, nobody is seen
+    "full": (NOTHING + 255, "covers the whole photo"),
     "yellow": (NOTHING + INSIDE[..., None] * [220, 200, 40], ""),
     "a cut-out on black": (INSIDE[..., None] * PERSON, "has several colors"),
     "an overlay": (np.where(INSIDE[..., None], PERSON // 2 + [20, 60, 127], PERSON - 40), "has several colors"),
@@ -310,10 +309,11 @@ def test_a_clip_of_masks_is_checked_as_a_mask_is(tmp_path, name):
     photo = Picture.of((NOTHING + np.arange(96)[:, None, None] * 2 + 30).astype(np.uint8))
     if says:
         with pytest.raises(UserError, match=rf"frame 1 of the clip, mask of .*masks\.mp4: .*{says}"):
-            list(with_masks(Path("clip.mp4"), iter([photo]), tmp_path / "masks.mp4"))
+            list(with_masks(tmp_path / "masks.mp4", iter([photo]), tmp_path / "masks.mp4"))
     else:
-        (frame,) = with_masks(Path("clip.mp4"), iter([photo]), tmp_path / "masks.mp4")
-        assert ((frame.coverage > 127) != INSIDE).mean() < 0.01
+        (frame,) = with_masks(tmp_path / "masks.mp4", iter([photo]), tmp_path / "masks.mp4")
+        assert ((frame.coverage > 127) != (INSIDE & drawn.any())).mean() < 0.01
+        assert (NOBODY in frame.notes) == (name == "empty")
 
 
 @pytest.mark.parametrize("codec", ["png", "qtrle", "prores_ks", "libvpx-vp9"])

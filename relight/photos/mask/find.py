@@ -52,7 +52,7 @@ def masked(picture: Picture, mask: Given | None = None, model: Path | str | None
         transparent is not covered.
 
     Raises:
-        UserError: if there is no mask, or it is empty or full (NobodyFound), of another size, or the picture itself.
+        UserError: if there is no mask, or it is empty (NobodyFound), full, of another size, or the picture itself.
     """
     alpha = None if picture.alpha is None else convert_alpha(picture.alpha, np.uint8)
     if mask is None and picture.file is not None:
@@ -64,7 +64,7 @@ def masked(picture: Picture, mask: Given | None = None, model: Path | str | None
         coverage, said = read_mask(mask, picture.shape)
         notes, solid = [*notes, *said], coverage >= MASK_THRESHOLD
         if solid.all():
-            raise NobodyFound(f"{what} covers the whole photo: {WANTED}")
+            raise UserError(f"{what} covers the whole photo: {WANTED}")
         if not solid.any():
             raise NobodyFound(f"{what} is empty: no pixel of it is at least half white")
         if _is_the_photo(coverage, picture.pixels):
