@@ -1,5 +1,6 @@
 """Atomic writing of files, and checks of paths before long work."""
 
+import codecs
 import errno
 import fcntl
 import glob
@@ -24,6 +25,15 @@ PHOTO_SUFFIXES = (
     ".jpg", ".jpeg", ".jfif", ".png", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".avif", ".heic", ".heif",
 )  # fmt: skip
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".3gp", ".webm", ".mkv", ".avi", ".mts", ".m2ts", ".ts", ".wmv")
+
+
+# First bytes of what is not the file that its name says, and an error message for each.
+WRAPPINGS = (
+    (b"version https://git-lfs", "a git-lfs pointer; fetch the file itself (git lfs pull)"),
+    (b"PK\x03\x04", "a zip archive; unpack it first"),
+    (b"\x1f\x8b", "a gzip archive; unpack it first"),
+    (b"<", "a web page, not the file; download it again"),
+)
 
 
 def data_folder() -> Path:
@@ -244,6 +254,15 @@ def existing_file(path: Path | str, what: str) -> Path:
         raise UserError(f"{what}: there is no file {path}")
     require_readable(path, what)
     return path
+
+
+def require_unpacked(path: Path) -> None:
+    """Raises UserError for what a download may leave in place of a file: a page, an archive, a pointer of git-lfs."""
+    with open(path, "rb") as file:
+        start = file.read(256).removeprefix(codecs.BOM_UTF8).lstrip()
+    for magic, description in WRAPPINGS:
+        if start.startswith(magic):
+            raise UserError(f"{path}: {description}")
 
 
 def file_hash(path: Path) -> str:

@@ -242,7 +242,8 @@ def _surface(gltf: Gltf, number: int | None, notes: list[str]) -> Surface:
     entry = gltf.item("materials", number)
     base = entry.get("pbrMetallicRoughness", {})
     extensions = entry.get("extensions", {})
-    given = _legacy_base(extensions.get("KHR_materials_pbrSpecularGlossiness", {})) or base  # in place of it
+    legacy = extensions.get("KHR_materials_pbrSpecularGlossiness", {})  # in place of it
+    given = {f"baseColor{key[7:]}": value for key, value in legacy.items() if key.startswith("diffuse")} or base
     factor, slot = given.get("baseColorFactor"), given.get("baseColorTexture")
     name = str(entry.get("name", ""))
     glow = entry.get("emissiveFactor"), entry.get("emissiveTexture")
@@ -264,11 +265,6 @@ def _surface(gltf: Gltf, number: int | None, notes: list[str]) -> Surface:
     texture, wrap = _texture(gltf, slot["index"])
     channel = slot.get("texCoord", 0) if channel is None else channel
     return Surface(Material(color, texture, name, **gloss, wrap=wrap), placement, channel)
-
-
-def _legacy_base(extension: dict[str, Any]) -> dict[str, Any]:
-    names = {"diffuseFactor": "baseColorFactor", "diffuseTexture": "baseColorTexture"}
-    return {new: extension[old] for old, new in names.items() if old in extension}
 
 
 def _placement(extension: dict[str, Any]) -> tuple[np.ndarray, int | None]:

@@ -43,12 +43,12 @@ def read_ply(path: Path) -> RawMesh:
         Material(texture=read_texture(find_file(path, name), f"{path}: texture {spellings(name)[0]}"))
         for name in textures
     ]
-    faces = index[position]
+    faces, is_numbered = index[position], len(materials) > ("texnumber" not in face)
     raw = RawMesh(
         vertices=vertices,
         faces=faces,
         uv=_texture_coordinates(path, vertex, face, counts, position, faces) if textures else None,
-        material=_texture_numbers(path, face, materials)[polygon] if len(materials) > 1 else None,
+        material=_texture_numbers(path, face, materials)[polygon] if is_numbered else None,
         materials=materials or [None],
         normal=_columns(vertex, ("nx", "ny", "nz")),
     )

@@ -148,7 +148,8 @@ def unit_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
         uint8 codes as they are, else floats in [0,1]; and warnings where the numbers can mean two things.
     """
     if values.dtype.itemsize == 1:
-        return values.view(np.uint8), []
+        codes, unlikely = values.view(np.uint8), f"{what}: values up to 1 are taken as codes of 0 to 255"
+        return codes, [unlikely] if codes.max(initial=0) == 1 else []
     is_integer = values.dtype.kind in "iu"
     least, largest = (float(extreme.reduce(values, axis=None, initial=0)) for extreme in (np.fmin, np.fmax))
     not_numbers = 0 if is_integer else int(np.isnan(values).sum())

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from relight.core.errors import UserError
-from relight.core.files import existing_file, require_readable
+from relight.core.files import existing_file, require_readable, require_unpacked
 from relight.panoramas.exr import read_exr
 from relight.panoramas.hdr import read_hdr
 from relight.panoramas.panorama import LAYOUTS, Panorama
@@ -15,15 +15,9 @@ from relight.panoramas.repair import repair_pixels, repair_sun
 SUFFIXES = (".hdr", ".pic", ".rgbe", ".xyze", ".exr")
 # First bytes of files that are not panoramas, and an error message for each.
 OTHER_FILES = (
-    (b"version https://git-lfs", "a git-lfs pointer; fetch the file itself (git lfs pull)"),
-    (b"\x89PNG", "a PNG picture, whose range is too low for light; use its .hdr or .exr"),
-    (b"\xff\xd8\xff", "a JPEG picture, whose range is too low for light; use its .hdr or .exr"),
-    (b"GIF8", "a GIF picture, whose range is too low for light; use its .hdr or .exr"),
-    (b"II*\x00", "a TIFF picture; save it as .exr"),
-    (b"MM\x00*", "a TIFF picture; save it as .exr"),
+    ((b"\x89PNG", b"\xff\xd8\xff", b"GIF8"), "a PNG, JPEG or GIF, of too low a range for light; use its .hdr or .exr"),
+    ((b"II*\x00", b"MM\x00*"), "a TIFF picture; save it as .exr"),
     (b"PF", "a portable float map; save it as .exr"),
-    (b"PK\x03\x04", "a zip archive; unpack it first"),
-    (b"\x1f\x8b", "a gzip archive; unpack it first"),
 )
 
 
@@ -76,11 +70,10 @@ def _read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
     if start.startswith(b"#?"):
         pixels, repairs = read_hdr(path)
         return pixels, None, repairs
+    require_unpacked(path)
     for magic, description in OTHER_FILES:
         if start.startswith(magic):
             raise UserError(f"{path}: {description}")
-    if start.lstrip()[:1] == b"<":
-        raise UserError(f"{path}: a web page, not a picture; download it again")
     raise UserError(f"{path}: not a panorama; Radiance .hdr and OpenEXR are read")
 
 

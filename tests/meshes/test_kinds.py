@@ -193,6 +193,7 @@ def channels(kind: str, names: str = "red green blue") -> str:
 # name -> (file, albedo, what a warning says)
 PLYS = {
     "vertex colors, `uchar` 255 128 0": (ply(("255 128 0", ""), channels("uchar")), ORANGE, ""),
+    "vertex colors, `uchar` 1 1 0": (ply(("1 1 0", ""), channels("uchar")), (3e-4, 3e-4, 0), "taken as codes"),
     "vertex colors, `ushort` 65535 32896 0": (ply(("65535 32896 0", ""), channels("ushort")), ORANGE, ""),
     "vertex colors, `ushort` 255 128 0": (ply(("255 128 0", ""), channels("ushort")), ORANGE, "codes of 0 to 255"),
     "vertex colors, `int` 255 128 0": (ply(("255 128 0", ""), channels("int")), ORANGE, ""),
@@ -216,9 +217,10 @@ PLYS = {
     "vertex colors, `float` 1 nan 0": (ply(("1 nan 0", ""), channels("float")), (1, 0, 0), "3 values are not numbers"),
     "of two types": (ply(("1 128 0", ""), "float red, uchar green, uchar blue"), (1, 1, 1), "of different types"),
     "blue first, and alpha": (ply(("0 128 255 9", ""), channels("uchar", "blue green red alpha")), ORANGE, ""),
-    "a texture for no face": (
+    **{f"{count} textures for no face": (
         ply(("", "6 0 0 0 0 0 0 -1"), face="list uchar float texcoord, int texnumber",
-            comment="comment TextureFile t.png\ncomment TextureFile t.png\n"), (1, 1, 1), "1 of 1 faces have neither"),
+            comment="comment TextureFile t.png\n" * count), (1, 1, 1), "1 of 1 faces have neither")
+        for count in (1, 2)},
     "byte order mark": (codecs.BOM_UTF8 + ply(("255 128 0", ""), channels("uchar")), ORANGE, ""),
     "CR": (ply(("255 128 0", ""), channels("uchar")).replace(b"\n", b"\r"), ORANGE, ""),
 }  # fmt: skip
@@ -715,7 +717,7 @@ def test_scans_table_without_paths_or_a_use_is_refused(tmp_path, text, says):
 
 
 def test_a_cube_of_stl_is_one_surface_in_both_forms(tmp_path):
-    """Eight corners, which STL names 36 times; binary files may begin as ascii ones do."""
+    """Eight corners, which STL names 36 times. Names hold any words; binary files begin and end as they like."""
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]  # counter-clockwise
     cube = corners[[(a, *pair) for a, b, c, d in sides for pair in ((b, c), (c, d))]]
@@ -724,13 +726,21 @@ def test_a_cube_of_stl_is_one_surface_in_both_forms(tmp_path):
     records = np.zeros(12, [("normal", "<f4", 3), ("triangle", "<f4", (3, 3)), ("attributes", "<u2")])
     records["triangle"] = cube
     data = b"solid".ljust(80) + struct.pack("<I", 12) + records.tobytes()
-    for content in (f"solid cube\n{text}endsolid cube\n", data):
-        path = write(tmp_path, {"cube.stl": content.encode() if isinstance(content, str) else content})
-        mesh = read_mesh(path)
+    whole = f"solid cube of facet vertex 1\n{text}endsolid cube\n".encode()
+    for content in (whole, whole.upper().replace(b"\n", b"\r\n\t"), data, data + b"a stamp"):
+        mesh = read_mesh(path := write(tmp_path, {"cube.stl": content}))
         assert len(mesh.vertices) == 8 and mesh.faces.shape == (12, 3)
         a, b, c = np.moveaxis(mesh.vertices[mesh.faces].astype(float), 1, 0)
         assert (a * np.cross(b, c)).sum() / 6 == pytest.approx(1)  # its volume, positive where faces look outward
         assert "the albedo is white" in mesh.info["warnings"][0]
-    write(tmp_path, {"cube.stl": data[:-7]})
-    with pytest.raises(UserError, match=r"cube\.stl has no faces"):
-        read_mesh(path)
+    for content in (
+        data[:-7],
+        whole[:-14],
+        whole.replace(b"vertex 0", b"0", 1),
+        whole.replace(b"vertex 0.0", b"vertex", 1),
+    ):
+        write(tmp_path, {"cube.stl": content})
+        with pytest.raises(UserError, match=r"cube\.stl is cut short or damaged, or no STL"):
+            read_mesh(path)
+    records["triangle"] *= 1e-9  # corners are joined only at the same point
+    assert len(read_mesh(write(tmp_path, {"cube.stl": data[:84] + records.tobytes()})).vertices) == 8

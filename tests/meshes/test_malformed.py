@@ -190,6 +190,10 @@ BROKEN = {
                                                                    {"POSITION": 0})(s)),
          "t.png": picture()}, "have no TEXCOORD_0"),
     # other
+    **{f"{kind} called .{suffix}": ({f"a.{suffix}": content}, says) for suffix in ("obj", "ply", "stl", "glb", "gltf")
+       for kind, content, says in (("a pointer", b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
+                                   ("an archive", b"PK\x03\x04" + bytes(99), "unpack it"),
+                                   ("a page", b"\n<!DOCTYPE html>", "web page"))},
     "a kind that is not read": ({"a.fbx": b"Kaydara FBX Binary"}, ".glb"),
     "no suffix": ({"figure": b"ply\n"}, "no suffix"),
 }  # fmt: skip
