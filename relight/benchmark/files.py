@@ -1,6 +1,5 @@
 """Reads and writes the files of the benchmark: sets of pictures, and methods' answers (docs/benchmark.md)."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,7 +12,7 @@ from PIL import Image
 from relight.benchmark.measures import Intrinsics
 from relight.benchmark.shots import Shot
 from relight.core.errors import UserError
-from relight.core.files import atomic_write, existing_file, file_hash, write_json
+from relight.core.files import atomic_write, existing_file, file_hash, read_record, write_json
 from relight.core.npz import read_npz
 from relight.maps.square import MASK_THRESHOLD, crop_around
 from relight.sh.conventions import MAX_COEFFICIENT
@@ -85,13 +84,10 @@ class BenchmarkSet:
     def __init__(self, folder: Path | str):
         """Opens a set. Raises UserError if `relight benchmark make` has not finished it."""
         self.folder = Path(folder)
-        try:
-            self.index = json.loads((self.folder / INDEX).read_text())
-            self.hash: str = self.index["sha256"]
-        except (OSError, ValueError, KeyError, TypeError):
-            raise UserError(
-                f"{folder}: there is no finished benchmark there (relight benchmark make --out {folder})"
-            ) from None
+        self.index = read_record(self.folder / INDEX)
+        if not {"settings", "sha256", "pictures"} <= set(self.index):
+            raise UserError(f"{folder}: there is no finished benchmark there (relight benchmark make --out {folder})")
+        self.hash: str = self.index["sha256"]
 
     @cached_property
     def entries(self) -> list[Entry]:
@@ -132,7 +128,7 @@ def keep_record(path: Path, record: dict[str, Any], problem: str) -> None:
     """Writes what makes the files of a folder, or raises UserError about a `problem` if something else made them."""
     if not path.is_file():
         write_json(path, record)
-    elif json.loads(path.read_text()) != record:
+    elif read_record(path) != record:
         raise UserError(problem)
 
 

@@ -45,6 +45,9 @@ def score(folder: Path | str, answers: Path | str) -> Path:
     if not answers.is_dir():
         raise UserError(f"{answers}: there is no such folder of answers")
     benchmark.verify()
+    names_of_set = {entry.name for entry in benchmark.entries}
+    if strange := sorted(path for path in answers.glob("[!.]*.npz") if path.stem not in names_of_set):
+        raise UserError(f"{strange[0]} answers no picture of the set: files have the names of pictures and variants")
     pictures = [entry for entry in benchmark.entries if not entry.of]
     has_variants = any((answers / f"{entry.name}.npz").is_file() for entry in benchmark.entries if entry.of)
     rows: list[dict[str, Any]] = []

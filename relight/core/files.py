@@ -169,6 +169,15 @@ def write_json(path: Path | str, record: Any, default: Callable[[Any], Any] | No
     write_text(path, json.dumps(record, indent=1, default=default) + "\n")
 
 
+def read_record(path: Path) -> dict[str, Any]:
+    """Reads a record that `write_json` wrote; {} if there is none, or the file holds something else."""
+    try:
+        record = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return record if isinstance(record, dict) else {}
+
+
 @contextmanager
 def atomic_folder(path: Path | str) -> Iterator[Path]:
     """Writes a folder atomically: yields an empty folder beside `path` that replaces it if the block succeeds.

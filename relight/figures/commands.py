@@ -111,17 +111,16 @@ def make_one(task: tuple[int, dict[str, Any], Path]) -> str | None:
     from dataclasses import asdict
 
     from relight.core.errors import UserError
-    from relight.core.files import write_json
+    from relight.core.files import read_record, write_json
     from relight.figures.export import LICENCE, write_glb
     from relight.figures.make import GENERATOR, make_figure
 
     seed, settings, path = task
     record = path.with_suffix(".json")
     plain = json.loads(json.dumps({**settings, "constraints": asdict(settings["constraints"])}))
-    if path.is_file() and record.is_file():
-        known = json.loads(record.read_text())
-        if known.get("settings") == plain and known.get("generator") == GENERATOR:
-            return None
+    known = read_record(record)
+    if path.is_file() and known.get("settings") == plain and known.get("generator") == GENERATOR:
+        return None
     try:
         mesh = make_figure(seed, **settings)
         mesh.info |= {"licence": LICENCE, "settings": plain}
@@ -140,9 +139,9 @@ def write_table(folder: Path) -> None:
     import csv
     import json
 
-    from relight.core.files import atomic_write
+    from relight.core.files import atomic_write, read_record
 
-    records = [json.loads(path.read_text()) for path in sorted(folder.glob("g[0-9]*.json"))]
+    records = [record for path in sorted(folder.glob("g[0-9]*.json")) if (record := read_record(path))]
     if not records:
         return
     with atomic_write(folder / "figures.csv") as tmp, open(tmp, "w", newline="") as file:

@@ -1,13 +1,14 @@
 """The light set: a table of lights, stored as lights.npz for programs and as lights.csv for people."""
 
 import csv
+import io
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from relight.core.errors import UserError
-from relight.core.files import atomic_write
+from relight.core.files import atomic_write, existing_file, write_text
 from relight.core.npz import read_npz
 from relight.lights.statistics import reference_brightness
 from relight.sh import bands, coefficient_count, order_of
@@ -75,18 +76,22 @@ def write_light_set(lights: LightSet, path: Path | str) -> None:
     with atomic_write(archive) as temporary, open(temporary, "wb") as file:
         arrays = {f.name: getattr(lights, f.name) for f in fields(lights)}
         np.savez(file, convention=np.array(CONVENTION), **arrays)
+    write_text(table, _text(lights))
+
+
+def _text(lights: LightSet) -> str:
     k = np.arange(coefficient_count(lights.order))
     l = bands(lights.order)
     names = [f"L{a}{b:+d}_{c}" for a, b in zip(l, k - l * l - l) for c in "RGB"]
     plain = [f.name for f in fields(lights) if f.name != "coefficients"]
     reference = reference_brightness(lights.coefficients)
-    with atomic_write(table) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow([*plain, "reference", "convention", *names])
-        for i in range(len(lights)):
-            columns = [getattr(lights, name)[i] for name in plain]
-            numbers = [f"{value:.7g}" for value in lights.coefficients[i].ravel()]
-            writer.writerow([*columns, f"{reference[i]:.4f}", CONVENTION, *numbers])
+    writer = csv.writer(text := io.StringIO())
+    writer.writerow([*plain, "reference", "convention", *names])
+    for i in range(len(lights)):
+        columns = [getattr(lights, name)[i] for name in plain]
+        numbers = [f"{value:.7g}" for value in lights.coefficients[i].ravel()]
+        writer.writerow([*columns, f"{reference[i]:.4f}", CONVENTION, *numbers])
+    return text.getvalue()
 
 
 def read_light_set(path: Path | str) -> LightSet:
@@ -96,9 +101,10 @@ def read_light_set(path: Path | str) -> LightSet:
         path: the .npz, the .csv beside it, or a folder that holds lights.npz.
 
     Raises:
-        UserError: if there is no such file, if it is not a light set, or if it has another convention.
+        UserError: if there is no such file, if it is not a light set, or of another convention, or if a .csv that is
+            named has been changed.
     """
-    archive, _ = table_paths(path)
+    archive, text = table_paths(path)
     stored = read_npz(archive, "light set")
     names = [f.name for f in fields(LightSet)]
     if missing := {"convention", *names} - set(stored):
@@ -113,4 +119,6 @@ def read_light_set(path: Path | str) -> LightSet:
     if any(getattr(lights, name).shape != (len(lights),) for name in names if name != "coefficients"):
         raise UserError(f"{archive} is not a light set of relight (its columns differ in length)")
     order_of(table.shape[1])  # raises where K is no number of coefficients
+    if text == Path(path) and existing_file(text, "light set").read_bytes() != _text(lights).encode():
+        raise UserError(f"{text} has been changed, but {archive}, whose text it was, is read: name that")
     return lights

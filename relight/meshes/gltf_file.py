@@ -35,6 +35,7 @@ class Gltf:
         path: of the file.
         json: its description.
         chunk: binary data of a .glb file, or None.
+        advice: an end of messages about missing data.
         buffers: those that were read, by index.
     """
 
@@ -53,6 +54,8 @@ class Gltf:
         required = set(self.json.get("extensionsRequired", [])) - WITHOUT_EFFECT - READ
         if required:
             raise UserError(f"{path} needs {', '.join(sorted(required))}; save it without compression or extensions")
+        compression = [name for name in self.json.get("extensionsUsed", []) if "compression" in name]
+        self.advice = f"; save it without {' or '.join(compression)}" if compression else ""
         self.buffers: dict[int, bytes] = {}
 
     def _split(self, data: bytes) -> tuple[bytes, bytes | None]:
@@ -110,7 +113,7 @@ class Gltf:
         if number not in self.buffers:
             data = self.resource(buffer["uri"]) if "uri" in buffer else self.chunk if number == 0 else None
             if data is None:
-                raise UserError(f"{self.path}: the binary chunk is missing")
+                raise UserError(f"{self.path}: the binary chunk is missing{self.advice}")
             self.buffers[number] = data
         start, length = view.get("byteOffset", 0), view["byteLength"]
         if start < 0 or length < 0 or start + length > len(self.buffers[number]):
@@ -127,7 +130,7 @@ class Gltf:
         if "sparse" in accessor:
             raise UserError(f"{self.path} has a sparse accessor, which is not read here: export it without")
         if "bufferView" not in accessor:  # zeros by the standard, of any number: no surface needs them
-            raise UserError(f"{self.path}: an accessor of {count} values comes without data")
+            raise UserError(f"{self.path}: an accessor of {count} values comes without data{self.advice}")
         data, stride = self.view(accessor["bufferView"])
         start, row = accessor.get("byteOffset", 0), type.itemsize * width
         stride = stride or row

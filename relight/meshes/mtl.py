@@ -167,6 +167,8 @@ def _surface(path: Path, statements: dict[bytes, bytes], textures: dict[Path, np
         color, notes = _parse_color(path, statements[b"kd"]) if b"kd" in statements else (None, [])
         return Surface(None if color is None else Material(color), NO_PLACEMENT, notes)
     written, placement, clamp = _parse_map(statements[key])
+    if b"<udim>" in written.lower():
+        raise UserError(f"{path}: the texture {spellings(written)[0]} is of several tiles: bake them into one picture")
     file = find_file(path, written, *_without_comment(written))
     if file not in textures:
         textures[file] = read_texture(file, f"{path}: texture {spellings(written)[0]}")

@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from relight.core.errors import UserError
-from relight.settings.checks import check, no_choice
+from relight.settings.checks import check, no_choice, no_such
 from relight.settings.schema import FIELDS, Config
 from relight.settings.setting import setting_of
 
@@ -118,7 +118,13 @@ def read_preset(group: str, name: str = "default") -> Any:
 
     Returns:
         The group's dataclass, such as `Lights`.
+
+    Raises:
+        UserError: if there is no such group or preset.
     """
+    known = {key: names for key, names in presets().items() if key in Config.__dataclass_fields__}
+    if name not in known.get(group, ()):
+        raise UserError(no_choice(group, name, known[group]) if group in known else no_such(group, known))
     schema, preset = OmegaConf.structured(getattr(Config(), group)), OmegaConf.load(CONF / group / f"{name}.yaml")
     return OmegaConf.to_object(OmegaConf.merge(schema, preset))
 

@@ -11,15 +11,18 @@ import numpy as np
 
 from relight.core.errors import UserError
 
+MAX_ORDER = 85  # above, (2 order)! overflows double precision, and harmonics would vanish
 UNOCCLUDED_T00 = math.sqrt(math.pi) / 2  # T_00 of unoccluded points, its maximum: pi Y_00 = .8862
 
 
 def coefficient_count(order: int) -> int:
-    """Returns K, the number of coefficients up to and including band `order`.
+    """Returns K, the number of coefficients up to and including band `order`; UserError above MAX_ORDER.
 
     >>> coefficient_count(2)
     9
     """
+    if order > MAX_ORDER:
+        raise UserError(f"order {order}: it must be at most {MAX_ORDER}")
     return (order + 1) ** 2
 
 

@@ -141,13 +141,19 @@ def test_score_and_answer_refuse(drawn, truth, tmp_path):
     path.write_bytes(kept[:200])
     with pytest.raises(UserError, match="is not a benchmark file of relight"):
         score(drawn, truth)
-    path.unlink()
+    path.rename(misnamed := truth / "g900000.1_mirror.npz")
+    with pytest.raises(UserError, match=r"g900000\.1_mirror\.npz answers no picture of the set"):
+        score(drawn, truth)
+    misnamed.unlink()
     with pytest.raises(UserError, match=r"there is no .*g900000\.1\.npz: a folder of answers must have one .npz for"):
         score(drawn, truth)
     with pytest.raises(UserError, match="there is no such folder of answers"):
         score(drawn, tmp_path / "nowhere")
     with pytest.raises(UserError, match="there is no finished benchmark there"):
         score(tmp_path, truth)
+    (tmp_path / "answers.json").write_text('{"set')
+    with pytest.raises(UserError, match="holds answers of another method, network or set"):
+        answer(drawn, tmp_path, "as_it_is")
     with pytest.raises(UserError, match="--method best: must be one of network, as_it_is, mean_light, true_maps"):
         answer(drawn, tmp_path / "best", "best")
     with pytest.raises(UserError, match=r"--weights no\.onnx is for --method network, not as_it_is"):

@@ -344,6 +344,7 @@ def test_write_table_lists_all_figures_of_the_folder(tmp_path):
     """Those of earlier calls too, whatever columns they have."""
     for note in ({"name": "g0001", "garments": ["robe"]}, {"name": "g0000", "pose": "waving"}):
         (tmp_path / f"{note['name']}.json").write_text(json.dumps(note))
+        (tmp_path / "g0002.json").write_text("")  # cut short, or of another program
         write_table(tmp_path)
     with open(tmp_path / "figures.csv", newline="") as file:
         rows = list(csv.DictReader(file))

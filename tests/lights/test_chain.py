@@ -217,10 +217,14 @@ def test_table_round_trip(rooms, tmp_path):
     again = read_light_set(tmp_path / "set" / "lights.csv")
     for name in vars(lights):
         np.testing.assert_array_equal(getattr(lights, name), getattr(again, name))
-    lines = (tmp_path / "set" / "lights.csv").read_text().splitlines()
+    text = tmp_path / "set" / "lights.csv"
+    lines = text.read_text().splitlines()
     assert len(lines) == 1 + len(lights) and "L2-1_G" in lines[0] and lights.source[0] in lines[1]
     with np.load(tmp_path / "set" / "lights.npz") as stored:  # what learning reads, without pandas or pickle
         assert stored["coefficients"].dtype == np.float32 and set(stored["split"]) <= set(SPLITS)
+    text.write_text("\n".join([lines[0], *lines[2:]]))  # a row less, so that numbers mean other lights
+    with pytest.raises(UserError, match=r"lights\.csv has been changed, but .*lights\.npz, .* is read: name that"):
+        load_light(f"{text}:1")
     (tmp_path / "set" / "lights.npz").rename(tmp_path / "L.NPZ")
     with pytest.raises(UserError, match=r"such as .*L\.NPZ:0$") as error:
         load_light(tmp_path / "L.NPZ")

@@ -127,6 +127,8 @@ BROKEN = {
         {"a.ply": binary_ply().replace(b"element vertex", b"comment TextureFile skin.png\nelement vertex", 1)},
          "skin.png"),
     # OBJ
+    "obj of a texture in tiles": (SKIN | {"a.mtl": MTL.format("t.<UDIM>.png").encode(), "t.1001.png": picture()},
+                                  "bake them into one picture"),
     "obj of points": ({"a.obj": OBJ.encode()}, "no faces"),
     "obj that is binary": ({"a.obj": b"\x80" * (3 << 20)}, "not an .obj"),
     "obj truncated in a vertex": ({"a.obj": b"v 0 0 0\nv 1 0\nf 1 2 1\n"}, "has 2 numbers"),
@@ -168,6 +170,9 @@ BROKEN = {
     "gltf of nested brackets": ({"a.gltf": b"[" * 200_000}, "JSON"),
     "gltf without version": ({"a.gltf": b"{}"}, "not glTF"),
     "gltf needing compression": ({"a.gltf": gltf(extensionsRequired=["KHR_draco_mesh_compression"])}, "draco"),
+    "gltf of compressed data only": (
+        {"a.gltf": gltf(lambda s: s["accessors"][0].pop("bufferView"), extensionsUsed=["EXT_meshopt_compression"])},
+        "without data; save it without EXT_meshopt_compression"),
     "gltf of a truncated .bin": (
         {"a.gltf": gltf(setting("buffers", 0, "uri", "a.bin")), "a.bin": b"\0" * 50}, "over the end"),
     "gltf of broken base64": ({"a.gltf": gltf(setting("buffers", 0, "uri", "data:;base64,@@@"))}, "base64"),

@@ -94,6 +94,12 @@ def test_a_preset_is_read_without_hydra():
     cfg = composed()
     assert asdict(read_preset("lights")) == OmegaConf.to_container(cfg.lights)
     assert read_preset("loss", "full") == Loss(**cfg.loss)
+    for name, words in (
+        (["bakes"], "bakes: no such setting; did you mean bake"),
+        (["lights", "lab"], "lights=lab: no"),
+    ):
+        with pytest.raises(UserError, match=words):
+            read_preset(*name)
 
 
 @pytest.mark.parametrize(
