@@ -41,10 +41,16 @@ def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
     """
     name = str(mesh.info.get("name", ""))
     row = read_align_table(settings.table).get(name, {}) if settings.table else {}
-    up, front = (
-        _first_axis(key, row.get(key), getattr(settings, key), mesh.info.get("axes", {}).get(key))
-        for key in ("up", "front")
-    )
+
+    def given_axis(key: str) -> str | None:
+        """Returns the first axis that is given; None if all values are None, "" or "auto"."""
+        values = row.get(key), getattr(settings, key), mesh.info.get("axes", {}).get(key)
+        axis = next((value for value in values if value not in (None, "", "auto")), None)
+        if axis not in (None, *AXES):
+            raise UserError(f"align.{key} {axis!r} is not an axis; {', '.join(AXES)} and auto are")
+        return axis
+
+    up, front = given_axis("up"), given_axis("front")
     turn = float(row.get("turn", 0))
     warnings = list(mesh.info.get("warnings", []))
     if "axes" not in mesh.info and (side := flat_side(mesh)):
@@ -79,18 +85,6 @@ def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
         normal=None,
         info={**mesh.info, "align": record, "warnings": warnings},
     )
-
-
-def _first_axis(key: str, *values: str | None) -> str | None:
-    """Returns the first axis that is given.
-
-    None, "" and "auto" give no axis, and None is returned if all values do. Raises UserError, with `key` in its
-    message, if the first axis is not in AXES.
-    """
-    axis = next((axis for axis in values if axis not in (None, "", "auto")), None)
-    if axis is not None and axis not in AXES:
-        raise UserError(f"align.{key} {axis!r} is not an axis; {', '.join(AXES)} and auto are")
-    return axis
 
 
 def axes_rotation(up: str, front: str) -> np.ndarray:

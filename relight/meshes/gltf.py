@@ -70,7 +70,10 @@ def _read(gltf: Gltf) -> RawMesh:
         index = index_of[number]
         color, normal = np.ones((len(faces), 3, 3), np.float32), np.zeros_like(points)
         if "COLOR_0" in attributes:
-            color = _colors(gltf.accessor(attributes["COLOR_0"])[:, :3], notes)[faces]
+            # Integers are codes, although a file may have forgotten to mark them as normalised.
+            codes, unusual = unit_colors(gltf.accessor(attributes["COLOR_0"])[:, :3], "its vertex colors")
+            color = (codes / np.float32(255) if codes.dtype == np.uint8 else codes).astype(np.float32)[faces]
+            notes += unusual
             is_colored = True
         if "NORMAL" in attributes:
             normal = _turned(gltf.accessor(attributes["NORMAL"]), linear) * side[..., None]
@@ -120,16 +123,6 @@ def _uv(gltf: Gltf, primitive: dict[str, Any], surface: Surface, faces: np.ndarr
         uv = uv / np.iinfo(uv.dtype.char).max  # whole numbers mean nothing else without that extension
     uv = uv @ surface.placement[:, :2].T + surface.placement[:, 2]
     return np.stack([uv[:, 0], 1 - uv[:, 1]], axis=-1)[faces]  # glTF counts v from the top
-
-
-def _colors(values: np.ndarray, notes: list[str]) -> np.ndarray:
-    """Returns linear vertex colors (V,3) float32 in [0,1]; adds what is unusual about them to `notes`.
-
-    Integers are codes of 8 or 16 bits, although a file may have forgotten to mark them as normalised.
-    """
-    codes, unusual = unit_colors(values, "its vertex colors")
-    notes += unusual
-    return (codes / np.float32(255) if codes.dtype == np.uint8 else codes).astype(np.float32)
 
 
 def _poses(gltf: Gltf, node: dict[str, Any]) -> list[str]:

@@ -50,12 +50,6 @@ class Element:
     count: int
     properties: list[Property] = field(default_factory=list)
 
-    def least_bytes(self, ascii: bool) -> int:
-        """Returns the size of the shortest row: a list may be empty, an ascii value is a digit and a space."""
-        return sum(
-            2 if ascii else np.dtype(property.length_type or property.type).itemsize for property in self.properties
-        )
-
 
 class ListColumn(NamedTuple):
     """The lists of a property.
@@ -84,7 +78,11 @@ def read_blocks(path: Path) -> tuple[dict[str, Block], list[bytes]]:
     data = path.read_bytes().removeprefix(codecs.BOM_UTF8)
     byte_order, elements, textures, start = _header(path, data[:MAX_HEADER])
     is_ascii = byte_order is None
-    needed = sum(element.count * element.least_bytes(is_ascii) for element in elements)
+    needed = sum(  # a list may be empty, and an ascii value is a digit and a space
+        element.count * (2 if is_ascii else np.dtype(length_type or type).itemsize)
+        for element in elements
+        for _, type, length_type in element.properties
+    )
     if needed > len(data) - start + is_ascii:  # checked before such an array is allocated; ascii may end without space
         counts = " and ".join(f"{element.count} {element.name} rows" for element in elements)
         raise UserError(f"{path}: the header promises {counts}, which {len(data) - start} bytes cannot hold")
@@ -166,22 +164,18 @@ def _binary_blocks(path: Path, data: bytes, start: int, byte_order: str, element
     return blocks
 
 
-def _list_length(path: Path, data: bytes, start: int, type: str, element: Element) -> tuple[int, int]:
-    """Reads the number before a list.
+def _unpack(
+    path: Path, data: bytes, start: int, type: str, count: float, element: Element
+) -> tuple[tuple[Any, ...], int]:
+    """Unpacks `count` numbers of a type ("<f4") from byte `start` on, and returns where they end, too.
 
-    `start` is in bytes, and `type` has its byte order, such as "<i4". Returns the length of the list and the position
-    of its first value; raises UserError if the list would be longer than the data.
+    Raises UserError if the data end before, or hold fewer bytes in all.
     """
-    length = _unpack(path, data, start, type, 1, element)[0]
-    if not 0 <= length <= len(data):  # also refuses NaN, in ascii files
-        raise UserError(f"{path}: a list of {length} values in {element.name}; the file is damaged")
-    return int(length), start + np.dtype(type).itemsize
-
-
-def _unpack(path: Path, data: bytes, start: int, type: str, count: int, element: Element) -> tuple[Any, ...]:
-    """Unpacks `count` numbers of a type ("<f4") from byte `start` on; raises UserError if the data end before."""
+    if not 0 <= count <= len(data):  # also refuses NaN, the length of a list in ascii files
+        raise UserError(f"{path}: a list of {count} values in {element.name}; the file is damaged")
     try:
-        return struct.unpack_from(f"{type[0]}{count}{np.dtype(type).char}", data, start)
+        values = struct.unpack_from(f"{type[0]}{int(count)}{np.dtype(type).char}", data, start)
+        return values, start + np.dtype(type).itemsize * len(values)
     except (struct.error, OverflowError):
         raise UserError(f"{path} ends in the middle of its {element.name} data: it is truncated") from None
 
@@ -197,10 +191,10 @@ def _ragged(path: Path, data: bytes, start: int, byte_order: str, element: Eleme
         for name, type, length_type in element.properties:
             length = 1
             if length_type:
-                length, start = _list_length(path, data, start, byte_order + length_type, element)
-                lengths[name].append(length)
-            values[name].extend(_unpack(path, data, start, byte_order + type, length, element))
-            start += np.dtype(type).itemsize * length
+                (length,), start = _unpack(path, data, start, byte_order + length_type, 1, element)
+            read, start = _unpack(path, data, start, byte_order + type, length, element)
+            values[name].extend(read)
+            lengths[name].append(len(read))
     block = {
         name: ListColumn(np.array(lengths[name]), np.array(values[name])) if length_type else np.array(values[name])
         for name, _, length_type in element.properties

@@ -1,6 +1,6 @@
 """Converts errors of Hydra, OmegaConf and YAML to one sentence."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 
 import yaml
 from hydra.errors import MissingConfigException, OverrideParseException
@@ -18,7 +18,8 @@ def explain(error: Exception, groups: Mapping[str, Iterable[str]]) -> str:
         error: error that Hydra, OmegaConf or the YAML reader raised.
         groups: names of the presets of all groups of settings.
     """
-    for cause in _causes(error):
+    cause: BaseException | None = error
+    while cause is not None:
         match cause:
             case yaml.MarkedYAMLError(problem_mark=yaml.Mark() as mark):
                 return f"{mark.name}, line {mark.line + 1}: {cause.problem}"
@@ -40,14 +41,8 @@ def explain(error: Exception, groups: Mapping[str, Iterable[str]]) -> str:
                 return f"{key.partition('[')[0]} must be {type_in_words(field.type)}, not {value}"
             case OmegaConfBaseException(full_key=str(key), msg=str(text)) if key:
                 return f"{key}: {_first_line(text)}"
+        cause = cause.__cause__ or cause.__context__
     return _first_line(str(error))
-
-
-def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    """Yields an exception and the chain of its causes and contexts."""
-    while error is not None:
-        yield error
-        error = error.__cause__ or error.__context__
 
 
 def _first_line(text: str) -> str:

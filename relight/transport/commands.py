@@ -1,12 +1,9 @@
 """`relight bake`: the light transport of any mesh, per pixel or per vertex."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
-
-if TYPE_CHECKING:
-    from relight.meshes import Mesh
 
 Axis = Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"]
 app = typer.Typer()
@@ -87,9 +84,10 @@ def bake(
 
     import numpy as np
 
-    from relight.meshes import read_mesh
+    from relight.meshes import align, clean, read_mesh
     from relight.meshes.cleaning import count_opposed_faces
     from relight.pictures.texture import read_texture
+    from relight.settings import Align
     from relight.transport.view import View
 
     view = View(yaw, pitch, focal)
@@ -111,7 +109,17 @@ def bake(
         from relight.maps import write_maps, write_maps_picture
         from relight.transport.baker import bake as bake_maps
 
-        prepared = source if as_is else _cleaned_and_aligned(source, up, front, padding)
+        prepared = source
+        if not as_is:  # as in the workflow
+            cleaned = clean(source)
+            if repairs := ", ".join(f"{name} {count}" for name, count in cleaned.info["repairs"].items()):
+                typer.echo(f"{mesh.stem}: found or repaired: {repairs}", err=True)
+            prepared = align(cleaned, Align(up, front), padding)
+            for note in prepared.info["warnings"][len(source.info.get("warnings", [])) :]:  # others are printed already
+                typer.echo(f"{mesh.stem}: {note}", err=True)
+            record = prepared.info["align"]
+            if "auto" in (up, front):
+                typer.echo(f"{mesh.stem}: up is {record['up']}, front is {record['front']} (--up, --front)", err=True)
         settings = {"order": order, "supersample": supersample, "bounces": bounces}
         maps = bake_maps(prepared, size, rays, view, threads=threads, **settings)
         for target in of_maps:
@@ -133,24 +141,3 @@ def bake(
             typer.echo(f"note: {note}", err=True)
     for target in targets:
         typer.echo(str(target))
-
-
-def _cleaned_and_aligned(mesh: "Mesh", up: str, front: str, padding: float) -> "Mesh":
-    """Cleans and aligns a mesh as the workflow does, and reports the repairs on stderr.
-
-    `up` and `front`, which is toward the camera, are axes of the file such as "+y", or "auto". `padding` is the empty
-    share of the image at top and bottom.
-    """
-    from relight.meshes import align, clean
-    from relight.settings import Align
-
-    cleaned = clean(mesh)
-    if repairs := ", ".join(f"{name} {count}" for name, count in cleaned.info["repairs"].items()):
-        typer.echo(f"{mesh.info['name']}: found or repaired: {repairs}", err=True)
-    aligned = align(cleaned, Align(up, front), padding)
-    for note in aligned.info["warnings"][len(mesh.info.get("warnings", [])) :]:  # the earlier ones are printed already
-        typer.echo(f"{mesh.info['name']}: {note}", err=True)
-    record = aligned.info["align"]
-    if "auto" in (up, front):
-        typer.echo(f"{mesh.info['name']}: up is {record['up']}, front is {record['front']} (--up, --front)", err=True)
-    return aligned

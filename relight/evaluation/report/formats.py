@@ -83,11 +83,13 @@ class TextTable:
 
 def to_markdown(grid: TextTable) -> str:
     """Returns a grid in Markdown, a table per block of columns: baselines in italics, the paper's rows as printed."""
-    tables = []
+    tables, forms = [], {"paper": "{}, as printed", "baseline": "*{}*"}
     for block in grid.blocks():
         heads = [_escaped(head) for head in block.frame.columns]
         digits = [block.digits.get(head, 3) for head in block.frame.columns]
-        labels = [_label(str(text), kind) for text, kind in zip(block.frame.index, block.kinds)]
+        labels = [
+            forms.get(kind, "{}").format(_escaped(str(text))) for text, kind in zip(block.frame.index, block.kinds)
+        ]
         cells = [list(map(_cell, row, digits)) for row in block.frame.itertuples(index=False, name=None)]
         corner = _escaped(block.frame.index.name or "")
         tables.append(pd.DataFrame(cells, pd.Index(labels, name=corner), heads).to_markdown(disable_numparse=True))
@@ -96,11 +98,6 @@ def to_markdown(grid: TextTable) -> str:
 
 def _escaped(text: str) -> str:
     return text.replace("|", "\\|").replace("\n", " ")
-
-
-def _label(text: str, kind: str) -> str:
-    text = _escaped(text if kind != "paper" else f"{text}, as printed")
-    return f"*{text}*" if kind == "baseline" else text
 
 
 def _cell(value: object, digits: int) -> str:
