@@ -123,7 +123,10 @@ def load_light(
     elif text == EVEN:
         light = Light(np.eye((order + 1) ** 2, 1) * np.full(3, np.sqrt(4 * np.pi) / np.pi), text)
     elif (match := IN_SET.fullmatch(text)) and not os.path.exists(text):
-        light = _read_row(match[1], int(match[2]))
+        lights, row = read_light_set(match[1]), int(match[2])
+        if row >= len(lights):
+            raise UserError(f"{match[1]} has {len(lights)} lights, numbered from 0: there is no light {row}")
+        light = Light(lights.coefficients[row].astype(np.float64), f"{lights.source[row]}:{lights.yaw[row]:g}")
     elif colon and name in extensions.names():
         answer = extensions.extension(name, "light")(rest, order)
         light = answer if isinstance(answer, Light) else Light(as_table(answer, text), text)
@@ -210,15 +213,6 @@ def key_light(color: str, azimuth: float | str, elevation: float | str, fill: fl
 
 # Other kinds: what follows the colon, and the order, to the light.
 NAMED: dict[str, Callable[[str, int], Light]] = {"key": _read_key, "place": read_place}
-
-
-def _read_row(path: str, row: int) -> Light:
-    """Returns the light in a row, counted from 0, of a light set's file; raises UserError if there is no such row."""
-    lights = read_light_set(path)
-    if row >= len(lights):
-        raise UserError(f"{path} has {len(lights)} lights, numbered from 0: there is no light {row}")
-    source = f"{lights.source[row]}:{lights.yaw[row]:g}"
-    return Light(lights.coefficients[row].astype(np.float64), source)
 
 
 def _read_coefficients(path: Path, convention: str | None) -> Light:

@@ -254,18 +254,13 @@ def _surface(gltf: Gltf, number: int | None, notes: list[str]) -> Surface:
         gloss = {key: min(1.0, max(0.0, float(value))) for key, value in gloss.items()}
     if slot is None:
         return Surface(Material(color, name=name, **gloss), placement, 0)
-    placement, channel = _placement(slot.get("extensions", {}).get("KHR_texture_transform", {}))
     texture, wrap = _texture(gltf, slot["index"])
-    channel = slot.get("texCoord", 0) if channel is None else channel
+    moved = slot.get("extensions", {}).get("KHR_texture_transform", {})
+    c, s = np.cos(moved.get("rotation", 0)), np.sin(moved.get("rotation", 0))
+    placement[:, :2] = np.array([[c, s], [-s, c]]) * np.array(moved.get("scale", (1, 1)))
+    placement[:, 2] = moved.get("offset", (0, 0))
+    channel = moved.get("texCoord", slot.get("texCoord", 0))
     return Surface(Material(color, texture, name, **gloss, wrap=wrap), placement, channel)
-
-
-def _placement(extension: dict[str, Any]) -> tuple[np.ndarray, int | None]:
-    """Returns the transform (2,3) of texture coordinates, and the number of their set, None if it is the slot's own."""
-    c, s = np.cos(extension.get("rotation", 0)), np.sin(extension.get("rotation", 0))
-    turned = np.array([[c, s], [-s, c]]) * np.array(extension.get("scale", (1, 1)))
-    offset = np.array(extension.get("offset", (0, 0)))[:, None]
-    return np.concatenate([turned, offset], axis=1), extension.get("texCoord")
 
 
 def _texture(gltf: Gltf, index: int) -> tuple[np.ndarray, tuple[str, str]]:

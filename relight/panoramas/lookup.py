@@ -34,16 +34,13 @@ def lookup(panorama: Panorama, directions: np.ndarray) -> np.ndarray:
             side = np.where((x == 0) & (y == 0), 1, x)  # the whole rim is one direction
             scale = radius / np.hypot(side, y)
             return _bilinear(pixels, (1 - y * scale) / 2, (1 + side * scale) / 2, corners)
-    out = np.zeros((*x.shape, 3), np.float32)
-    nearest = np.full(x.shape, -np.inf)
+    points, out = np.stack([x, y, z], -1), np.zeros((*x.shape, 3), np.float32)
     faces = cut_faces(pixels, panorama.layout)
-    for name in faces:  # a direction meets the face whose axis is nearest
-        nearest = np.maximum(nearest, np.stack([x, y, z], -1) @ np.array(CUBE_FACES[name][0], float))
-    for name, face in faces.items():
-        axis, right, down = np.array(CUBE_FACES[name], float)
-        on = np.stack([x, y, z], -1) @ axis >= nearest
-        d = np.stack([x[on], y[on], z[on]], -1)
-        depth = d @ axis
+    depths = points @ np.array([CUBE_FACES[name][0] for name in faces], float).T  # along the axis of each face
+    for i, (name, face) in enumerate(faces.items()):
+        _, right, down = np.array(CUBE_FACES[name], float)
+        on = depths[..., i] >= depths.max(-1)  # a direction meets the face whose axis is nearest
+        d, depth = points[on], depths[on, i]
         out[on] = _bilinear(face, (1 + d @ down / depth) / 2, (1 + d @ right / depth) / 2, corners)
     return out
 

@@ -131,7 +131,12 @@ class Baker:
                 advice = "the image shows x and y from -1 to 1: align it first"
             raise UserError(f"the camera sees nothing of the mesh, which spans {span}; {advice}")
         means, coverage = self._pixel_means(camera, centres)
-        self._rotate_to_camera(means, camera)
+        if camera.pose is not None:
+            matrix = rotation_matrix(camera.pose.rotation, self.settings.order)
+            means["normal"] = np.einsum("jk,pk->pj", camera.pose.rotation, means["normal"])
+            for name in {"transport", "bounced"} & set(means):
+                means[name] = np.einsum("jk,pk...->pj...", matrix, means[name])
+        means["normal"] = means["normal"] / np.linalg.norm(means["normal"], axis=1, keepdims=True)
         return self._to_maps(means, coverage, centres, camera, view)
 
     def _pixel_means(self, camera: Camera, centres: "Hits") -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -196,15 +201,6 @@ class Baker:
         if self.glossy:
             values["gloss"] = np.stack([sample_gloss(outfit_mesh, face) for outfit_mesh in self.outfit_meshes], axis=1)
         return values if bounced is None else {**values, "bounced": bounced}
-
-    def _rotate_to_camera(self, means: dict[str, np.ndarray], camera: Camera) -> None:
-        """Rotates normals and transport from the mesh's axes to the camera's, in place, and normalises the normals."""
-        if camera.pose is not None:
-            matrix = rotation_matrix(camera.pose.rotation, self.settings.order)
-            means["normal"] = np.einsum("jk,pk->pj", camera.pose.rotation, means["normal"])
-            for name in ("transport", "bounced") if "bounced" in means else ("transport",):
-                means[name] = np.einsum("jk,pk...->pj...", matrix, means[name])
-        means["normal"] = means["normal"] / np.linalg.norm(means["normal"], axis=1, keepdims=True)
 
     def _to_maps(
         self, means: dict[str, np.ndarray], coverage: np.ndarray, centres: "Hits", camera: Camera, view: View
