@@ -30,7 +30,7 @@ class Scan:
 
     Attributes:
         path: of the mesh.
-        subject: the person; figures of one subject are on one side of a split.
+        subject: the person, in small letters; figures of one subject are on one side of a split.
     """
 
     path: Path
@@ -77,7 +77,7 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     for path, name in names.items():
         if name in scans:
             raise UserError(f"{scans[name].path} and {path} have one name: of two formats of a scan, keep one")
-        scans[name] = Scan(path, _subject(relative[path], name))
+        scans[name] = Scan(path, _subject(relative[path], name).lower())
     return dict(sorted(scans.items()))
 
 
@@ -131,7 +131,7 @@ def _subject(relative: Path, name: str) -> str:
     parts = relative.parts[-1:] if is_outside else relative.parts
     for part in (*reversed(parts), name):
         if person := re.match(r"rp_([a-z]+)", part, re.IGNORECASE):
-            return person[1].lower()
+            return person[1]
     below = parts
     while len(below) > 1 and KINDS.fullmatch(below[0]) and (len(below) > 2 or below[0].lower() != "sequences"):
         below = below[1:]
@@ -166,12 +166,13 @@ def _mesh_files(folder: Path) -> list[Path]:
 
 
 def _finest_versions(files: list[Path]) -> list[Path]:
-    """Keeps the largest of files whose names differ only in a size at the end (rp_x_30k.obj, rp_x_100k.obj)."""
+    """Keeps the largest of files whose names differ only in a size (x_30k.obj, x_100k.obj) or level (x_LOD0.glb)."""
     best: dict[Path, tuple[float, Path]] = {}
     for path in files:
-        match = re.fullmatch(r"(.+)_(\d+)k", path.stem, re.IGNORECASE)
+        match = re.fullmatch(r"(.+)_(?:(?P<thousands>\d+)k|lod_?(?P<level>\d+))", path.stem, re.IGNORECASE)
         key = path.with_stem(match[1]) if match else path
-        count = float(match[2] if match else "inf")  # a copy names its number of faces, not its original
+        # A copy names its number of faces, or by how much it is coarser; its original names neither.
+        count = float("inf") if match is None else float(match["thousands"] or -int(match["level"]))
         if key not in best or count > best[key][0]:
             best[key] = (count, path)
     return sorted(path for _, path in best.values())
@@ -202,7 +203,7 @@ def _from_table(table: Path) -> dict[str, Scan]:
         written, path = Path(row["path"].replace("\\", "/")), scan_path(row)
         if not path.is_file():
             raise UserError(f"{table} names {row['path']}, which is not there; paths start at the table's folder")
-        scans[name] = Scan(path, safe_name(row.get("subject") or _subject(written.with_suffix(""), name)))
+        scans[name] = Scan(path, safe_name(row.get("subject") or _subject(written.with_suffix(""), name)).lower())
     if not scans:
         raise UserError(f"{table} chooses no scan")
     return scans
@@ -214,9 +215,9 @@ def named_rows(table: Path, rows: list[dict[str, str]]) -> Iterator[tuple[str, d
     for row in rows:
         if is_used(table, row):
             name = safe_name(row.get("name") or Path(row.get("path", "").replace("\\", "/")).stem)
-            if name in names:
+            if name.lower() in names:
                 raise UserError(f"{table} names {name} twice")
-            names.add(name)
+            names.add(name.lower())
             yield name, row
 
 

@@ -39,7 +39,8 @@ def test_the_layouts_of_renderpeople_thuman_buff_and_own_folders(tmp_path):
                  "013_OBJ/tex/rp_aaron_posed_013_dif_8k.jpg", "014_OBJ/rp_aaron_posed_014.obj"):  # fmt: skip
         touch(tmp_path, f"rp_aaron_posed_{name}")
     touch(tmp_path, "people/rp_bob_posed_001_OBJ/rp_bob_posed_001.obj", "0001/0001.obj", "0001/material0.jpeg")
-    touch(tmp_path, "eve/standing.glb", "eve/sitting.glb", "adam/standing.glb", "adam/standing_30k.glb")
+    touch(tmp_path, "eve/standing.glb", "Eve/sitting_LOD0.glb", "Eve/sitting_lod1.glb", "eve/waving_lod.glb")
+    touch(tmp_path, "adam/standing.glb", "adam/standing_30k.glb", "adam/standing_LOD2.glb")
     assert listed(tmp_path) == {
         "0001": ("0001/0001.obj", "0001"),
         "adam_standing": ("adam/standing.glb", "adam"),
@@ -47,7 +48,8 @@ def test_the_layouts_of_renderpeople_thuman_buff_and_own_folders(tmp_path):
         "rp_bob_posed_001": ("people/rp_bob_posed_001_OBJ/rp_bob_posed_001.obj", "bob"),
         "rp_aaron_posed_013_100k": ("rp_aaron_posed_013_OBJ/rp_aaron_posed_013_100k.obj", "aaron"),
         "rp_aaron_posed_014": ("rp_aaron_posed_014_OBJ/rp_aaron_posed_014.obj", "aaron"),
-        "sitting": ("eve/sitting.glb", "eve"),
+        "sitting_LOD0": ("Eve/sitting_LOD0.glb", "eve"),
+        "waving_lod": ("eve/waving_lod.glb", "eve"),
     }
     touch(tmp_path / "flat", "rp_eve_posed_001.obj", "rp_eve_posed_002.obj")
     assert [scan.subject for scan in list_scans(tmp_path / "flat").values()] == ["eve", "eve"]
@@ -89,7 +91,7 @@ def test_a_table_replaces_the_listing(tmp_path):
     outside = f"../{tmp_path.name}/c.ply", f"{tmp_path}/x/a.ply"  # folders outside say nothing about the person
     (tmp_path / "scans.csv").write_text("path\n" + "\n".join(outside))
     assert [scan.subject for scan in list_scans(tmp_path).values()] == ["c", "a"]
-    for text, says in (("path\nc.ply\nc.ply\n", "twice"), ("use,path\n0,c.ply\n", "chooses no scan")):
+    for text, says in (("path,name\nc.ply,a\nd.ply,A\n", "names A twice"), ("use,path\n0,c.ply\n", "chooses no scan")):
         (tmp_path / "scans.csv").write_text(text)
         with pytest.raises(UserError, match=says):
             list_scans(tmp_path)
