@@ -82,10 +82,8 @@ def _read_header(data: bytes) -> tuple[np.ndarray, bool, np.ndarray | None, list
                 if value.strip() not in (b"32-bit_rle_rgbe", b"32-bit_rle_xyze"):
                     raise Malformed(f"its FORMAT is {value.decode('latin-1')!r}")
                 xyz = value.strip().endswith(b"xyze")
-            case b"EXPOSURE":
-                divisor *= _numbers(value, 1, 1e-30)
-            case b"COLORCORR":
-                divisor *= _numbers(value, 3, 1e-30)
+            case b"EXPOSURE" | b"COLORCORR" as name:
+                divisor *= _numbers(value, 1 if name == b"EXPOSURE" else 3, 1e-30)
             case b"GAMMA" if value.strip() not in (b"1", b"1.0", b"1.00"):
                 notes.append(f"its GAMMA of {value.strip().decode('latin-1')} is left out: pixels are taken as linear")
             case b"PRIMARIES":

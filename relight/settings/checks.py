@@ -116,6 +116,9 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
 
     if get("lights.test") is not None and get("lights.test") >= get("lights.clusters"):
         yield f"lights.test {get('lights.test')} must be below lights.clusters {get('lights.clusters')}"
+    up, front = get("align.up") or "auto", get("align.front") or "auto"
+    if "auto" not in (up, front) and up[1:] == front[1:]:
+        yield f"align.up={up} and align.front={front} are the same axis: they must be at right angles"
     if (get("bake.supersample") or 1) ** 2 > (get("bake.rays") or math.inf):
         yield f"bake.supersample={get('bake.supersample')} needs bake.rays={get('bake.supersample') ** 2} at least"
     counts = [get(f"panoramas.{name}") for name in ("count", "skies", "lamps")]

@@ -98,9 +98,8 @@ def integrate(
         blocked[part] = hit.reshape(-1, rays).astype(np.float64) @ projector
 
     transport = unoccluded(normals, order) - np.pi / rays * rotate_to_world(blocked, frame, order)
-    if gathered is not None:
-        return transport.astype(np.float32), gathered.reshape(point_count, coefficients, -1)
-    return transport.astype(np.float32), None
+    bounced = None if gathered is None else gathered.reshape(point_count, coefficients, -1)
+    return transport.astype(np.float32), bounced
 
 
 def _gather(radiosity: np.ndarray, face: np.ndarray, front: np.ndarray, rays: int) -> np.ndarray:

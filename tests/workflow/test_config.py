@@ -128,6 +128,7 @@ def test_a_preset_is_read_without_hydra():
         ("track.uri=${oc.env:HOME}", ["track.uri", "${oc.env:HOME}", "write the value"]),
         ("augment=photo", ["need train.color=photo"]),
         (["bake.supersample=3", "bake.rays=8"], ["bake.supersample=3 needs bake.rays=9 at least"]),
+        (["align.up=+z", "align.front=-z"], ["align.up=+z and align.front=-z are the same axis"]),
         ("panoramas.count=0", ["at least one panorama is needed"]),
         ("train.only=encoder", ["train.only=encoder needs train.start="]),
         (["loss=transport", "loss.transport=0", "loss.tv_transport=0"], ["every weight in the group loss is 0"]),

@@ -128,12 +128,7 @@ def draw(heads: list[str], lines: list[Line], note: str) -> Canvas:
     if not lines:
         sheet = Canvas(4 * GUTTER, TOP)
         sheet.text(
-            "nothing to show: too few figures or lights",
-            2 * GUTTER,
-            TOP // 2,
-            size=15,
-            anchor="mm",
-            color=FAINT,
+            "nothing to show: too few figures or lights", 2 * GUTTER, TOP // 2, size=15, anchor="mm", color=FAINT
         )
         return sheet
     heads = heads[: len(lines[0].views)]
