@@ -30,7 +30,7 @@ class Scan:
 
     Attributes:
         path: of the mesh.
-        subject: the person, in small letters; figures of one subject are on one side of a split.
+        subject: the person, as first spelled; figures of one subject are on one side of a split.
     """
 
     path: Path
@@ -73,11 +73,12 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     for longer in (with_folders, with_hash):
         counts = Counter(name.lower() for name in names.values())  # some file systems do not distinguish a and A
         names = {path: name if counts[name.lower()] == 1 else longer[path] for path, name in names.items()}
-    scans: dict[str, Scan] = {}
+    scans, subjects = dict[str, Scan](), dict[str, str]()
     for path, name in names.items():
         if name in scans:
             raise UserError(f"{scans[name].path} and {path} have one name: of two formats of a scan, keep one")
-        scans[name] = Scan(path, _subject(relative[path], name).lower())
+        subject = _subject(relative[path], name)
+        scans[name] = Scan(path, subjects.setdefault(subject.lower(), subject))
     return dict(sorted(scans.items()))
 
 
@@ -131,7 +132,7 @@ def _subject(relative: Path, name: str) -> str:
     parts = relative.parts[-1:] if is_outside else relative.parts
     for part in (*reversed(parts), name):
         if person := re.match(r"rp_([a-z]+)", part, re.IGNORECASE):
-            return person[1]
+            return person[1].lower()
     below = parts
     while len(below) > 1 and KINDS.fullmatch(below[0]) and (len(below) > 2 or below[0].lower() != "sequences"):
         below = below[1:]
@@ -196,14 +197,15 @@ def _from_table(table: Path) -> dict[str, Scan]:
     columns, rows = read_table(table, names_files)
     if "path" not in columns:
         raise UserError(f"{table} has no column `path`; it may have use, name, subject and path")
-    scans: dict[str, Scan] = {}
+    scans, subjects = dict[str, Scan](), dict[str, str]()
     for name, row in named_rows(table, rows):
         if not row["path"]:
             raise UserError(f"{table} has a row without a path")
         written, path = Path(row["path"].replace("\\", "/")), scan_path(row)
         if not path.is_file():
             raise UserError(f"{table} names {row['path']}, which is not there; paths start at the table's folder")
-        scans[name] = Scan(path, safe_name(row.get("subject") or _subject(written.with_suffix(""), name)).lower())
+        subject = safe_name(row.get("subject") or _subject(written.with_suffix(""), name))
+        scans[name] = Scan(path, subjects.setdefault(subject.lower(), subject))
     if not scans:
         raise UserError(f"{table} chooses no scan")
     return scans

@@ -44,12 +44,12 @@ def test_the_layouts_of_renderpeople_thuman_buff_and_own_folders(tmp_path):
     assert listed(tmp_path) == {
         "0001": ("0001/0001.obj", "0001"),
         "adam_standing": ("adam/standing.glb", "adam"),
-        "eve_standing": ("eve/standing.glb", "eve"),
+        "eve_standing": ("eve/standing.glb", "Eve"),
         "rp_bob_posed_001": ("people/rp_bob_posed_001_OBJ/rp_bob_posed_001.obj", "bob"),
         "rp_aaron_posed_013_100k": ("rp_aaron_posed_013_OBJ/rp_aaron_posed_013_100k.obj", "aaron"),
         "rp_aaron_posed_014": ("rp_aaron_posed_014_OBJ/rp_aaron_posed_014.obj", "aaron"),
-        "sitting_LOD0": ("Eve/sitting_LOD0.glb", "eve"),
-        "waving_lod": ("eve/waving_lod.glb", "eve"),
+        "sitting_LOD0": ("Eve/sitting_LOD0.glb", "Eve"),
+        "waving_lod": ("eve/waving_lod.glb", "Eve"),
     }
     touch(tmp_path / "flat", "rp_eve_posed_001.obj", "rp_eve_posed_002.obj")
     assert [scan.subject for scan in list_scans(tmp_path / "flat").values()] == ["eve", "eve"]
