@@ -21,9 +21,7 @@ FILE_SYSTEM_ERRORS = frozenset({
     errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EIO,
     errno.ENAMETOOLONG,
 })  # fmt: skip
-PHOTO_SUFFIXES = (
-    ".jpg", ".jpeg", ".jfif", ".png", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".avif", ".heic", ".heif",
-)  # fmt: skip
+PHOTO_SUFFIXES = tuple(".jpg .jpeg .jfif .png .webp .tif .tiff .bmp .gif .avif .heic .heif".split())
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".3gp", ".webm", ".mkv", ".avi", ".mts", ".m2ts", ".ts", ".wmv")
 
 

@@ -262,7 +262,7 @@ def mask_draw(
     from relight.photos.write import write_picture
     from relight.pictures.picture import Picture
 
-    out = out or path.with_name(f"{path.stem}_mask.png")
+    out = out or path.parent / f"{path.stem}_mask.png"
     if out.suffix.lower() != ".png":
         raise UserError(f"--out {out}: a mask is a .png, which keeps its edge")
     if out.exists():  # it may have been corrected, or be the photo

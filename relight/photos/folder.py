@@ -91,9 +91,8 @@ def relight_file(
     if maps:
         write_maps(out, scene)
     for i, person in enumerate(people, 1):
-        write_light_files(
-            out / ("light" if len(people) == 1 else f"light_{i}"), person.light, f"inferred from {picture.name}"
-        )
+        stem = "light" if len(people) == 1 else f"light_{i}"
+        write_light_files(out / stem, person.light, f"inferred from {picture.name}")
     turned = rotate_y(exposed.light, np.radians(look.turn)).astype(np.float32)
     write_light_files(out / "new_light", turned, f"{name}, turned by {look.turn:g} degrees")
     record = {

@@ -88,7 +88,7 @@ class Inferred:
         picture = Picture.of(image)
         if picture.coverage is None or mask is not None:
             picture = masked(picture, mask, mask_model)
-        picture = picture.downscaled(size) if size else picture
+        picture = picture if size is None else picture.downscaled(size)
         network = network or read_network()
         assert picture.coverage is not None  # it is `masked`
         parts = split_people(picture.coverage, picture.bodies) if split else [(picture.coverage, None)]

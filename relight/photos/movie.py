@@ -183,7 +183,7 @@ def _masks(clip: Path, masks: Path) -> Iterator[Given]:
         missing = [name for name, mask in by_name.items() if mask is None]
         if 0 < len(missing) < len(by_name):
             raise UserError(f"folder {masks} holds no mask of the frame {missing[0]}")
-        files = list_pictures(masks) if missing or not by_name else list(filter(None, by_name.values()))
+        files = list(filter(None, by_name.values())) or list_pictures(masks)
         stream, count = iter(files), len(files)
     elif is_video(masks):
         stream, shown, _ = read_frames(masks)

@@ -105,7 +105,10 @@ def frames(
     if len(lights) > 1:
         layers = list(layers)  # of a single picture, which may be large, there is one at a time
     for light, turn in lights:
-        maps = _fit_maps(people, light, mode)
+        maps = [
+            (person.fit_gain(light),) if mode == "ratio" else (person.fitted_albedo, person.fit_shading(light))
+            for person in people
+        ]
         behind = background.linear(shape, turn, stops) if background.moves else still
         if ground and behind is not None:
             behind = ground.with_shadows(behind, light)
@@ -121,13 +124,6 @@ def frames(
 def total_coverage(people: Sequence[Person]) -> np.ndarray:
     """Returns the coverage (H,W) uint8 of all people together, each of whom has a part of it."""
     return np.add.reduce([person.coverage for person in people], dtype=np.uint8)
-
-
-def _fit_maps(people: Sequence[Person], light: np.ndarray, mode: str) -> list[tuple[FittedMap, ...]]:
-    """Fits what relights each person: one map, the gain (`ratio`), or two, albedo and shading (`full`)."""
-    if mode == "ratio":
-        return [(person.fit_gain(light),) for person in people]
-    return [(person.fitted_albedo, person.fit_shading(light)) for person in people]
 
 
 def _split_layers(

@@ -18,6 +18,7 @@ from relight.core.names import find_path, folded
 MAX_PIXELS = 178_000_000  # as Pillow; decoders allocate memory before they find that a file is a decompression bomb
 TOO_LARGE = f"at most {MAX_PIXELS // 10**6} million pixels are read"
 MAX_BYTES = 500_000_000
+READ = (*PHOTO_SUFFIXES, ".exr")  # suffixes where no panorama could be meant
 PHOTO_KINDS = f"{', '.join(PHOTO_SUFFIXES)} or .exr; a clip for relight movie is {', '.join(VIDEO_SUFFIXES)} or .gif"
 FREE_PIXELS, MOST_PACKED = 2**22, 2**13  # pixels that are believed of any file, and of each of its bytes
 HEIC = (".heic", ".heif")
@@ -123,8 +124,9 @@ def stored(image: Image.Image) -> np.ndarray:
     return 65535 - pixels.astype(np.uint16) if is_negative and image.mode.startswith("I;16") else pixels
 
 
-def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """Returns pixels (H,W) or (H,W,C) turned and mirrored as an orientation of EXIF says."""
+def upright(pixels: np.ndarray, image: Image.Image) -> np.ndarray:
+    """Returns pixels (H,W) or (H,W,C) of an image turned and mirrored as its EXIF says: not a TIFF's that it turned."""
+    orientation = orientation_of(image)
     if orientation in (5, 6, 7, 8):
         pixels = pixels.swapaxes(0, 1)
     down, right = (-1 if orientation in mirrored else 1 for mirrored in ((3, 4, 7, 8), (2, 3, 6, 7)))
@@ -208,7 +210,7 @@ def mask_beside(photo: Path) -> Path | None:
 
 def mask_in(masks: Path, name: str) -> Path | None:
     """Returns the mask of the photo `name` in a folder of masks, name.png or name_mask.png; None if there is none."""
-    files = {folded(file.stem): file for file in sorted(masks.iterdir(), reverse=True) if is_picture(file)}
+    files = {folded(file.stem): file for file in sorted(masks.iterdir(), reverse=True) if file.suffix.lower() in READ}
     return files.get(folded(name)) or files.get(folded(f"{name}_mask"))
 
 
@@ -220,13 +222,10 @@ def is_picture(path: Path | str) -> bool:
 def list_pictures(folder: Path) -> list[Path]:
     """Lists the pictures in a folder by name, 2 before 10. Raises UserError if there is none."""
     require_readable(folder, "folder")
-    found = [
-        path
-        for path in folder.iterdir()
-        if (is_picture(path) or path.suffix.lower() == ".exr") and path.is_file() and not path.name.startswith(".")
-    ]
+    files = (path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
+    found = [path for path in files if path.suffix.lower() in READ]
     if not found:
-        raise UserError(f"folder {folder} holds no photo ({', '.join([*PHOTO_SUFFIXES, '.exr'])})")
+        raise UserError(f"folder {folder} holds no photo ({', '.join(READ)})")
     return sorted(found, key=lambda path: [int(part) if part.isdecimal() else part for part in NUMBER.split(path.name)])
 
 

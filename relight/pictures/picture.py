@@ -9,14 +9,15 @@ from PIL import Image
 
 from relight.core.errors import UserError
 from relight.core.files import existing_file
+from relight.core.numbers import finite
 from relight.pictures.codes import as_codes, convert_alpha, with_alpha
 from relight.pictures.deep import is_exr, of_linear, read_16_bits, read_linear
 from relight.pictures.opening import (
+    MAX_PIXELS,
     bits_of,
     coding_of,
     decoding_errors,
     open_picture,
-    orientation_of,
     require_still,
     stored,
     upright,
@@ -119,7 +120,7 @@ class Picture:
     def downscaled(self, size: int) -> "Picture":
         """Returns the picture as uint8 sRGB, scaled down so that its longer side is at most `size`."""
         (height, width), codes = self.shape, self.codes
-        scale = size / max(height, width)
+        scale = finite("size", size, LEAST_SIDE, MAX_PIXELS) / max(height, width)
         if scale >= 1:
             return replace(self, pixels=codes)
         side = max(LEAST_SIDE, round(width * scale)), max(LEAST_SIDE, round(height * scale))
@@ -165,8 +166,7 @@ def decoded(image: Image.Image, what: str, file: Path | None) -> tuple[np.ndarra
 def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Picture:
     """Converts an image of any mode; 16 bits are read from its `file`."""
     pixels, alpha = decoded(image, what, file)
-    orientation = orientation_of(image)
-    pixels, alpha = upright(pixels, orientation), None if alpha is None else upright(alpha, orientation)
+    pixels, alpha = upright(pixels, image), None if alpha is None else upright(alpha, image)
     largest = int(pixels.max())
     coding = coding_of(image, file)
     pixels, notes = to_srgb(pixels, image, what, coding)

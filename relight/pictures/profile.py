@@ -91,9 +91,7 @@ def to_srgb(
         curve = decode if abs(gamma - SRGB_GAMMA) < 0.01 else lambda code: code ** (1 / gamma)
         return _by_primaries(pixels, primaries, curve, f"by the gamma that the file gives, {gamma:g}")
     if _is_adobe(image):
-        return _by_primaries(
-            pixels, ADOBE, lambda code: code**ADOBE_GAMMA, "from Adobe RGB, which its camera says it has"
-        )
+        return _by_primaries(pixels, ADOBE, lambda code: code**ADOBE_GAMMA, "from its camera's Adobe RGB")
     return pixels, []
 
 

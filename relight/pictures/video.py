@@ -70,35 +70,32 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float = FPS, soun
     """
     require_writable_video(path)
     with atomic_write(path) as tmp:
+        first = next(frames := iter(frames), None)
+        if first is None:
+            raise UserError("the movie has no frames")
+        frames = chain([first], frames)
         if path.suffix.lower() == ".gif":
             _write_gif(tmp, frames, fps)
         else:
-            _write_video(tmp, frames, fps)
+            _write_video(tmp, first.shape[:2], frames, fps)
             if sound:
                 _add_sound(tmp, sound)
 
 
-def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
-    """Writes a video with a codec of FFmpeg, in BT.709; odd sizes are padded by a border pixel.
-
-    The path is .mp4 or .webm, and frames are (H,W,3) uint8 sRGB, all of one size. Raises UserError if there is none.
-    """
+def _write_video(path: Path, size: tuple[int, ...], frames: Iterable[np.ndarray], fps: float) -> None:
+    """Writes frames of a size (H, W) with a codec of FFmpeg, in BT.709; odd sizes are padded by a border pixel."""
     import av
 
-    frames = iter(frames)
-    first = next(frames, None)
-    if first is None:
-        raise UserError("the movie has no frames")
     codec, options = CODECS[path.suffix.lower()]
     with av.open(str(path), "w", options=CONTAINERS[path.suffix.lower()]) as container:
         stream = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001), options=options)
         assert isinstance(stream, av.VideoStream)
-        stream.height, stream.width = (side + side % 2 for side in first.shape[:2])
+        stream.height, stream.width = (side + side % 2 for side in size)
         stream.pix_fmt = "yuv420p"
         coder = stream.codec_context
         coder.colorspace = coder.color_primaries = coder.color_trc = BT709
         coder.color_range = 1  # values 16 to 235
-        for pixels in chain([first], frames):
+        for pixels in frames:
             pixels = np.pad(pixels, ((0, pixels.shape[0] % 2), (0, pixels.shape[1] % 2), (0, 0)), mode="edge")
             image = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
             container.mux(
@@ -162,14 +159,9 @@ def _film(container: "InputContainer", path: Path) -> "VideoStream":
 
 
 def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
-    """Writes a GIF with one palette for all frames, made from four of them, so that colors do not flicker.
-
-    Frames are (H,W,3) uint8 sRGB. Raises UserError if there is none.
-    """
+    """Writes a GIF with one palette for all frames, made from four of them, so that colors do not flicker."""
     step = int(np.ceil(fps * MIN_GIF_TICKS / 100))  # faster ones are left out
     images, fps = [Image.fromarray(np.ascontiguousarray(f)) for f in islice(frames, 0, None, step)], fps / step
-    if not images:
-        raise UserError("the movie has no frames")
     samples = [np.asarray(images[i]) for i in sorted({0, len(images) // 4, len(images) // 2, len(images) - 1})]
     palette = Image.fromarray(np.concatenate(samples)).quantize(256, method=Image.Quantize.MEDIANCUT)
     first, *rest = [image.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG) for image in images]

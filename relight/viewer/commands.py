@@ -47,7 +47,7 @@ def view(
         raise UserError(
             f"--mask belongs to one photo, and {len(photos)} were given; name masks me_mask.png beside me.jpg"
         )
-    out = writable_file(out or paths[0].with_suffix(".html"), "page")
+    out = writable_file(out or paths[0].parent / f"{paths[0].resolve().stem}.html", "page")
     if out.suffix.lower() not in (".html", ".htm"):
         raise UserError(f"page {out}: the name must end in .html")
     relighter = load(weights) if photos else None
@@ -83,8 +83,8 @@ def web_build(
     relighter = load(network)
     if relighter.network.order < 2:
         raise UserError(f"the site needs a network of order 2; {network} has order {relighter.network.order}")
-    figures = [figure_of(path, relighter, size=size) for path in progress(paths or (), "figures inferred")]
-    figures = figures or [portrait(relighter)]
+    inferred = progress(paths or (), "figures inferred")
+    figures = [figure_of(path, relighter, size=size) for path in inferred] or [portrait(relighter)]
     build_site(out, network, relighter.network.size, figures, named_lights(light or ()))
     size = sum(path.stat().st_size for path in out.iterdir())
     shown = "; of its network, bands 0 to 2 are shown" * (relighter.network.order > 2)

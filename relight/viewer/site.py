@@ -72,9 +72,7 @@ def build_site(
         build_viewer(folder / "index.html", figures, lights, title="Turn the light in a photo", additions=additions)
         shutil.copyfile(STUDIO / "licenses.txt", folder / "LICENSES.txt")
         shutil.copyfile(STUDIO / "space.md", folder / "README.md")  # its header makes a Space of a model hub of it
-        version = hashlib.sha256()
-        for path in sorted(folder.iterdir()):
-            version.update(path.read_bytes())
+        version = hashlib.sha256("".join(map(file_hash, sorted(folder.iterdir()))).encode())
         # The service worker's version is a hash of all other files, so that browsers notice a site that was made anew.
         service = (STUDIO / "sw.js").read_text(encoding="utf-8")
         (folder / "sw.js").write_text(service.replace("%version%", version.hexdigest()[:16]), encoding="utf-8")

@@ -46,6 +46,7 @@ def test_what_is_wrong_is_said(relighter, photo_files):
         (pixels[:7], mask[:7], "8 a side are the least"),
         (pixels, np.full_like(mask, 255), "covers the whole photo"),
         (pixels, pixels, "shape"),
+        (pixels, mask.astype(str), r"shape \(180, 140\) of <U3: give \(height, width\) of numbers"),
         (pixels, None, "relight mask setup"),
     ):
         with pytest.raises(UserError, match=says):
@@ -57,6 +58,7 @@ def test_what_is_wrong_is_said(relighter, photo_files):
     [
         ({"turn": float("nan")}, "turn is nan: it must be a finite number"),
         ({"turn": "x"}, "turn is 'x'"),
+        ({"size": 4}, "size is 4: it must be a finite number from 8 to "),
         ({"stops": float("nan")}, "stops is nan: it must be a finite number from -8 to 8"),
         ({"stops": 1e9}, "from -8 to 8"),
         ({"background": np.zeros((9, 9, 3), int)}, "the background is int64"),

@@ -18,6 +18,7 @@ from relight.photos.mask.find import masked
 from relight.photos.mask.people import NobodyFound
 from relight.photos.movie import NOBODY, smooth_over_time, with_masks, write_movie
 from relight.photos.person import Person
+from relight.photos.write import write_picture
 from relight.pictures.picture import Picture
 from relight.pictures.video import is_video, read_frames, write_video
 
@@ -243,6 +244,8 @@ def test_frames_and_masks_are_paired_by_name_and_by_number(tmp_path):
         mask = np.zeros((8, 8), np.uint8)
         mask[: i // 2 + 1] = 255
         Image.fromarray(mask).save(tmp_path / "masks" / f"{i}_mask.png")
+    write_picture(tmp_path / "masks" / "11.exr", np.dstack([mask / np.float32(255)] * 3))  # before its .png
+    Image.fromarray(255 - mask).save(tmp_path / "masks" / "11_mask.png")
     frames = read_frames(tmp_path)[0]
     photos = with_masks(tmp_path, frames, tmp_path / "masks")
     pairs = [(photo.name, int((photo.coverage > 127).sum()) // 8) for photo in photos]

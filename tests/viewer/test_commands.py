@@ -73,6 +73,7 @@ def test_wrong_input_is_told_in_a_sentence(tmp_path, monkeypatch):
     for words, says in (
         (["scan.obj"], r"scan\.obj is no photo and no maps: `relight bake`"),
         (["none.exr"], "no file"),
+        (["."], r"there is no file \."),
         (["left.exr", "--mask", "m.png"], "--mask belongs to one photo"),
         (["left.exr", "-o", "left.exr"], r"must end in \.html"),
         (["left.exr", "-o", "nosuch/dir/x.html"], "there is no folder .*nosuch"),

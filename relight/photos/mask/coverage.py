@@ -75,8 +75,6 @@ def _areas(values: np.ndarray, kinds: np.ndarray, what: str) -> list[str]:
 
 def _top(values: np.ndarray, high: float) -> float:
     """Returns the value that means full coverage in a mask whose largest value is `high`."""
-    if values.dtype.kind == "f":
-        return max(float(high), 1.0)
     return 255 if values.dtype == np.uint8 else max(float(high), 1.0)
 
 

@@ -17,15 +17,7 @@ from relight.photos.mask.people import NobodyFound, is_inverted, mask_doubts
 from relight.photos.mask.pose import Body
 from relight.pictures.codes import as_codes, convert_alpha
 from relight.pictures.deep import is_exr
-from relight.pictures.opening import (
-    decoding_errors,
-    mask_beside,
-    open_picture,
-    orientation_of,
-    require_still,
-    stored,
-    upright,
-)
+from relight.pictures.opening import decoding_errors, mask_beside, open_picture, require_still, stored, upright
 from relight.pictures.picture import Given, Picture
 
 AUTOMATIC = "the mask is automatic; `relight mask draw` writes it for correction"
@@ -119,8 +111,8 @@ def read_mask(mask: Given, size: tuple[int, int]) -> tuple[np.ndarray, list[str]
     else:
         values = np.asarray(mask)
         values = values * np.uint8(255) if values.dtype == bool else values
-        if values.ndim != 2:
-            raise UserError(f"the mask has shape {values.shape}: give (height, width)")
+        if values.ndim != 2 or values.dtype.kind not in "uif":
+            raise UserError(f"the mask has shape {values.shape} of {values.dtype}: give (height, width) of numbers")
     (height, width), (rows, columns) = size, values.shape[:2]
     if (rows, columns) != (height, width):
         turned = ", which is the photo before its EXIF rotation" if (columns, rows) == (height, width) else ""
@@ -133,8 +125,7 @@ def read_mask(mask: Given, size: tuple[int, int]) -> tuple[np.ndarray, list[str]
 def _values(image: Image.Image, what: str) -> np.ndarray:
     require_still(image, what)
     is_plain = image.mode.startswith(("I", "F")) or (image.mode == "L" and "transparency" not in image.info)
-    values = stored(image if is_plain else image.convert("RGBA"))
-    values = upright(values, orientation_of(image))  # 1 by now in a TIFF, which Pillow turns as it decodes
+    values = upright(stored(image if is_plain else image.convert("RGBA")), image)
     if is_plain:
         return values
     return values[..., 3] if has_outline(values[..., 3]) else values[..., :3]

@@ -10,7 +10,7 @@ from relight.core.errors import UserError
 from relight.maps.square import MASK_THRESHOLD, extent
 from relight.photos.mask.pose import Body
 
-MIN_SIZE = 8  # pixels; a person smaller than this in both directions is dirt
+MIN_SIZE = 8  # rows or columns; a person with pixels in fewer of both is dirt
 LOOK = 256  # pixels of a person's longer side at which doubts are looked for
 SLACK = 0.02  # of it: how far a joint may be outside, and half the thickness of what networks may disagree about
 SURE = 0.8  # that a joint is seen
@@ -69,7 +69,11 @@ def split_people(
     count += len(bodies)
     areas = np.bincount(labels[solid], minlength=count + 1)
     areas[0] = 0
-    large = [i for i in np.flatnonzero(areas >= share * areas.max()) if i and _has_min_size(labels == i)]
+    large = [
+        i
+        for i in np.flatnonzero(areas >= share * areas.max())
+        if i and max((labels == i).any(axis).sum() for axis in (0, 1)) >= MIN_SIZE
+    ]
     if not large:
         raise NobodyFound(f"the mask holds no figure of at least {MIN_SIZE} pixels")
     body_of = {count - len(bodies) + number: body for number, body in enumerate(bodies, 1)}
@@ -213,8 +217,3 @@ def count_heads(solid: np.ndarray) -> int:
         heads = [((parts == part).sum(1) >= width).sum() >= rows for part in range(1, count + 1)]
         most = max(most, sum(heads))
     return int(most)
-
-
-def _has_min_size(mask: np.ndarray) -> bool:
-    """Returns whether a mask has pixels in at least MIN_SIZE of its rows or of its columns."""
-    return max(mask.any(1).sum(), mask.any(0).sum()) >= MIN_SIZE
