@@ -187,6 +187,8 @@ def panorama_light(self, panorama, encoding):
 @node("RelightCombineLights", "Turn and add lights", "rotate light, preview", light=LIGHT, ball="IMAGE")
 def combine_lights(self, light, turn, stops, other=None):
     """A light that is turned about the vertical and made brighter, plus another; and a white ball in it."""
+    if light is None:
+        raise ValueError("auto is chosen for each picture: give another light to be turned or added to")
     light = replace(light, coefficients=orient(light.coefficients, turn) * 2.0**stops, panorama=None)
     light = total([light, other], f"{light} + {other}") if other else light
     return light, torch.from_numpy(np.float32(lit_ball(light.coefficients, 256)))[None]

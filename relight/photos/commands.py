@@ -125,8 +125,7 @@ def photo(
     for each in paths:
         if not each.exists() or (several and each.is_dir()):
             raise UserError(f"photo: there is no file {'' if several else 'or folder '}{each}")
-    if out is None:
-        out = Path("relit") if several else relit(path)
+    out = out or (Path("relit") if several else relit(path))
     suffixes = *PHOTO_SUFFIXES, *VIDEO_SUFFIXES, ".exr", ".psd", ".jxl"
     picture = out if out.suffix.lower() in suffixes and not out.is_dir() else None  # alone
     network = read_network(weights)

@@ -15,8 +15,7 @@ from relight.viewer.build import Additions, build_viewer
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import Figure
 
-NAMES = {"index.html", "network.onnx", "mask.onnx", "mask.LICENSE.txt", "LICENSES.txt", "README.md", "sw.js"}
-NAMES |= {*runtime.FILES}  # of the files of a site
+FILES = {*runtime.FILES, *"index.html network.onnx mask.onnx mask.LICENSE.txt LICENSES.txt README.md sw.js".split()}
 STUDIO = Path(__file__).parent / "web" / "studio"
 # To load the site's own files. Before it reads a photo, the page adds a policy without `connect-src` (engine.js).
 POLICY = (
@@ -46,11 +45,9 @@ def build_site(
     if out.exists() and not out.is_dir():
         raise UserError(f"web: {out} is a file: give a folder")
     if out.resolve() == Path.cwd():
-        raise UserError(
-            f"web: {out} is the folder that you are in, and would be replaced: give a folder in it, or go up"
-        )
+        raise UserError(f"web: {out} is the folder that you are in: give one in it, since it is replaced, or go up")
     found = {path.name for path in out.iterdir()} if out.is_dir() else set()
-    if found and (others := found if "network.onnx" not in found else found - NAMES):
+    if found and (others := found if "network.onnx" not in found else found - FILES):
         raise UserError(f"web: the folder {out} holds other files ({min(others)}): give a new or an empty one")
     with atomic_folder(out) as folder:
         shutil.copyfile(network, folder / "network.onnx")

@@ -342,6 +342,8 @@ def test_a_light_that_is_none_is_refused_in_one_sentence(nodes):
         nodes["RelightNamedLight"]().run("room:x")
     with pytest.raises(UserError, match="x" * 5000):
         nodes["RelightNamedLight"]().run("x" * 5000)
+    with pytest.raises(ValueError, match="auto is chosen for each picture"):
+        nodes["RelightCombineLights"]().run(*nodes["RelightNamedLight"]().run("auto"), 60.0, 1.0)
     is_changed = nodes["RelightNamedLight"].IS_CHANGED
     assert is_changed(name=None, unique_id="7") is None, "it comes by a link; hidden inputs come, too"
     assert is_changed(name="x" * 5000, unique_id="7") == ("x" * 5000,)
