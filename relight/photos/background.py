@@ -157,8 +157,7 @@ def read_background(
         raise UserError(f"background {text} is a clip, which is for `relight movie`: give a picture")
     if is_clip or is_picture(text):
         codes = on_white((next(read_frames(path)[0]) if is_clip else Picture.of(text, "background")).rgba)
-        clip = path if is_clip else None
-        return Background("picture", picture=codes, blur=blur, shadow=shadow, name=text, clip=clip)
+        return Background("picture", None, codes, path if is_clip else None, blur=blur, shadow=shadow, name=text)
     try:
         color = np.array(ImageColor.getcolor(text, "RGBA"), np.uint8)
     except ValueError:

@@ -266,8 +266,7 @@ def mask_draw(
         raise UserError(f"--out {out}: a mask is a .png, which keeps its edge")
     if out.exists():  # it may have been corrected, or be the photo
         raise UserError(f"{out} exists: delete it for a new one, or give another --out")
-    out = writable_file(out, "--out")
-    write_picture(out, automatic_mask(Picture.of(path), mask_model)[0])
+    write_picture(writable_file(out, "--out"), automatic_mask(Picture.of(path), mask_model)[0])
     print(out)
 
 

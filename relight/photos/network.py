@@ -73,9 +73,7 @@ def read_network(path: Path | str | None = None, threads: int = 0) -> PhotoNetwo
         raise UserError("this installation has no weights: give a network with --weights FILE")
     path = existing_file(path or WEIGHTS, "network")
     if path.suffix == ".safetensors":
-        raise UserError(
-            f"{path} is a checkpoint: `relight export {path.name} {path.stem}.onnx` writes the network of it"
-        )
+        raise UserError(f"{path} is a checkpoint: `relight export {path.name} {path.stem}.onnx` writes its network")
     if path.suffix != ".onnx":
         raise UserError(f"{path} is no network of relight: give an .onnx file that `relight export` wrote")
     session = open_session(path, threads)

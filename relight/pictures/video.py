@@ -1,5 +1,6 @@
 """Reading and writing video files with PyAV and Pillow, without a system ffmpeg."""
 
+import shlex
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -42,6 +43,7 @@ MATRICES = (0, 1, 4, 5, 6, 7, 9)  # that FFmpeg's scaler knows
 DOLBY = ("dvh1", "dvhe", "dav1", "dva1", "dvav")  # the codings of Dolby Vision that no other decoder shows right
 CONVERT = "convert it to BT.709"
 LOST = "a part that cannot be decoded shows its neighbouring frame"
+JUMP = 0.1  # seconds by which a clock that was set anew goes back, as for FFmpeg
 MIN_GIF_TICKS = 2  # hundredths of a second of a frame; many players slow shorter ones down
 
 
@@ -198,7 +200,7 @@ def read_frames(path: Path) -> tuple[Iterator[Picture], list[int], float]:
         raise UserError(f"movie: there is no file or folder {path}")
     import av
 
-    stored, end, is_cut = [], 0.0, False
+    stored, clocks, end, is_cut = [], [], 0.0, False
     try:
         with av.open(f"file:{path}") as container:  # else FFmpeg takes what is before a colon for a protocol
             film, is_gif = _film(container, path), container.format.name == "gif"
@@ -213,9 +215,14 @@ def read_frames(path: Path) -> tuple[Iterator[Picture], list[int], float]:
                 end = max(end, time + length)
                 if packet.stream_index == film.index:
                     stored.append((time, length))
+                    if packet.dts is not None:
+                        clocks.append(packet.dts * float(packet.time_base or 0))
                     is_cut = packet.is_corrupt
     except (av.FFmpegError, TypeError) as error:
         raise UserError(f"{path} cannot be read as a video ({error})") from None
+    if np.diff(clocks).min(initial=0) < -JUMP:
+        joined = f"ffmpeg -i {shlex.quote(str(path))} -c copy whole.mp4"
+        raise UserError(f"{path}: its clock jumps back, as where files were joined: make one clip of it by `{joined}`")
     times = np.sort([time for time, _ in stored])
     decoded = _of_one_size(_decoded(path, np.full(len(times), np.inf) if is_avi else times), path)
     steps = np.diff(times)

@@ -44,9 +44,7 @@ def view(
 
     photos = [path for path in paths if path.suffix.lower() != ".exr"]
     if mask is not None and len(photos) != 1:
-        raise UserError(
-            f"--mask belongs to one photo, and {len(photos)} were given; name masks me_mask.png beside me.jpg"
-        )
+        raise UserError(f"--mask belongs to one photo, not to {len(photos)}: name masks me_mask.png beside me.jpg")
     out = writable_file(out or paths[0].parent / f"{paths[0].resolve().stem}.html", "page")
     if out.suffix.lower() not in (".html", ".htm"):
         raise UserError(f"page {out}: the name must end in .html")

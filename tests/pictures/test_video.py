@@ -416,6 +416,18 @@ def test_a_gif_has_the_delays_of_browsers(tmp_path, delays, shown):
     np.testing.assert_allclose(np.cumsum(counts) / fps, np.cumsum(shown) / 1000, atol=0.5 / fps)
 
 
+@pytest.mark.skipif(not shutil.which("ffmpeg"), reason="ffmpeg is not installed")
+def test_a_clip_that_was_joined_by_cat_is_refused_with_a_command_that_helps(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write("a b.ts", WIDE, times=range(20))
+    Path("a b.ts").write_bytes(2 * Path("a b.ts").read_bytes())
+    with pytest.raises(UserError, match=r"a b\.ts: its clock jumps back, as where files were joined") as error:
+        read_frames(Path("a b.ts"))
+    subprocess.run(str(error.value).split("`")[1].replace("ffmpeg", "ffmpeg -v error"), shell=True, check=True)
+    frames, shown, fps = read_frames(Path("whole.mp4"))
+    assert len(list(frames)) == 40 and sum(shown) / fps == pytest.approx(40 / 30, abs=0.1)
+
+
 def test_frames_of_two_sizes_are_refused(tmp_path):
     for number, size in enumerate([(16, 16), (16, 16), (12, 16)]):
         Image.new("RGB", size, "red").save(tmp_path / f"f{number}.png")

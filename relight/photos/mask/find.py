@@ -144,14 +144,12 @@ def automatic_mask(picture: Picture, model: Path | str | None = None) -> tuple[n
     Raises:
         UserError: if there is no such network (NoMaskNetwork), or it finds nobody (NobodyFound).
     """
+    by_hand = BY_HAND.format(picture.name)
     if automatic_model(model) is None:
-        raise NoMaskNetwork(
-            f"{picture.what} has no mask: for automatic masks run `relight mask setup` once; or "
-            + BY_HAND.format(picture.name)
-        )
+        raise NoMaskNetwork(f"{picture.what} has no mask: `relight mask setup` brings automatic ones; or {by_hand}")
     mask, bodies = selfie.segment(picture.codes) if model is None else (u2net.segment(picture.codes, model), [])
     if not (mask >= MASK_THRESHOLD).any() or (mask >= MASK_THRESHOLD).all():
-        raise NobodyFound(f"the automatic mask found nobody in {picture.what}: {BY_HAND.format(picture.name)}")
+        raise NobodyFound(f"the automatic mask found nobody in {picture.what}: {by_hand}")
     return (mask if model is None else fit_edge(picture.pixels, mask, automatic=True)), bodies
 
 
