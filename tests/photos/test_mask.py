@@ -159,7 +159,7 @@ def test_photo_without_a_mask(run, wheel, weights, tmp_path):
     pixels, figure = scene()
     Image.fromarray(pixels).save(tmp_path / "me.png")
     words = ["photo", tmp_path / "me.png", "--light", "key:#ffffff@60,20", "--weights", weights, "--maps"]
-    with pytest.raises(UserError, match=r"me\.png has no mask: .* run `relight mask setup` once; or draw"):
+    with pytest.raises(UserError, match=r"me\.png has no mask: `relight mask setup` brings automatic ones; or draw"):
         run(*words)
     run("mask", "setup", "--from", wheel)
     said = run(*words)
