@@ -137,8 +137,7 @@ def bad(tmp_path, weights):
     yield [me, "--maps", "--out", "one.png"], "--maps writes several files, and --out one.png is one picture"
     yield [me, "--background", "transparent", "--out", "one.jpg"], "a JPEG cannot be transparent"
     yield [me, "--background", "#00000000"], "background #00000000 is not opaque: give a color without alpha"
-    wide = tmp_path / "wide.png"
-    Image.new("RGB", (65501, 8)).save(wide)
+    Image.new("RGB", (65501, 8)).save(wide := tmp_path / "wide.png")
     yield [wide, "--mask", mask, "--out", "one.jpg"], r"at most 65500 pixels a side; end it in \.png"
     yield [me, "--out", me / "sub"], "nothing can be written there"
     yield [me, me, "--out", "two.png"], "two.png is one picture, and there are several photos: give a folder"
