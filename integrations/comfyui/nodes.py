@@ -166,8 +166,7 @@ def changed(cls, name, **hidden):
     """Returns a value that differs when a light does: its path, and when the files in it changed; None by a link."""
     if name is None:
         return None
-    if os.path.isfile(own := os.path.join(folder_paths.get_input_directory(), name)):
-        name = own
+    name = own if os.path.isfile(own := os.path.join(folder_paths.get_input_directory(), name)) else name
     files = [file for part in parts_of(name) for file in (split_place(part)[0], part.rpartition(":")[0])]  # a.npz:12
     return name, *(os.stat(file).st_mtime_ns for file in files if os.path.isfile(file))
 

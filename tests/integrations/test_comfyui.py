@@ -315,7 +315,7 @@ def test_light_of_a_panorama_is_that_of_its_generator(nodes, encoding):
     values = srgb.encode(pixels) if encoding == "sRGB" else pixels
     (light,) = nodes["RelightPanoramaLight"]().run(torch.from_numpy(values.astype(np.float32))[None], encoding)
     expected = load_light("room:5").coefficients if encoding == "linear" else project(Panorama(pixels))
-    np.testing.assert_allclose(light.coefficients, expected, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(light.coefficients[:9], expected, rtol=1e-4, atol=1e-4)
     assert not np.allclose(expected, rotate_y(expected, np.pi), atol=0.05)
     with pytest.raises(ValueError, match="twice as wide as high"):
         nodes["RelightPanoramaLight"]().run(torch.zeros(1, 8, 8, 3), encoding)
@@ -358,7 +358,7 @@ def test_files_of_the_input_folder_are_lights_that_are_read_when_the_node_runs(n
     assert not hasattr(named, "VALIDATE_INPUTS"), "ComfyUI calls it in its server's event loop"
     (light,) = named().run("mine.hdr")
     expected = load_light("room:5").coefficients
-    np.testing.assert_allclose(light.coefficients, expected, atol=0.01 * expected.max())
+    np.testing.assert_allclose(light.coefficients[:9], expected, atol=0.01 * expected.max())
     with pytest.raises(UserError, match=r"bad\.hdr"):
         named().run(str(tmp_path / "bad.hdr"))
 
