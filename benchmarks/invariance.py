@@ -101,8 +101,10 @@ def truth(maps: Maps, light: np.ndarray, box: Crop) -> Intrinsics:
 def score(relighter: Relighter, maps: Maps, light: np.ndarray) -> dict[str, float]:
     """Returns all rows of the table for one figure under one light (9,3), by name."""
     shots = variants(partial(take_photograph, maps, light), to_bytes(maps.coverage), relighter.network.size)
-    inferred = {
-        name: infer_person(relighter.network, shot.photo, shot.mask, shot.square) for name, shot in shots.items()
+    people = {name: infer_person(relighter.network, shot.photo, shot.mask, shot.square) for name, shot in shots.items()}
+    inferred = {  # with bands 0 to 2 of networks of a higher order
+        name: Intrinsics(person.mask, person.albedo, person.transport[..., :9], person.shading, person.light[:9])
+        for name, person in people.items()
     }
     true = truth(maps, light, shots[""].square)
     return {
@@ -147,7 +149,7 @@ def pose_spread(relighter: Relighter, poses: list[Maps], lights: list[np.ndarray
     means, variances = [], []
     for light in progress(lights, f"{name}, poses"):
         shots = ((take_photograph(maps, light), to_bytes(maps.coverage)) for maps in poses)
-        irradiance = np.stack([metrics.irradiance(infer_person(relighter.network, *shot).light) for shot in shots])
+        irradiance = np.stack([metrics.irradiance(infer_person(relighter.network, *shot).light[:9]) for shot in shots])
         means.append(irradiance.mean(0))
         variances.append(((irradiance - means[-1]) ** 2).sum((1, 2)).mean())
     spreads = np.sqrt(variances) / [np.linalg.norm(mean) for mean in means]
