@@ -33,7 +33,7 @@ def build_site(
 
     Args:
         out: a folder that is new, empty, or a site of this function.
-        network: the .onnx file of a network for photos (`train.color=photo`), of whose order 2 counts.
+        network: .onnx file of a network for photos (`train.color=photo`); of higher orders, bands 0 to 2 are shown.
         size: S, of the network's images in pixels.
         figures: what the page offers before a photo is opened, in the order shown; at least one.
         lights: radiance coefficients (9,3) by name, in the order shown.
