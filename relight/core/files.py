@@ -24,7 +24,6 @@ FILE_SYSTEM_ERRORS = frozenset({
 PHOTO_SUFFIXES = tuple(".jpg .jpeg .jfif .png .webp .tif .tiff .bmp .gif .avif .heic .heif".split())
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".3gp", ".webm", ".mkv", ".avi", ".mts", ".m2ts", ".ts", ".wmv")
 
-
 # First bytes of what is not the file that its name says, and an error message for each.
 WRAPPINGS = (
     (b"version https://git-lfs", "a git-lfs pointer; fetch the file itself (git lfs pull)"),

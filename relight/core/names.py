@@ -9,8 +9,6 @@ def find_path(folder: Path, parts: tuple[str, ...]) -> Path | None:
     """Returns the path `parts` in `folder`, written so or with other capitals or accents; None if there is none."""
     path = folder
     for part in parts:
-        if part in ("", "."):
-            continue
         if not os.path.lexists(path / part):
             names = sorted(os.listdir(path)) if path.is_dir() else []
             alike = next((name for name in names if folded(name) == folded(part)), None)

@@ -9,7 +9,7 @@ import numpy as np
 
 from relight.core.errors import UserError
 from relight.core.libraries import with_libraries
-from relight.meshes.geometry import connected_parts, edges, face_areas, joined, solidity
+from relight.meshes.geometry import connected_parts, edges, face_areas, solidity
 from relight.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -57,7 +57,9 @@ def clean(mesh: Mesh) -> Mesh:
 
 def count_opposed_faces(mesh: Mesh) -> int:
     """Returns how many faces lie on another one, turned the other way: vertex normals cancel there."""
-    faces = joined(mesh.vertices)[1][mesh.faces].astype(np.int64)
+    # One opaque value of 12 bytes for each position sorts faster than rows; + 0.0 makes negative zeros positive.
+    position = np.ascontiguousarray(mesh.vertices + 0.0, np.float32).view("V12").reshape(-1)
+    faces = np.unique(position, return_inverse=True)[1].reshape(-1)[mesh.faces].astype(np.int64)
     faces = np.take_along_axis(faces, (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)  # the least first
     is_turned = faces[:, 1] > faces[:, 2]
     faces.sort(axis=1)  # faces of the same corners are equal rows now, whatever their winding

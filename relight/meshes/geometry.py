@@ -59,14 +59,6 @@ def edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.stack([unique // n, unique % n], axis=1), inverse.reshape(3, -1).T, count
 
 
-def joined(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Joins points (N,3) at one place: their places (V,3) float32, in any order, and the index (N,) of that of each."""
-    # One opaque value of 12 bytes for each position sorts faster than rows; + 0.0 makes negative zeros positive.
-    position = np.ascontiguousarray(points + 0.0, np.float32).view("V12").reshape(-1)
-    unique, index = np.unique(position, return_inverse=True)
-    return unique.view(np.float32).reshape(-1, 3), index.reshape(-1)
-
-
 def connected_parts(faces: np.ndarray, vertices: int) -> np.ndarray:
     """Numbers the connected parts of a mesh from 0.
 

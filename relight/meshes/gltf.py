@@ -279,6 +279,5 @@ def _texture(gltf: Gltf, index: int) -> tuple[np.ndarray, tuple[str, str]]:
     wrap = WRAPS[sampler.get("wrapS", DEFAULT_WRAP)], WRAPS[sampler.get("wrapT", DEFAULT_WRAP)]
     image = gltf.item("images", source)
     what = f"{gltf.path}: texture {image.get('name') or image.get('uri', '')[:60] or source}"
-    if "uri" in image:
-        return read_texture(gltf.resource(image["uri"]), what, by_profile=False), wrap
-    return read_texture(bytes(gltf.view(image["bufferView"])[0]), what, by_profile=False), wrap
+    data = gltf.resource(image["uri"]) if "uri" in image else bytes(gltf.view(image["bufferView"])[0])
+    return read_texture(data, what, by_profile=False), wrap

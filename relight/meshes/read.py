@@ -1,47 +1,33 @@
 """Reads mesh files of all supported formats."""
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from relight.core.errors import UserError
 from relight.core.files import existing_file, require_unpacked
-from relight.core.text import open_lines
-from relight.meshes.geometry import joined
 from relight.meshes.gltf import read_gltf
 from relight.meshes.mesh import Mesh
 from relight.meshes.obj import read_obj
 from relight.meshes.ply import read_ply
-from relight.meshes.raw import RawMesh, checked_mesh, parse_numbers
-
-RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])  # of a binary STL
-FACET = re.compile(rb"(?mi)^[ \t]*(?:vertex\s(.*)|(end(?:loop|solid)))")  # names may hold these words as well
+from relight.meshes.raw import RawMesh, checked_mesh
 
 
 def read_stl(path: Path) -> RawMesh:
     """Reads triangles, ascii or binary, and joins corners at one point: STL has neither shared vertices nor colors.
 
-    A file is binary if it has the bytes of the triangles that it promises: letters promise more than fit into any.
-
     Raises:
         UserError: if the file is damaged.
     """
-    data = path.read_bytes()
-    count = int.from_bytes(data[80:84], "little")
-    if 0 < count <= (len(data) - 84) // RECORD.itemsize:
-        corners = np.frombuffer(data, RECORD, count, offset=84)["corners"]
-    else:
-        with open_lines(path) as file:
-            lines = FACET.findall(file.read())
-        triples = [numbers for numbers, end in lines if not end]
-        corners = parse_numbers(path, b" ".join(triples), np.float32)
-        ends = [end.lower() for _, end in lines]
-        if ends[-1:] != [b"endsolid"] or not len(corners) == 3 * len(triples) == 9 * ends.count(b"endloop"):
-            raise UserError(f"{path} is cut short or damaged, or no STL")
-    vertices, index = joined(corners.reshape(-1, 3))
-    return RawMesh(vertices.astype(np.float64), index.reshape(-1, 3), [None])
+    import trimesh
+
+    try:
+        mesh = trimesh.load_mesh(path, process=False)
+        mesh.merge_vertices()
+    except Exception as error:  # trimesh raises several types
+        raise UserError(f"{path} is damaged, or no STL ({error})") from None
+    if not len(mesh.faces):
+        raise UserError(f"{path} is cut short or damaged: it holds other than its triangles")
+    return RawMesh(mesh.vertices, mesh.faces, [None])
 
 
 READERS: dict[str, Callable[[Path], RawMesh]] = {

@@ -91,7 +91,6 @@ def read_scan(path: Path, name: str, subject: str, out: Path) -> None:
         subject: name of the person.
         out: the mesh record (.npz).
     """
-
     from relight.meshes.read import read_mesh
 
     def make() -> Mesh:

@@ -717,7 +717,7 @@ def test_scans_table_without_paths_or_a_use_is_refused(tmp_path, text, says):
 
 
 def test_a_cube_of_stl_is_one_surface_in_both_forms(tmp_path):
-    """Eight corners, which STL names 36 times. Names hold any words; binary files begin and end as they like."""
+    """Eight corners, which STL names 36 times."""
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
     sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]  # counter-clockwise
     cube = corners[[(a, *pair) for a, b, c, d in sides for pair in ((b, c), (c, d))]]
@@ -726,17 +726,14 @@ def test_a_cube_of_stl_is_one_surface_in_both_forms(tmp_path):
     records = np.zeros(12, [("normal", "<f4", 3), ("triangle", "<f4", (3, 3)), ("attributes", "<u2")])
     records["triangle"] = cube
     data = b"solid".ljust(80) + struct.pack("<I", 12) + records.tobytes()
-    whole = f"solid cube of facet vertex 1\n{text}endsolid cube\n".encode()
-    for content in (whole, whole.upper().replace(b"\n", b"\r\n\t"), data, data + b"a stamp"):
+    whole = f"solid cube\n{text}endsolid cube\n".encode()
+    for content in (whole, whole.upper().replace(b"\n", b"\r\n\t"), data):
         mesh = read_mesh(path := write(tmp_path, {"cube.stl": content}))
         assert len(mesh.vertices) == 8 and mesh.faces.shape == (12, 3)
         a, b, c = np.moveaxis(mesh.vertices[mesh.faces].astype(float), 1, 0)
         assert (a * np.cross(b, c)).sum() / 6 == pytest.approx(1)  # its volume, positive where faces look outward
         assert "the albedo is white" in mesh.info["warnings"][0]
-    broken = data[:-7], whole[:-14], whole.replace(b"vertex 0", b"0", 1), whole.replace(b"vertex 0.0", b"vertex", 1)
-    for content in broken:
+    for content in (data[:-7], data + b"a stamp", whole[: len(whole) // 2], whole.replace(b"vertex 0", b"0", 1)):
         write(tmp_path, {"cube.stl": content})
-        with pytest.raises(UserError, match=r"cube\.stl is cut short or damaged, or no STL"):
+        with pytest.raises(UserError, match=r"cube\.stl is (cut short or )?damaged"):
             read_mesh(path)
-    records["triangle"] *= 1e-9  # corners are joined only at the same point
-    assert len(read_mesh(write(tmp_path, {"cube.stl": data[:84] + records.tobytes()})).vertices) == 8
