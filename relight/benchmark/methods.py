@@ -144,7 +144,7 @@ def true_maps(benchmark: BenchmarkSet, entry: Entry, order: int = 2) -> dict[str
 
     Relit pictures are of light and transport of an `order`: their errors are those of the formulation.
     """
-    maps = read_maps(benchmark.maps(entry)) if order == 2 else _scene(benchmark, entry, order).maps
+    maps = read_maps(benchmark.maps(entry)) if order == 2 else scene_of(benchmark, entry, order).maps
     old, *new = (project(read_panorama(path), order) for path in (benchmark.light(entry), *entry.panoramas()))
     gains = [gain(maps.transport, maps.mask, old, light) for light in new]
     return _true(benchmark, entry, [maps.albedo * shade(maps.transport, light) for light in new], gains)
@@ -152,7 +152,7 @@ def true_maps(benchmark: BenchmarkSet, entry: Entry, order: int = 2) -> dict[str
 
 def exact(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
     """Answers like `true_maps`, but by irradiance that is traced in the lights themselves, without gloss or bounces."""
-    scene, settings = _scene(benchmark, entry), benchmark.index["settings"]
+    scene, settings = scene_of(benchmark, entry), benchmark.index["settings"]
     sources = [read_panorama(path) for path in (benchmark.light(entry), *entry.panoramas())]
     tracer = PathTracer(scene.mesh, settings["size"], scene.camera)
     skies = [resampled(source) for source in sources]
@@ -183,8 +183,15 @@ def _true(
     }
 
 
-class _Scene(NamedTuple):
-    """The figure of a picture, made again: `mesh`, its `camera`, the `window` of the photo, and `maps` within it."""
+class Scene(NamedTuple):
+    """The figure of a picture, made again.
+
+    Attributes:
+        mesh: of the figure.
+        camera: of the picture.
+        window: of the photo, in the camera's picture.
+        maps: within the window.
+    """
 
     mesh: Mesh
     camera: Camera
@@ -192,15 +199,15 @@ class _Scene(NamedTuple):
     maps: Maps
 
 
-def _scene(benchmark: BenchmarkSet, entry: Entry, order: int = 2) -> _Scene:
-    """Makes the figure of a picture again, with transport of an order."""
+def scene_of(benchmark: BenchmarkSet, entry: Entry, order: int = 2) -> Scene:
+    """Makes the figure of a picture of a set again, with transport of an order."""
     settings = Settings(**benchmark.index["settings"])
     (recipe,) = (recipe for recipe in draw_recipes(benchmark.index["set"]) if recipe.name == entry.name)
     mesh = make_mesh(recipe.seed, settings)
     baker = scene_baker(mesh, settings, order)
     maps = baker.maps(recipe.view)
     window = crop_window(maps.mask, recipe.cut)
-    return _Scene(mesh, baker.camera(recipe.view), window, crop_maps(maps, window))
+    return Scene(mesh, baker.camera(recipe.view), window, crop_maps(maps, window))
 
 
 BASELINES: dict[str, Method] = {
