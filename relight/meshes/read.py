@@ -26,7 +26,7 @@ def read_stl(path: Path) -> RawMesh:
     except Exception as error:  # trimesh raises several types
         raise UserError(f"{path} is damaged, or no STL ({error})") from None
     if not len(mesh.faces):
-        raise UserError(f"{path} is cut short or damaged: it holds other than its triangles")
+        raise UserError(f"{path} is damaged: it is cut short, or holds more than its triangles")
     return RawMesh(mesh.vertices, mesh.faces, [None])
 
 
