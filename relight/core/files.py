@@ -201,10 +201,7 @@ def atomic_folder(path: Path | str) -> Iterator[Path]:
 
 
 def _remove_stale(folder: Path, prefix: str, suffix: str = "") -> None:
-    """Removes temporary files and folders that are not locked, since their writers are dead.
-
-    `prefix` and `suffix` are those given to `tempfile`.
-    """
+    """Removes temporary files and folders of `tempfile` that are not locked, since their writers are dead."""
     random_part = 8 * "?"  # the characters between them, which `tempfile` draws
     for stale in folder.glob(glob.escape(prefix) + random_part + glob.escape(suffix)):
         try:

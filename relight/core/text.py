@@ -123,10 +123,7 @@ def read_table(path: Path, is_right: Callable[[Table], bool] = lambda table: Tru
 
 
 def _parse_table(text: str) -> Table:
-    """Parses CSV, or raises csv.Error; see `read_table`.
-
-    The separator is that of Excel's first line `sep=`, else the commonest in the head.
-    """
+    """Parses CSV, separated as Excel's first line `sep=` says, else by the commonest in the head (csv.Error)."""
     if match := re.match(r"sep=(.)\r?\n", text):
         separator, text = match[1], text[match.end() :]
     else:

@@ -216,10 +216,7 @@ NAMED: dict[str, Callable[[str, int], Light]] = {"key": _read_key, "place": read
 
 
 def _read_coefficients(path: Path, convention: str | None) -> Light:
-    """Reads a file of coefficients (.npy, .json, .txt or .csv).
-
-    Their convention, if it is None, is that of the JSON, else of the file's name, else relight's.
-    """
+    """Reads coefficients in a convention, or in that of their JSON, else of the file's name, else relight's."""
     if path.stat().st_size > MAX_BYTES:
         size = path.stat().st_size >> 20
         raise UserError(f"{path} has {size} MB; the coefficients of a light take at most {MAX_BYTES >> 20} MB")

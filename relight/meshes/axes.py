@@ -85,10 +85,7 @@ def flat_side(mesh: Mesh) -> str | None:
 
 
 def _in_band(points: np.ndarray, up: np.ndarray, band: Band) -> tuple[np.ndarray, float]:
-    """Returns which points (N,3) are in a band of the height, (N,) bool, and the height, in units of the file.
-
-    `up` (3,) is a unit vector, along which height is measured.
-    """
+    """Returns which points (N,3) are in a band of the height along the unit vector `up`, and the height."""
     height = points @ up
     size = max(np.ptp(height), 1e-30)
     level = (height - height.min()) / size
@@ -96,10 +93,7 @@ def _in_band(points: np.ndarray, up: np.ndarray, band: Band) -> tuple[np.ndarray
 
 
 def _horizontal_offset(points: np.ndarray, area: np.ndarray, up: np.ndarray, band: Band, other: Band) -> np.ndarray:
-    """Returns the horizontal offset (3,) of the centroid of one band from that of another, over the height.
-
-    `points` (F,3) are the centres of the faces.
-    """
+    """Returns the horizontal offset (3,) of one band's centroid from another's, over the height."""
 
     def centroid(of: Band) -> np.ndarray:
         weight = area * _in_band(points, up, of)[0]
@@ -173,10 +167,7 @@ def _gap(mesh: Mesh, points: np.ndarray, area: np.ndarray, up: np.ndarray) -> fl
 
 
 def _head_faces(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Returns which faces, (F,) bool, are near the vertical through the highest ones: head and neck, no arms.
-
-    `points` (F,3) are the centres of the faces.
-    """
+    """Returns which faces (F,) are near the vertical through the highest ones: head and neck, no arms."""
     level = points @ up
     height = max(np.ptp(level), 1e-30)
     weight = area * (level > level.max() - CROWN * height)
@@ -185,11 +176,7 @@ def _head_faces(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndar
 
 
 def _sole_area(mesh: Mesh, points: np.ndarray, up: np.ndarray) -> float:
-    """Returns the horizontal area that the figure covers up to LOWEST, over the squared longest extent.
-
-    Layers that are on top of each other, as of hair, are counted once. `mesh` and `points` (F,3), the centres of its
-    faces, are in the file's frame.
-    """
+    """Returns the area that layers up to LOWEST cover, each place once, over the squared longest extent."""
     height = points @ up
     lowest = mesh.faces[height <= height.min() + LOWEST * np.ptp(height)]
     longest = max(np.ptp(mesh.vertices, axis=0).max(), 1e-30)  # of any mesh, so that the picture has at most GRID px

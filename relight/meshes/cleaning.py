@@ -196,11 +196,7 @@ def _oriented(mesh: Mesh, changed: np.ndarray, repairs: dict[str, int]) -> Mesh:
 
 
 def _without_floating(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
-    """Drops parts that have few faces, are small, and float; eyes and lashes touch the body.
-
-    `repairs` gets the numbers of parts and of floating parts. Raises UserError if all parts are small, or floating ones
-    have most of the surface.
-    """
+    """Drops parts that have few faces, are small, and float; eyes and lashes touch the body."""
     from scipy.spatial import cKDTree
 
     part = connected_parts(mesh.faces, len(mesh.vertices))

@@ -56,10 +56,7 @@ def _find_beside(folder: Path, wanted: PurePosixPath) -> Path | None:
 
 
 def _find_below(beside: Path, folder: Path, tried: list[PurePosixPath]) -> Path | None:
-    """Returns the one file in a folder's subfolders whose name is that of a path in `tried`, or None.
-
-    `tried` are spellings of a path that the file `beside` names. Raises UserError if there are several such files.
-    """
+    """Returns the one file in the subfolders that has a name of `tried`, or None; UserError if there are several."""
     names = {folded(wanted.name) for wanted in tried}
     found = [Path(root, file) for root, _, files in os.walk(folder) for file in files if folded(file) in names]
     if len(found) > 1:

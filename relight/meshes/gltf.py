@@ -101,10 +101,7 @@ def _times(matrix: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def _turned(normal: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Returns normals (V,3) after linear maps of the points, as in `_times`, but for the sign of the determinant.
-
-    Their lengths are of no use.
-    """
+    """Returns normals of any length after `_times` of the points, but for the sign of the determinant."""
     rows = np.moveaxis(matrix, -2, 0)
     cofactors = np.stack([np.cross(rows[(k + 1) % 3], rows[(k + 2) % 3]) for k in range(3)], axis=-2)  # det times M^-T
     return _times(cofactors, normal.astype(np.float64))
@@ -204,11 +201,7 @@ def _matrix(node: dict[str, Any]) -> np.ndarray:
 
 
 def _triangles(gltf: Gltf, index: np.ndarray, mode: int) -> np.ndarray:
-    """Returns the triangles of a primitive.
-
-    `index` (N,) has the vertices as the primitive lists them. The faces (F,3) are counter-clockwise; points and lines
-    have none.
-    """
+    """Returns the triangles (F,3), counter-clockwise, of a primitive's vertices; points and lines have none."""
     if mode == TRIANGLES:
         if len(index) % 3:
             raise UserError(f"{gltf.path}: {len(index)} indices do not make whole triangles")
@@ -264,11 +257,7 @@ def _surface(gltf: Gltf, number: int | None, notes: list[str]) -> Surface:
 
 
 def _texture(gltf: Gltf, index: int) -> tuple[np.ndarray, tuple[str, str]]:
-    """Reads a texture from a file, or from the binary data.
-
-    Returns the picture (H,W,3) uint8 sRGB, and its wrap modes along u and v: REPEAT, CLAMP or MIRROR. Raises UserError
-    if it is given in an unknown format only, or its picture is missing or damaged.
-    """
+    """Reads the picture (H,W,3) of a texture, uint8 sRGB, and its wrap modes along u and v."""
     texture = gltf.item("textures", index)
     others = [texture.get("extensions", {}).get(name, {}).get("source") for name in PICTURE_FORMATS]
     source = next((image for image in (texture.get("source"), *others) if image is not None), None)

@@ -59,11 +59,7 @@ class Gltf:
         self.buffers: dict[int, bytes] = {}
 
     def _split(self, data: bytes) -> tuple[bytes, bytes | None]:
-        """Returns the JSON and the binary chunk (None if there is none) of a .glb container.
-
-        Raises:
-            UserError: if it is damaged, or not of version 2.
-        """
+        """Returns the JSON and the binary chunk of a .glb container, None if there is none."""
         if len(data) < 20 or data[:4] != b"glTF":
             raise UserError(f"{self.path} is not a .glb file: it does not begin with `glTF`")
         version, length = struct.unpack_from("<II", data, 4)

@@ -112,10 +112,7 @@ class Mesh:
 
 
 def _material(data: dict[str, np.ndarray], name: str) -> Material:
-    """Returns a material of a mesh record.
-
-    `name` is what `Mesh.save` appended to the names of its arrays: "2" is material 2, "2.1" that in outfit 1.
-    """
+    """Returns the material whose arrays `Mesh.save` named so: "2" is material 2, "2.1" that in outfit 1."""
     roughness, specular = map(float, data.get(f"gloss{name}", (1, 0)))
     color, texture = data[f"color{name}"], data.get(f"texture{name}")
     u, v = map(str, data.get(f"wrap{name}", (REPEAT, REPEAT)))

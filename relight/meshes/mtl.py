@@ -191,11 +191,7 @@ def _parse_color(path: Path, text: bytes) -> tuple[np.ndarray, list[str]]:
 
 
 def _parse_map(text: bytes) -> tuple[bytes, np.ndarray, bool]:
-    """Parses a map statement: options and a file, whose name may hold blanks.
-
-    Returns the file's name as written; the placement (4,), scale u v and offset u v of texture coordinates; and whether
-    the texture is clamped at its edges.
-    """
+    """Parses a map statement: the file, whose name may hold blanks, scale and offset of uv, whether it is clamped."""
     placement, clamp, rest = NO_PLACEMENT.copy(), False, text.decode("latin-1")
     while match := OPTION.match(rest):
         values = [float(value) for value in (match["values"] or "").split()]

@@ -64,11 +64,7 @@ def read_obj(path: Path) -> RawMesh:
 
 
 def _colors(vertices: np.ndarray, widest: int) -> tuple[np.ndarray | None, list[str]]:
-    """Returns the colors that follow the coordinates of `v` lines.
-
-    `vertices` (V,columns) has as many columns as all lines have, and `widest` is the number of columns of the longest
-    line. Returns (V,3) linear float32, or None if some vertices have no color; and warnings (sentences).
-    """
+    """Returns the linear colors (V,3) after the coordinates, None if a vertex has none, and warnings."""
     columns = vertices.shape[1]
     if columns < 6:
         return None, ["some vertices have colors and others none: they are left out"] if widest >= 6 else []

@@ -71,11 +71,7 @@ def _columns(block: Block, names: Iterable[str]) -> np.ndarray | None:
 
 
 def _color(block: Block, warnings: list[str]) -> np.ndarray | None:
-    """Returns the colors of vertices or faces.
-
-    Colors in the file are sRGB of any type. Returns (N,3) linear float32, or None if there are no colors; `warnings`
-    gets sentences about what is unusual in them.
-    """
+    """Returns linear colors (N,3) of vertices or faces, None if there are none; `warnings` gets what is unusual."""
     for names in COLORS:
         if (colors := _columns(block, names)) is not None:
             if len({block[name].dtype.kind == "f" for name in names}) > 1:
@@ -108,11 +104,7 @@ def _texture_numbers(path: Path, face: Block, materials: list[Material | None]) 
 def _texture_coordinates(
     path: Path, vertex: Block, face: Block, counts: np.ndarray, position: np.ndarray, faces: np.ndarray
 ) -> np.ndarray:
-    """Returns uv from MeshLab's list per face (u v of each corner) or from coordinates per vertex.
-
-    `counts` (P,) is the number of corners of each polygon, and `position` (F,3) the place of the triangles' corners in
-    the list of all polygons' corners. Returns (F,3,2); raises UserError if there are no coordinates, or too few.
-    """
+    """Returns uv (F,3,2) from MeshLab's list per face (u v of each corner), or from coordinates per vertex."""
     if "texcoord" in face:
         if not np.array_equal(face["texcoord"].lengths, 2 * counts):
             raise UserError(f"{path}: `texcoord` must hold two numbers per corner of each face")

@@ -92,11 +92,7 @@ def read_blocks(path: Path) -> tuple[dict[str, Block], list[bytes]]:
 
 
 def _header(path: Path, head: bytes) -> tuple[str | None, list[Element], list[bytes], int]:
-    """Parses the header, which the bytes `head` begin with; raises UserError if it is damaged.
-
-    Returns the byte order ("<", ">", or None for ascii), the elements that have properties, the names of pictures as
-    bytes in the file's code page, and where the data begin, bytes.
-    """
+    """Returns byte order, None for ascii, the elements that have properties, the pictures, and where data begin."""
     end = head.find(b"end_header")
     first_line = re.match(rb"ply[ \t]*(\r\n|\n|\r)", head)  # all lines of a header end as the first one does
     line_end = head.find(first_line[1], end) if first_line else -1
@@ -167,10 +163,7 @@ def _binary_blocks(path: Path, data: bytes, start: int, byte_order: str, element
 def _unpack(
     path: Path, data: bytes, start: int, type: str, count: float, element: Element
 ) -> tuple[tuple[Any, ...], int]:
-    """Unpacks `count` numbers of a type ("<f4") from byte `start` on, and returns where they end, too.
-
-    Raises UserError if the data end before, or hold fewer bytes in all.
-    """
+    """Unpacks numbers of a type ("<f4") from byte `start` on, and returns where they end, too."""
     if not 0 <= count <= len(data):  # also refuses NaN, the length of a list in ascii files
         raise UserError(f"{path}: a list of {count} values in {element.name}; the file is damaged")
     try:
@@ -181,10 +174,7 @@ def _unpack(
 
 
 def _ragged(path: Path, data: bytes, start: int, byte_order: str, element: Element) -> tuple[Block, int]:
-    """Parses an element whose rows have lists of different lengths, row by row.
-
-    Returns its columns and where it ends, in bytes as `start`.
-    """
+    """Parses an element whose lists have different lengths, row by row, and returns where it ends, too."""
     lengths: dict[str, list[int]] = {property.name: [] for property in element.properties}
     values: dict[str, list[Any]] = {property.name: [] for property in element.properties}
     for _ in range(element.count):
@@ -203,10 +193,7 @@ def _ragged(path: Path, data: bytes, start: int, byte_order: str, element: Eleme
 
 
 def _ascii_blocks(path: Path, text: bytes, elements: list[Element]) -> dict[str, Block]:
-    """Parses the data of an ascii file, `text` after the header, to columns by name of the element.
-
-    The numbers are converted to binary doubles, which are parsed as a binary file's.
-    """
+    """Parses ascii numbers to doubles, and these as the data of a binary file."""
     values = parse_numbers(path, text, np.float64)
     doubles = [
         Element(element.name, element.count, [

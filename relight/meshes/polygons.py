@@ -56,11 +56,7 @@ def _fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _turned_over(counts: np.ndarray, index: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-    """Returns the polygons whose fans leave them: triangles of such a fan face both ways.
-
-    `counts` (P,) is the number of corners of each polygon, and `index` (N,) the vertex of each corner, in one flat
-    list. The polygons are returned by their numbers, ascending.
-    """
+    """Returns the polygons, ascending, whose fans leave them: triangles of such a fan face both ways."""
     start, bad = np.cumsum(counts) - counts, [np.zeros(0, np.int64)]
     axes = [np.ascontiguousarray(vertices[:, axis]) for axis in range(3)]  # four times as fast as rows of three
     for size in np.unique(counts[counts > 3]):

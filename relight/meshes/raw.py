@@ -125,10 +125,7 @@ def _colorless(raw: RawMesh) -> list[str]:
 
 
 def _rounding(vertices: np.ndarray, size: float) -> list[str]:
-    """Returns a warning, or none, about coordinates far from the origin that were exported in single precision.
-
-    `size` is the longest side of the bounding box, in the unit of `vertices` (V,3).
-    """
+    """Returns a warning, or none, about coordinates far from the origin that were exported in single precision."""
     step = float(np.spacing(np.float32(np.nanmax(np.abs(vertices)))))
     if step < MAX_STEP * size or not (np.isnan(vertices) | (vertices.astype(np.float32) == vertices)).all():
         return []

@@ -123,10 +123,7 @@ def short_hash(text: str) -> str:
 
 
 def _subject(relative: Path, name: str) -> str:
-    """Returns the subject of a scan: the person of a RenderPeople name, else its subfolder, else its own name.
-
-    `relative` is the path from the folder of the scans, without suffix.
-    """
+    """Returns the person of a RenderPeople name, else the subfolder, else the own name of a scan."""
     is_outside = relative.is_absolute() or ".." in relative.parts
     parts = relative.parts[-1:] if is_outside else relative.parts
     for part in (*reversed(parts), name):

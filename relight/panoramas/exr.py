@@ -169,10 +169,7 @@ def _decode(header: Header, pixels: np.ndarray) -> list[str]:
 
 
 def _choose_part(path: Path, headers: list[Header]) -> int:
-    """Returns the index of the first part with colors.
-
-    Raises UserError if there is none, a part is deep or too large, or a channel is subsampled.
-    """
+    """Returns the index of the first part with colors; UserError if none can be read."""
     decoded, selected = 0, None
     for number, header in enumerate(headers):
         if header.deep:
@@ -217,11 +214,7 @@ def _color_channels(channels: Collection[str]) -> str | None:
 
 
 def _to_display_window(path: Path, header: Header, pixels: np.ndarray, repairs: list[str]) -> np.ndarray:
-    """Crops and pads pixels from the data window to the display window; missing ones are black.
-
-    `pixels` (h,w,C) become (H,W,C), and `repairs` gets a line for each difference of the windows. Raises UserError if
-    they do not overlap.
-    """
+    """Crops and pads pixels (h,w,C) to the display window, in black; `repairs` gets how the windows differ."""
     (x0, y0, x1, y1), (display_x0, display_y0, display_x1, display_y1) = header.data, header.display
     if header.display == header.data:
         return pixels

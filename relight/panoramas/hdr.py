@@ -130,10 +130,7 @@ def _read_pixels(data: bytes, position: int, height: int, width: int) -> np.ndar
 
 
 def _read_scanline(data: bytes, source: np.ndarray, position: int, line: np.ndarray) -> int:
-    """Fills a line (W,4) with the codes of a scanline: flat, or in the old or new run-length coding.
-
-    `source` is `data`, the file, as an array. Returns the position of the next scanline.
-    """
+    """Fills a line (W,4) with the codes of a scanline in any coding; returns where the next one begins."""
     width = len(line)
     marker = data[position : position + 4]
     if len(marker) < 4:

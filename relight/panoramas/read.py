@@ -54,12 +54,7 @@ def read_panorama(path: Path | str, layout: str = "auto", repair: bool = False) 
 
 
 def _read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
-    """Reads a picture whose format its first bytes tell.
-
-    Returns:
-        Pixels (H,W,3) float32, linear Rec. 709, row 0 at the top; the layout that OpenEXR's attribute `envmap`
-        tells, or None; and what the reader changed, one sentence each.
-    """
+    """Returns the pixels, the layout that OpenEXR's attribute `envmap` tells, or None, and what the reader changed."""
     with open(path, "rb") as file:
         start = file.read(256).removeprefix(codecs.BOM_UTF8)
     if not start:

@@ -85,10 +85,7 @@ def no_choice(group: str, name: str, choices: Iterable[str]) -> str:
 
 
 def _unknown(cfg: DictConfig, above: str = "") -> Iterator[str]:
-    """Yields messages about settings that are not in the schema, which overrides with + add.
-
-    `above` is the key of `cfg` in the whole tree, with a dot at the end: "train.".
-    """
+    """Yields messages about settings below the key `above` ("train.") that the schema lacks, as + adds them."""
     known = getattr(OmegaConf.get_type(cfg), "__dataclass_fields__", None)
     for key in map(str, cfg):
         if known is not None and key not in known:
