@@ -67,56 +67,105 @@ def converted(codes, matrix, curve) -> np.ndarray:
     return encode(curve(np.asarray(codes, float)) @ (np.linalg.inv(SRGB) @ matrix).T)
 
 
+def adobe(codes):
+    return converted(codes, ADOBE, lambda x: x ** (563 / 256))
+
+
+def icc(data):
+    return b"iCCP", b"a\0\0" + zlib.compress(data)
+
+
+def gama(gamma):
+    return b"gAMA", struct.pack(">I", round(gamma * 100000))
+
+
+def chrm(*xy):
+    return b"cHRM", struct.pack(">8I", *(round(value * 100000) for value in xy))
+
+
+def cicp(primaries, transfer):
+    """Codes of ITU-T H.273."""
+    return b"cICP", bytes([primaries, transfer, 0, 1])
+
+
+def camera(space, mark):
+    """Color space and mark of EXIF."""
+    exif = Image.Exif()
+    exif[0x8769] = {0xA001: space, 0xA005: {1: mark}}
+    return b"eXIf", exif.tobytes().removeprefix(b"Exif\0\0")
+
+
 LINEAR_SRGB = profile("built-in Linear sRGB", SRGB, LINEAR)
-LEFT_OUT = "it was left out"
-# profile, the codes in [0,1] that a picture of codes in [0,1] becomes, and what a note says
-PROFILES = {
-    "nothing more": (None, lambda c: c, ""),
-    "a linear ICC profile called sRGB": (LINEAR_SRGB, lambda c: converted(c, SRGB, lambda x: x), ""),
+DISPLAY_P3 = profile("Display P3", P3, CURVE)
+REC2020 = np.array([[0.6735, 0.1656, 0.1251], [0.2790, 0.6753, 0.0456], [-0.0019, 0.0300, 0.7968]])
+REC709 = (0.3127, 0.3290, 0.64, 0.33, 0.30, 0.60, 0.15, 0.06)
+XY_P3 = (0.3127, 0.3290, 0.680, 0.320, 0.265, 0.690, 0.150, 0.060)
+CODED, LEFT_OUT, GIVEN = "that its file codes", "it was left out", "gamma that the file gives"
+# chunks of a PNG, the codes in [0,1] that a picture of codes in [0,1] becomes, and what a note says
+PNGS = {
+    "nothing more": ([], lambda c: c, ""),
+    "a linear ICC profile called sRGB": ([icc(LINEAR_SRGB)], lambda c: converted(c, SRGB, lambda x: x), ""),
     "gamma, called e-sRGB": (
-        profile("e-sRGB", SRGB, GAMMA), lambda c: converted(c, SRGB, lambda x: x ** (563 / 256)), ""),
+        [icc(profile("e-sRGB", SRGB, GAMMA))], lambda c: converted(c, SRGB, lambda x: x ** (563 / 256)), ""),
     "a table, called sRGB": (
-        profile("sRGB-elle-V2-g18", SRGB, TABLE), lambda c: converted(c, SRGB, lambda x: x**1.8), ""),
-    "Display P3": (profile("Display P3", P3, CURVE), lambda c: converted(c, P3, decode), ""),
-    "Adobe RGB": (profile("not sRGB", ADOBE, GAMMA), lambda c: converted(c, ADOBE, lambda x: x ** (563 / 256)), ""),
-    "an ICC profile of sRGB, under any name": (profile("c2", SRGB, CURVE), lambda c: c, ""),
-    "sRGB of LittleCMS": (ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes(), lambda c: c, ""),
-    "an ICC profile of grey pictures": (profile("Dot Gain 20%", None, GAMMA), lambda c: c, LEFT_OUT),
-    "no profile": (b"no profile" * 9, lambda c: c, LEFT_OUT),
-    "cut short": (profile("Display P3", P3, CURVE)[:200], lambda c: c, LEFT_OUT),
+        [icc(profile("sRGB-elle-V2-g18", SRGB, TABLE))], lambda c: converted(c, SRGB, lambda x: x**1.8), ""),
+    "Display P3": ([icc(DISPLAY_P3)], lambda c: converted(c, P3, decode), ""),
+    "Adobe RGB": ([icc(profile("not sRGB", ADOBE, GAMMA))], adobe, ""),
+    "an ICC profile of sRGB, under any name": ([icc(profile("c2", SRGB, CURVE))], lambda c: c, ""),
+    "sRGB of LittleCMS": (
+        [icc(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())], lambda c: c, ""),
+    "an ICC profile of grey pictures": ([icc(profile("Dot Gain 20%", None, GAMMA))], lambda c: c, LEFT_OUT),
+    "no profile": ([icc(b"no profile" * 9)], lambda c: c, LEFT_OUT),
+    "cut short": ([icc(DISPLAY_P3[:200])], lambda c: c, LEFT_OUT),
+    "PNG's gamma of 1": ([gama(1)], lambda c: encode(c), GIVEN),
+    "gamma of old Macintoshes": ([gama(0.55556)], lambda c: encode(c**1.8), GIVEN),
+    "gamma of sRGB": ([gama(0.45455)], lambda c: c, ""),
+    "gamma of sRGB with its primaries": ([gama(0.45455), chrm(*REC709)], lambda c: c, ""),
+    "gamma of 1, but sRGB": ([gama(1), (b"sRGB", b"\0")], lambda c: c, ""),
+    "gamma of 1, primaries of P3": ([gama(1), chrm(*XY_P3)], lambda c: converted(c, P3, lambda x: x), GIVEN),
+    "codes of sRGB before gamma": ([cicp(1, 13), gama(1)], lambda c: c, ""),
+    "codes of sRGB before a profile": ([icc(DISPLAY_P3), cicp(1, 13)], lambda c: c, ""),  # unlike AVIF and HEIC
+    "codes of BT.709": ([cicp(1, 1), gama(1)], lambda c: c, ""),
+    "codes that say nothing": ([cicp(2, 2)], lambda c: c, ""),
+    "codes of P3": ([cicp(12, 13), gama(1)], lambda c: converted(c, P3, decode), CODED),
+    "codes of BT.2020": ([cicp(9, 1), gama(1)], lambda c: converted(c, REC2020, decode), CODED),
+    "PNG's `cICP` of linear values": ([cicp(1, 8), gama(1)], lambda c: converted(c, SRGB, lambda x: x), CODED),
+    "codes of gamma 2.2": ([cicp(1, 4), gama(1)], lambda c: converted(c, SRGB, lambda x: x**2.2), CODED),
+    "EXIF of a camera: Adobe RGB": ([camera(0xFFFF, "R03")], adobe, "Adobe RGB"),
+    "EXIF of an older camera": ([camera(2, "")], adobe, "Adobe RGB"),
+    "EXIF of sRGB": ([camera(1, "R98")], lambda c: c, ""),
+    "EXIF, not calibrated": ([camera(0xFFFF, "R98")], lambda c: c, ""),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", PROFILES)
-def test_read_photo_converts_by_what_a_profile_holds(tmp_path, name):
-    data, right, says = PROFILES[name]
-    Image.fromarray(RGB).save(tmp_path / "a.png", icc_profile=data)
-    photo = Picture.of(tmp_path / "a.png")
-    want = np.round(right(RGB / 255) * 255)
-    if np.array_equal(want, RGB):
-        np.testing.assert_array_equal(photo.pixels, RGB)
-    elif "linear" in name:
-        assert np.abs(photo.pixels - want).max() <= 1
-    else:  # LittleCMS computes in 8 bits
-        assert np.abs(photo.pixels - want).mean() < 0.7 and np.abs(photo.pixels - want).max() <= 8
+def png_of(path, chunks, pixels=RGB):
+    """A PNG with these chunks alone between its header and its data."""
+    write_picture(path, pixels)
+    data = path.read_bytes()
+    path.write_bytes(data[:33] + png_chunks(*chunks) + data[data.index(b"IDAT") - 4 :])
+    return path
+
+
+@pytest.mark.parametrize("name", PNGS)
+@pytest.mark.parametrize("type", [np.uint8, np.uint16])
+def test_read_photo_converts_by_what_a_png_says(tmp_path, name, type):
+    """By cICP before iCCP and gAMA, by the third edition of PNG."""
+    chunks, right, says = PNGS[name]
+    pixels, top = (RGB, 255) if type == np.uint8 else (DEEP, 65535)
+    photo, want = Picture.of(png_of(tmp_path / "a.png", chunks, pixels)), right(pixels / top) * top
+    away = np.abs(photo.pixels - want)
+    assert photo.pixels.dtype == type and away.max() < 140  # half an 8-bit code: profiles have four digits
+    if type == np.uint8:
+        np.testing.assert_array_equal(Picture.of(Image.open(tmp_path / "a.png")).pixels, photo.pixels)
+        by_littlecms = chunks and chunks[0][0] in (b"iCCP", b"eXIf")  # which computes in 8 bits
+        assert away.mean() < 0.7 and away.max() <= (0 if np.allclose(want, RGB) else 8 if by_littlecms else 1.5)
     assert says in " ".join(photo.notes) and bool(says) == bool(photo.notes)
-
-
-@pytest.mark.parametrize("name", PROFILES)
-def test_to_srgb_converts_16_bits_by_the_same_profiles(name):
-    data, right, _ = PROFILES[name]
-    image = Image.new("RGB", (2, 2))
-    image.info["icc_profile"] = data
-    pixels, _ = to_srgb(DEEP, image, "a.tif")
-    want = right(DEEP / 65535) * 65535
-    assert pixels.dtype == np.uint16
-    np.testing.assert_allclose(pixels, want, atol=129)  # half an 8-bit code: the profiles' matrices have four digits
 
 
 def test_to_srgb_of_a_16_bit_profile_without_curves_is_refused(monkeypatch):
     monkeypatch.setattr("relight.pictures.profile._curve", lambda profile, name: None)
     image = Image.new("RGB", (2, 2))
-    image.info["icc_profile"] = PROFILES["Display P3"][0]
+    image.info["icc_profile"] = DISPLAY_P3
     with pytest.raises(UserError, match=r"a\.tif has 16 bits and a color profile of tables"):
         to_srgb(DEEP, image, "a.tif")
 
@@ -137,79 +186,6 @@ def test_curve_of_every_parametric_type(numbers):
     kind = {1: 0, 3: 1, 4: 2, 5: 3, 7: 4}[len(numbers)]
     data = b"para\0\0\0\0" + struct.pack(">HH", kind, 0) + fixed(*numbers)
     np.testing.assert_allclose(_curve(profile("a", P3, data), b"gTRC")(X), CURVES[numbers], atol=1e-4)
-
-
-def png_of(path, chunks, pixels=RGB):
-    """A PNG with further chunks before its data."""
-    write_picture(path, pixels)
-    data = path.read_bytes()
-    place = data.index(b"IDAT") - 4
-    path.write_bytes(data[:place] + png_chunks(*chunks) + data[place:])
-    return path
-
-
-def gama(gamma):
-    return b"gAMA", struct.pack(">I", round(gamma * 100000))
-
-
-def chrm(*xy):
-    return b"cHRM", struct.pack(">8I", *(round(value * 100000) for value in xy))
-
-
-REC709 = (0.3127, 0.3290, 0.64, 0.33, 0.30, 0.60, 0.15, 0.06)
-GIVEN = "gamma that the file gives"
-GAMMAS = {
-    "PNG's gamma of 1": ([gama(1)], lambda c: encode(c), GIVEN),
-    "of old Macintoshes": ([gama(0.55556)], lambda c: encode(c**1.8), GIVEN),
-    "of sRGB": ([gama(0.45455)], lambda c: c, ""),
-    "of sRGB with its primaries": ([gama(0.45455), chrm(*REC709)], lambda c: c, ""),
-    "linear, but sRGB": ([gama(1), (b"sRGB", b"\0")], lambda c: c, ""),
-    "linear with the primaries of Display P3": (
-        [gama(1), chrm(0.3127, 0.3290, 0.680, 0.320, 0.265, 0.690, 0.150, 0.060)],
-        lambda c: converted(c, P3, lambda x: x),
-        GIVEN,
-    ),
-}
-
-
-@pytest.mark.parametrize("name", GAMMAS)
-def test_read_photo_converts_by_the_gamma_of_a_png(tmp_path, name):
-    chunks, right, says = GAMMAS[name]
-    photo = Picture.of(png_of(tmp_path / "a.png", chunks))
-    want = right(RGB / 255) * 255
-    assert np.abs(photo.pixels - want).max() <= 1.5
-    if np.array_equal(want, RGB):
-        assert np.array_equal(photo.pixels, RGB)
-    assert says in " ".join(photo.notes) and bool(says) == bool(photo.notes)
-
-
-REC2020 = np.array([[0.6735, 0.1656, 0.1251], [0.2790, 0.6753, 0.0456], [-0.0019, 0.0300, 0.7968]])
-# codes of ITU-T H.273 for primaries and transfer -> the codes in [0,1] that a picture becomes, and what a note says
-CODED = "that its file codes"
-CODINGS = {
-    (1, 13): (lambda c: c, ""),
-    (1, 1): (lambda c: c, ""),
-    (2, 2): (lambda c: c, ""),
-    (12, 13): (lambda c: converted(c, P3, decode), CODED),
-    (9, 1): (lambda c: converted(c, REC2020, decode), CODED),
-    (1, 8): (lambda c: converted(c, SRGB, lambda x: x), CODED),
-    (1, 4): (lambda c: converted(c, SRGB, lambda x: x**2.2), CODED),
-}
-
-
-@pytest.mark.parametrize("coding", CODINGS)
-@pytest.mark.parametrize("type", [np.uint8, np.uint16])
-def test_read_photo_converts_by_the_coding_of_a_png(tmp_path, coding, type):
-    """Which counts before gamma and profile, by the third edition of PNG."""
-    pixels, top = (RGB, 255) if type == np.uint8 else (DEEP, 65535)
-    code = (b"cICP", bytes([*coding, 0, 1]))
-    png_of(tmp_path / "a.png", [code] if coding[0] == 2 else [code, gama(1)], pixels)
-    right, says = CODINGS[coding]
-    photo, want = Picture.of(tmp_path / "a.png"), right(pixels / top) * top
-    assert photo.pixels.dtype == type and np.abs(photo.pixels - want).max() <= (1.5 if top == 255 else 129)
-    if top == 255:
-        np.testing.assert_array_equal(Picture.of(Image.open(tmp_path / "a.png")).pixels, photo.pixels)
-    assert says in " ".join(photo.notes) and bool(says) == bool(photo.notes)
 
 
 SMPTE_C = np.array([[0.4163, 0.3931, 0.1547], [0.2217, 0.7033, 0.0750], [0.0137, 0.0914, 0.7202]])  # Lindbloom's
@@ -265,10 +241,7 @@ def nclx(primaries, transfer):
     return b"nclx" + struct.pack(">HHHB", primaries, transfer, 6, 0x80)
 
 
-def icc(matrix):
-    return b"prof" + profile("a profile", matrix, CURVE)
-
-
+PROF_P3, PROF_SRGB = b"prof" + DISPLAY_P3, b"prof" + profile("a profile", SRGB, CURVE)
 # own colr boxes, those of another picture, whether the table is wide -> the codes in [0,1] that a picture becomes
 COLORED = {
     "codes of sRGB": ([nclx(1, 13)], [], False, lambda c: c),
@@ -281,9 +254,9 @@ COLORED = {
     "codes of P3 behind another picture's of sRGB": (
         [nclx(12, 13)], [nclx(1, 13)], False, lambda c: converted(c, P3, decode)),
     "the same in a wide table": ([nclx(12, 13)], [nclx(1, 13)], True, lambda c: converted(c, P3, decode)),
-    "a profile of P3 and codes of sRGB": ([icc(P3), nclx(1, 13)], [], False, lambda c: converted(c, P3, decode)),
-    "codes of P3 and a profile of sRGB": ([nclx(12, 13), icc(SRGB)], [], False, lambda c: c),
-    "another picture's profile of P3": ([nclx(1, 13)], [icc(P3)], False, lambda c: c),
+    "a profile of P3 and codes of sRGB": ([PROF_P3, nclx(1, 13)], [], False, lambda c: converted(c, P3, decode)),
+    "codes of P3 and a profile of sRGB": ([nclx(12, 13), PROF_SRGB], [], False, lambda c: c),
+    "another picture's profile of P3": ([nclx(1, 13)], [PROF_P3], False, lambda c: c),
 }  # fmt: skip
 
 
@@ -311,7 +284,7 @@ def test_read_photo_says_that_a_file_names_no_color_space(tmp_path, suffix):
      *((suffix, (9, 16), "high dynamic range: save it as sRGB") for suffix in ("png", "avif", "heic"))],
 )  # fmt: skip
 def test_read_photo_refuses_a_picture_coded_for_other_displays(tmp_path, suffix, coding, says):
-    path = png_of(tmp_path / "a.png", [(b"cICP", bytes([*coding, 0, 1]))])
+    path = png_of(tmp_path / "a.png", [cicp(*coding)])
     if suffix != "png":
         path = tmp_path / f"a.{suffix}"
         path.write_bytes(recolored(flat_file(suffix), [nclx(*coding)]))
@@ -328,14 +301,6 @@ def test_read_photo_takes_no_color_from_a_comment(tmp_path, suffix, word):
     Image.fromarray(FLAT).save(tmp_path / f"a.{suffix}", **options)
     photo = Picture.of(tmp_path / f"a.{suffix}")
     assert np.abs(photo.pixels.astype(int) - FLAT).max() <= 2 and not photo.notes
-
-
-def test_read_photo_takes_the_codes_of_a_png_before_its_profile(tmp_path):
-    """By the third edition of PNG; in AVIF and HEIC it is the other way round."""
-    stored = (b"iCCP", b"a\0\0" + zlib.compress(profile("Display P3", P3, CURVE)))
-    assert (Picture.of(png_of(tmp_path / "a.png", [stored], FLAT)).pixels != FLAT).any()
-    both = png_of(tmp_path / "a.png", [stored, (b"cICP", b"\1\x0d\0\1")], FLAT)
-    np.testing.assert_array_equal(Picture.of(both).pixels, FLAT)
 
 
 # blocks of EXIF that are none, or that break off
@@ -367,30 +332,6 @@ def test_read_photo_shows_a_png_whose_text_of_exif_is_cut(tmp_path):
     info.add_text("Raw profile type exif", "\nexif\n      20\n4578696600004d4d002\n")
     Image.fromarray(SMOOTH).save(tmp_path / "a.png", pnginfo=info)
     np.testing.assert_array_equal(Picture.of(tmp_path / "a.png").pixels, SMOOTH)
-
-
-def adobe(codes):
-    return converted(codes, ADOBE, lambda x: x ** (563 / 256))
-
-
-# color space and mark of EXIF, the codes that a picture becomes, and what a note says
-CAMERAS = {
-    "EXIF of a camera: Adobe RGB": (0xFFFF, "R03", adobe, "Adobe RGB"),
-    "an older one": (2, "", adobe, "Adobe RGB"),
-    "sRGB": (1, "R98", lambda c: c, ""),
-    "not calibrated": (0xFFFF, "R98", lambda c: c, ""),
-}
-
-
-@pytest.mark.parametrize("name", CAMERAS)
-def test_read_photo_believes_a_camera_that_says_adobe_rgb(tmp_path, name):
-    space, mark, right, says = CAMERAS[name]
-    exif = Image.Exif()
-    exif[0x8769] = {0xA001: space, 0xA005: {1: mark}}
-    Image.fromarray(FLAT).save(tmp_path / "a.png", exif=exif)
-    photo = Picture.of(tmp_path / "a.png")
-    assert np.abs(photo.pixels[0, 0] - np.round(right(FLAT[0, 0] / 255) * 255)).max() <= bool(says)
-    assert says in " ".join(photo.notes) and bool(says) == bool(photo.notes)
 
 
 def saved(path, frames, **options):
@@ -508,13 +449,15 @@ def test_a_png_may_have_one_color_that_is_transparent(tmp_path, values):
     assert photo.pixels.dtype == values.dtype
 
 
-@pytest.mark.parametrize("suffix", [".png", ".tif", ".PNG", ".Tif"])
-@pytest.mark.parametrize("values", [DEEP, rgba(DEEP)], ids=["rgb", "rgba"])
-def test_write_picture_of_16_bits_is_read_back(tmp_path, suffix, values):
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".PNG", ".Tif", ".exr"])
+@pytest.mark.parametrize("has_alpha", [False, True])
+def test_write_picture_of_16_bits_and_of_openexr_is_read_back(tmp_path, suffix, has_alpha):
+    values, alpha = (DEEP, rgba(DEEP)[..., 3:]) if suffix != ".exr" else (SCENE, SCENE[..., :1] / 5 + np.float32(0.1))
+    values = np.concatenate([values, alpha], -1) if has_alpha else values
     write_picture(tmp_path / f"a{suffix}", values)
     photo = Picture.of(tmp_path / f"a{suffix}")
-    np.testing.assert_array_equal(photo.rgba, values)
-    assert photo.suffix == suffix.lower() and (photo.alpha is None) == (values.shape[2] == 3)
+    np.testing.assert_allclose(photo.rgba, values, rtol=1e-5 if suffix == ".exr" and has_alpha else 0)
+    assert photo.suffix == suffix.lower() and (photo.alpha is None) != has_alpha
     if suffix == ".tif":
         np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), values)
 
@@ -537,13 +480,6 @@ def test_read_photo_turns_pictures_upright(tmp_path, orientation, kind):
     np.testing.assert_array_equal(Picture.of(path).pixels, upright)
 
 
-def test_read_photo_refuses_a_16_bit_png_cut_short(tmp_path):
-    write_picture(tmp_path / "a.png", DEEP)
-    (tmp_path / "a.png").write_bytes((tmp_path / "a.png").read_bytes()[:4000])
-    with pytest.raises(UserError, match="damaged or cut short"):
-        Picture.of(tmp_path / "a.png")
-
-
 @pytest.mark.parametrize("type", [np.uint8, np.uint16])
 def test_to_codes_is_the_inverse_of_to_linear(type):
     codes = np.arange(np.iinfo(type).max + 1).astype(type)
@@ -561,12 +497,14 @@ def exr(path, pixels, header=(), **channels):
 SCENE = RNG.uniform(0, 4, (40, 30, 3)).astype(np.float32)
 
 
-def test_read_photo_of_openexr_divides_by_alpha_and_converts_primaries(tmp_path):
+def test_read_photo_of_openexr_divides_by_alpha_without_nan_and_converts_primaries(tmp_path):
     alpha = np.zeros((40, 30), np.float32)
     alpha[:20], alpha[20:30] = 1, 0.5
     photo = Picture.of(exr(tmp_path / "a.exr", SCENE * alpha[..., None], A=alpha))
     np.testing.assert_array_equal(photo.alpha, alpha)
     np.testing.assert_allclose(photo.pixels[:30], SCENE[:30], rtol=1e-6)
+    alpha[3, 4], alpha[20:] = np.nan, 1
+    np.testing.assert_array_equal(Picture.of(exr(tmp_path / "a.exr", SCENE, A=alpha)).alpha, np.nan_to_num(alpha))
     p3 = {"chromaticities": (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)}
     photo = Picture.of(exr(tmp_path / "b.exr", np.ones_like(SCENE), p3))
     np.testing.assert_allclose(photo.pixels, 1, atol=1e-4)
@@ -598,13 +536,6 @@ def test_read_photo_of_grey_pictures(tmp_path, name):
     assert ["the photo is grey" in note for note in photo.notes] == [True]
 
 
-def test_read_photo_of_openexr_with_alpha_that_is_not_a_number(tmp_path):
-    alpha = np.ones((40, 30), np.float32)
-    alpha[3, 4] = np.nan
-    photo = Picture.of(exr(tmp_path / "a.exr", SCENE, A=alpha))
-    assert photo.alpha[3, 4] == 0 and (photo.alpha == 1).sum() == 40 * 30 - 1
-
-
 @pytest.mark.parametrize(("bits", "says"), [(10, "largest code is"), (12, "of 65535, as if it held fewer"), (16, "")])
 @pytest.mark.parametrize("suffix", [".png", ".tif"])
 def test_read_photo_of_fewer_bits_in_16_says_so(tmp_path, suffix, bits, says):
@@ -612,16 +543,6 @@ def test_read_photo_of_fewer_bits_in_16_says_so(tmp_path, suffix, bits, says):
     photo = Picture.of(tmp_path / f"a{suffix}")
     np.testing.assert_array_equal(photo.pixels, DEEP >> (16 - bits))
     assert says in " ".join(photo.notes) and bool(says) == bool(photo.notes)
-
-
-def test_write_picture_of_openexr_is_read_back(tmp_path):
-    write_picture(tmp_path / "a.exr", SCENE)
-    np.testing.assert_array_equal(Picture.of(tmp_path / "a.exr").pixels, SCENE)
-    alpha = np.linspace(0.1, 1, 40 * 30, dtype=np.float32).reshape(40, 30, 1)
-    write_picture(tmp_path / "b.exr", np.concatenate([SCENE, alpha], -1))
-    photo = Picture.of(tmp_path / "b.exr")
-    np.testing.assert_allclose(photo.pixels, SCENE, rtol=1e-5)
-    np.testing.assert_array_equal(photo.alpha, alpha[..., 0])
 
 
 KINDS = {
@@ -866,7 +787,6 @@ def test_masks_may_be_arrays_of_labels(label):
 
 def test_the_page_of_files_shows_kinds_of_these_tables(check_page):
     pixel = np.array([200, 100, 50]) / 255
-    kinds = {**PROFILES, **GAMMAS, **CAMERAS, "PNG's `cICP` of linear values": CODINGS[1, 8]}
-    photos = {name: (np.round(right(pixel) * 255), says) for name, (*_, right, says) in kinds.items()}
+    photos = {name: (np.round(right(pixel) * 255), says) for name, (_, right, says) in PNGS.items()}
     check_page("Photos", {"photo": photos})
     check_page("Masks", {"mask": MASKS})
