@@ -26,6 +26,7 @@ from relight.sh import rotate_y
 ROOT = Path(__file__).parents[2]
 PACK = ROOT / "integrations" / "comfyui"
 WEB = ROOT / "relight" / "viewer" / "web"
+ROOM, ORANGE = load_light("room:3"), load_light("key:#ff8040@80,10,0.05")
 PLAIN = ("ratio", "matched to the picture", 0.0, 0.0)
 
 
@@ -82,12 +83,25 @@ def nodes(pack):
     return pack.NODE_CLASS_MAPPINGS
 
 
+def values_of(name, mode):
+    """A picture of the portrait as a batch of one, 256 pixels a side."""
+    return torch.from_numpy(np.asarray(Image.open(WEB / name).resize((256, 256)).convert(mode), np.float32) / 255)[None]
+
+
 @pytest.fixture(scope="module")
-def portrait():
-    """An IMAGE (1,256,256,3) and a MASK (1,256,256) of the portrait."""
-    image, mask = (Image.open(WEB / name).resize((256, 256)) for name in ("astronaut.jpg", "astronaut_mask.png"))
-    codes, coverage = np.asarray(image.convert("RGB"), np.float32), np.asarray(mask.convert("L"), np.float32)
-    return torch.from_numpy(codes / 255)[None], torch.from_numpy(coverage / 255)[None]
+def image():
+    return values_of("astronaut.jpg", "RGB")
+
+
+@pytest.fixture(scope="module")
+def mask():
+    return values_of("astronaut_mask.png", "L")
+
+
+@pytest.fixture(scope="module")
+def relight(nodes):
+    """The function that relights an image by a light and, where they are given, a mask and more."""
+    return lambda image, light, *more, **named: nodes["RelightRelight"]().run(image, light, *PLAIN, *more, **named)
 
 
 def test_every_node_declares_what_comfyui_reads(pack, nodes):
@@ -113,10 +127,9 @@ def scene_of(nodes, image, mask, encoding="sRGB"):
     return scene
 
 
-def test_relight_changes_the_people_alone(nodes, portrait):
-    image, mask = 0.9 * portrait[0], portrait[1]  # not of 8 or 16 bits
-    (light,) = nodes["RelightNamedLight"]().run("key:#ff8040@80,10,0.05")
-    relit, alpha = nodes["RelightRelight"]().run(image, light, *PLAIN, mask)
+def test_relight_changes_the_people_alone(relight, image, mask):
+    image = 0.9 * image  # not of 8 or 16 bits
+    relit, alpha = relight(image, ORANGE, mask)
     assert relit.shape == image.shape and relit.dtype == torch.float32 and 0 <= relit.min() and relit.max() <= 1
     assert (alpha - mask).abs().mean() < 0.01, "but for its edge, which is fitted to the image"
     outside = alpha[0] == 0
@@ -125,30 +138,27 @@ def test_relight_changes_the_people_alone(nodes, portrait):
     assert red > 1.2 * blue
 
 
-def test_relight_by_the_inferred_light_gives_back_the_image(pack, nodes, portrait):
-    image, mask = portrait
-    scene = scene_of(nodes, image, mask)
-    relit, _ = nodes["RelightRelight"]().run(image, Light(scene.light, "astronaut.jpg"), *PLAIN, mask)
+def test_relight_by_the_inferred_light_gives_back_the_image(nodes, relight, image, mask):
+    relit, _ = relight(image, Light(scene_of(nodes, image, mask).light, "astronaut.jpg"), mask)
     torch.testing.assert_close(relit, image, atol=2e-5, rtol=0)
 
 
-def test_a_light_that_the_user_knows_replaces_the_inferred_one(pack, nodes, portrait):
-    image, mask = portrait
+def test_a_light_that_the_user_knows_replaces_the_inferred_one(relight, image, mask):
     lamp = Light(load_light("key:#ffffff@60,30,0.3").coefficients, "lamp")
-    run = nodes["RelightRelight"]().run
-    inferred, known = (run(image, lamp, *PLAIN, mask=mask, lit_by=by)[0] for by in (None, lamp))
+    inferred, known = (relight(image, lamp, mask=mask, lit_by=by)[0] for by in (None, lamp))
     inside = mask[0] == 1
     assert (known - image)[0][inside].abs().mean() < 0.02 < (inferred - image)[0][inside].abs().mean()
 
 
-def test_inference_is_done_once_for_a_picture_and_its_mask_until_comfyui_frees_it(nodes, portrait, monkeypatch):
-    image, mask = (values.clone() for values in portrait)
-    module = module_of(nodes)
+def test_inference_is_done_once_for_a_picture_and_its_mask_until_comfyui_frees_it(
+    nodes, relight, image, mask, monkeypatch
+):
+    portrait, image, module = image, image.clone(), module_of(nodes)
     calls, scene = [], module.relighter().scene
     monkeypatch.setattr(module.relighter(), "scene", lambda *words, **_: calls.append(1) or scene(*words))
-    node, other = nodes["RelightRelight"](), nodes["RelightInferMaps"]()
+    other = nodes["RelightInferMaps"]()
     for name in ("room:1", "room:2"):
-        node.run(image, *nodes["RelightNamedLight"]().run(name), *PLAIN, mask)
+        relight(image, load_light(name), mask)
     other.run(image, mask, encoding="".join(["s", "RGB"]))
     assert len(calls) == 1
     other.run(image, mask.clone())
@@ -160,27 +170,25 @@ def test_inference_is_done_once_for_a_picture_and_its_mask_until_comfyui_frees_i
     assert kept() is None
     monkeypatch.setattr(module, "MEMORY", 1000)
     for _ in range(2):
-        other.run(portrait[0], mask)
+        other.run(portrait, mask)
     assert len(calls) == 5, "large batches are not kept"
 
 
-def test_batches_take_one_mask_or_one_each(nodes, portrait):
-    image, mask = portrait
-    (light,) = nodes["RelightNamedLight"]().run("room:3")
+def test_batches_take_one_mask_or_one_each_of_any_size(relight, image, mask):
     pair, masks = torch.cat([image, image.flip(2)]), torch.cat([mask, mask.flip(2)])
-    relit, alpha = nodes["RelightRelight"]().run(pair, light, *PLAIN, masks)
-    alone, _ = nodes["RelightRelight"]().run(image, light, *PLAIN, mask[0])
+    relit, alpha = relight(pair, ROOM, masks)
+    alone, _ = relight(image, ROOM, mask[0])
     assert relit.shape == pair.shape and alpha.shape == masks.shape
+    small = relight(image, ROOM, torch.nn.functional.interpolate(mask[None], scale_factor=0.5, mode="area")[0])[1]
+    assert small.shape == mask.shape and (small - mask).abs().mean() < 0.03
     torch.testing.assert_close(relit[:1], alone)
     with pytest.raises(ValueError, match="2 masks for 1 pictures"):
-        nodes["RelightRelight"]().run(image, light, *PLAIN, masks)
+        relight(image, ROOM, masks)
 
 
-def test_notes_are_told_once_a_batch_under_the_node_and_in_the_console(nodes, portrait, caplog, comfy):
-    image, mask = portrait
-    (light,) = nodes["RelightNamedLight"]().run("key:#fff@-150,10")
+def test_notes_are_told_once_a_batch_under_the_node_and_in_the_console(relight, image, mask, caplog, comfy):
     comfy.texts.clear()
-    nodes["RelightRelight"]().run(image.repeat(3, 1, 1, 1), light, *PLAIN, mask.repeat(3, 1, 1), unique_id="7")
+    relight(image.repeat(3, 1, 1, 1), load_light("key:#fff@-150,10"), mask.repeat(3, 1, 1), unique_id="7")
     ((node_id, text),) = comfy.texts
     cut = "picture 1, 2, 3 of 3: the figure is cut by the photo's lower edge"
     assert node_id == "7" and text.count("the figure is cut") == 1 and cut in text
@@ -189,16 +197,14 @@ def test_notes_are_told_once_a_batch_under_the_node_and_in_the_console(nodes, po
 
 
 @pytest.mark.parametrize("kind", ["empty", "opaque"])
-def test_a_frame_that_shows_nobody_passes_as_it_is(nodes, portrait, caplog, kind):
-    image, mask = portrait
-    (light,) = nodes["RelightNamedLight"]().run("room:3")
+def test_a_frame_that_shows_nobody_passes_as_it_is(nodes, relight, image, mask, caplog, kind):
     if kind == "opaque":  # ComfyUI's mask of a picture without alpha
-        relit, alpha = nodes["RelightRelight"]().run(image, light, *PLAIN, torch.zeros(1, 64, 64))
+        relit, alpha = relight(image, ROOM, torch.zeros(1, 64, 64))
         assert torch.equal(relit, image) and not alpha.any() and alpha.shape == mask.shape
         return
     pair, masks = torch.cat([image.flip(2), image]), torch.cat([torch.zeros_like(mask), mask])
-    relit, alpha = nodes["RelightRelight"]().run(pair, light, *PLAIN, masks)
-    alone, own = nodes["RelightRelight"]().run(image, light, *PLAIN, mask)
+    relit, alpha = relight(pair, ROOM, masks)
+    alone, own = relight(image, ROOM, mask)
     assert torch.equal(relit[0], pair[0]) and not alpha[0].any()
     torch.testing.assert_close((relit[1:], alpha[1:]), (alone, own))
     assert "picture 1 of 2: passed on as it is: the mask is empty" in caplog.text
@@ -208,14 +214,12 @@ def test_a_frame_that_shows_nobody_passes_as_it_is(nodes, portrait, caplog, kind
 
 
 @pytest.mark.parametrize("name", ["RelightRelight", "RelightInferMaps", "RelightFindMask"])
-def test_every_frame_is_a_step_that_can_be_interrupted(nodes, portrait, comfy, monkeypatch, name):
-    image, mask = portrait
+def test_every_frame_is_a_step_that_can_be_interrupted(nodes, image, mask, comfy, monkeypatch, name):
     batch = image.repeat(3, 1, 1, 1)
     module = sys.modules[nodes[name].__module__]
     found = SimpleNamespace(coverage=np.zeros((256, 256), np.uint8), notes=[])
     monkeypatch.setattr(module, "masked", lambda picture: found)
-    (light,) = nodes["RelightNamedLight"]().run("room:3")
-    given = {"RelightRelight": (light, *PLAIN, mask), "RelightInferMaps": (mask,), "RelightFindMask": ()}[name]
+    given = {"RelightRelight": (ROOM, *PLAIN, mask), "RelightInferMaps": (mask,), "RelightFindMask": ()}[name]
     comfy.progress.clear()
     nodes[name]().run(batch, *given)
     assert comfy.progress == [3, 1, 1, 1]
@@ -226,36 +230,29 @@ def test_every_frame_is_a_step_that_can_be_interrupted(nodes, portrait, comfy, m
     assert comfy.progress == [3, 1, 1]
 
 
-def test_half_floats_are_taken_as_they_are(nodes, portrait):
-    image, mask = (values.to(torch.bfloat16) for values in portrait)
-    (light,) = nodes["RelightNamedLight"]().run("key:#ff8040@80,10,0.05")
-    half = nodes["RelightRelight"]().run(image, light, *PLAIN, mask)
-    full = nodes["RelightRelight"]().run(image.float(), light, *PLAIN, mask.float())
-    torch.testing.assert_close(half, full)
-    infer = nodes["RelightInferMaps"]().run
-    torch.testing.assert_close(infer(image, mask), infer(image.float(), mask.float()))
+def test_half_floats_are_taken_as_they_are(nodes, relight, image, mask):
+    half = [values.to(torch.bfloat16) for values in (image, mask)]
+    for run in (lambda image, mask: relight(image, ORANGE, mask), nodes["RelightInferMaps"]().run):
+        torch.testing.assert_close(run(*half), run(*(values.float() for values in half)))
 
 
 @pytest.mark.parametrize("encoding", ["sRGB", "linear"])
-def test_values_above_one_stay(nodes, portrait, encoding):
+def test_values_above_one_stay(nodes, relight, image, mask, encoding):
     """Under its own light a picture that is four times as bright stays so; codes go on along sRGB's curve."""
-    image, mask = portrait
     linear = 4 * srgb.decode(image[0].numpy()).astype(np.float32)
-    values = linear if encoding == "linear" else np.where(linear > 1, 1.055 * linear ** (1 / 2.4) - 0.055, 0)
-    if encoding == "sRGB":
-        values = np.where(linear > 1, values, srgb.encode(linear))
+    codes = np.where(linear > 1, 1.055 * linear ** (1 / 2.4) - 0.055, srgb.encode(linear))
+    values = linear if encoding == "linear" else codes
     bright = torch.from_numpy(values.astype(np.float32))[None]
     scene = scene_of(nodes, bright, mask, encoding)
     np.testing.assert_allclose(scene.picture.pixels, linear, rtol=1e-4, atol=1e-6)
-    relit, _ = nodes["RelightRelight"]().run(bright, Light(scene.light, "astronaut.jpg"), *PLAIN, mask, None, encoding)
+    relit, _ = relight(bright, Light(scene.light, "astronaut.jpg"), mask, None, encoding)
     assert relit.max() > 1.5 and relit.dtype == torch.float32
     torch.testing.assert_close(relit, bright, atol=1e-3, rtol=1e-3)
-    other, _ = nodes["RelightRelight"]().run(bright, load_light("room:3"), *PLAIN, mask, None, encoding)
+    other, _ = relight(bright, ROOM, mask, None, encoding)
     assert other[mask > 0.5].max() > 1
 
 
-def test_a_mask_that_is_white_everywhere_is_refused(nodes, portrait):
-    image, mask = portrait
+def test_a_mask_that_is_white_everywhere_is_refused(nodes, image, mask):
     with pytest.raises(
         ValueError, match="the mask of picture 2 is white everywhere: make it white on the people alone"
     ):
@@ -272,14 +269,6 @@ def test_lights_are_turned_made_brighter_and_added(nodes):
     assert shown.shape[0] == 1 and shown.dtype == torch.float32 and shown[0, 128, 200].mean() > shown[0, 128, 56].mean()
     turned, _ = nodes["RelightCombineLights"]().run(other, -40.0, 1.0)
     np.testing.assert_allclose(turned.coefficients, 2 * load_light("room:5", yaw=-40).coefficients, atol=1e-9)
-
-
-def test_a_mask_of_another_size_is_resized(nodes, portrait):
-    image, mask = portrait
-    (light,) = nodes["RelightNamedLight"]().run("room:3")
-    small = torch.nn.functional.interpolate(mask[None], scale_factor=0.5, mode="area")[0]
-    _, alpha = nodes["RelightRelight"]().run(image, light, *PLAIN, small)
-    assert alpha.shape == mask.shape and (alpha - mask).abs().mean() < 0.03
 
 
 def test_the_registry_reads_the_version_of_comfyui_that_the_nodes_need():
@@ -299,12 +288,10 @@ def test_without_relight_the_pack_says_what_to_install(monkeypatch):
     assert all(line.startswith("#") for line in lines), "another package of that name may come to the index"
 
 
-def test_background_lies_behind_the_people(nodes, portrait):
-    image, mask = portrait
-    (light,) = nodes["RelightNamedLight"]().run("room:3")
+def test_background_lies_behind_the_people(relight, image, mask):
     green = torch.zeros(1, 64, 64, 3)
     green[..., 1] = 0.5
-    relit, _ = nodes["RelightRelight"]().run(image, light, *PLAIN, mask, green)
+    relit, _ = relight(image, ROOM, mask, green)
     away = relit[0, :40][mask[0, :40] == 0]
     assert (away[:, 1] > away[:, 0] + 0.2).all() and (away[:, 1] > away[:, 2] + 0.2).all()
 
@@ -321,8 +308,7 @@ def test_light_of_a_panorama_is_that_of_its_generator(nodes, encoding):
         nodes["RelightPanoramaLight"]().run(torch.zeros(1, 8, 8, 3), encoding)
 
 
-def test_maps_times_each_other_are_about_the_image(nodes, portrait):
-    image, mask = portrait
+def test_maps_times_each_other_are_about_the_image(nodes, image, mask):
     albedo, shading, alpha, normal = nodes["RelightInferMaps"]().run(image, mask)
     assert albedo.shape == shading.shape == normal.shape == image.shape and alpha.shape == mask.shape
     inside = (mask[0] == 1).numpy()
@@ -377,9 +363,8 @@ def test_a_changed_file_is_a_changed_light(nodes, tmp_path):
     assert [node.IS_CHANGED(light) != was for light, was in zip(lights, before)] == [False, True, True, True, True]
 
 
-def test_the_example_workflow_runs(nodes, portrait):
+def test_the_example_workflow_runs(nodes, relight, image, mask):
     """By a small executor: links carry outputs to inputs, and widgets come in the order of the inputs."""
-    image, mask = portrait
     document = json.loads((PACK / "example_workflows" / "relight.json").read_text())
     types = {node["type"] for node in document["nodes"]}
     values, shown = {}, []
