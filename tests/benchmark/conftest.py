@@ -18,7 +18,6 @@ SETTINGS = Settings(size=SIZE, samples=1, rays=16, detail="draft", texture=64)
 
 
 def ellipsoid(seed: int, size: int = SIZE) -> Maps:
-    """A striped ellipsoid in a well that darkens it toward its rim."""
     rng = np.random.default_rng(seed)
     row, column = np.mgrid[:size, :size]
     x, y = (2 * column + 1) / size - 1, 1 - (2 * row + 1) / size

@@ -1,5 +1,3 @@
-"""Sets come whole: picture by picture, the same whether they were made at once or in pieces."""
-
 import pytest
 
 from relight.benchmark import make as making
@@ -11,7 +9,6 @@ from relight.figures import make as generate
 
 
 def test_make_resumes_an_interrupted_set(painter, drawn, settings, tmp_path, monkeypatch):
-    """The second picture fails while it is drawn, the third while it is written; nothing but whole ones is left."""
     asked = []
 
     def once(recipe, *rest):

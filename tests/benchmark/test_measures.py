@@ -1,5 +1,3 @@
-"""The measures against scikit-image and quadrature."""
-
 import numpy as np
 import pytest
 from samples import ssim_in_the_box
@@ -30,7 +28,6 @@ def two():
 
 
 def rmse(first, second, inside):
-    """The root of the mean squared length of the differences."""
     return (mean_squared_error(first[inside], second[inside]) * first.shape[2]) ** 0.5
 
 
@@ -128,7 +125,6 @@ def test_leaks_of_flat_maps():
 
 
 def test_variants_of_a_picture():
-    """The square is that of the mask; the picture in the mirror is that; half a light is half the linear values."""
     y, x = np.mgrid[:96, :80]
     mask = ((np.abs(x - 30) < 14) & (np.abs(y - 50) < 40)).astype(np.uint8) * 255
     linear = np.stack([x / 200, y / 200, (x + y) / 400], -1)

@@ -1,5 +1,3 @@
-"""What is in the sets is fixed, and apart from all that is trained on and from each other."""
-
 from dataclasses import replace
 
 import numpy as np

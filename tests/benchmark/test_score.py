@@ -1,5 +1,3 @@
-"""Folders of answers: what scores zero, what scores by hand, and what is refused in one sentence."""
-
 import hashlib
 import os
 import shutil

@@ -73,7 +73,6 @@ def benchmark(traced, person, tmp_path_factory):
 
 
 def test_render_picture_true_maps_agree_with_the_tracer(benchmark):
-    """Through the row `true_maps`, as it is scored."""
     entry = benchmark.entries[0]
     says = true_maps(benchmark, entry)
     pictures = np.load(benchmark.folder / "truth" / f"{entry.name}.npz")["full"]

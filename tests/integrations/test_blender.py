@@ -31,7 +31,6 @@ def load(name: str, path: Path, **options):
 
 @pytest.fixture(scope="module")
 def light():
-    """light.py, which imports no bpy."""
     return load("relight_blender_light", FOLDER / "light.py")
 
 
@@ -115,7 +114,6 @@ def scene(addon):
 
 
 def rendered(scene, path: Path, samples: int) -> np.ndarray:
-    """Returns the render (SIZE,SIZE,4) of a scene by Cycles."""
     scene.cycles.samples, scene.render.filepath = samples, str(path)
     bpy.ops.render.render(write_still=True)
     return read_render(path)
@@ -129,7 +127,6 @@ def read_render(path: Path) -> np.ndarray:
 
 
 def white():
-    """Returns a matte white material."""
     material = bpy.data.materials.new("white")
     nodes = material.node_tree.nodes
     nodes.clear()
@@ -266,7 +263,6 @@ def test_mirrored_objects_bake_and_turn_as_mirrors(addon, scene, tmp_path):
 
 
 def lit(item, material) -> None:
-    """Shows an object in a material, in all of its slots."""
     for slot in item.material_slots:
         slot.material = material
 
@@ -301,7 +297,6 @@ def test_baking_keeps_materials_and_undo_restores_all(addon, scene, tmp_path):
 
 
 def sky(nodes, link, source):
-    """Background of a sky with a small sun."""
     texture = nodes.new("ShaderNodeTexSky")
     texture.sun_elevation, texture.sun_size = 0.9, 0.02
     nodes["Background"].inputs["Strength"].default_value = 0.1
@@ -309,7 +304,6 @@ def sky(nodes, link, source):
 
 
 def hue(nodes, link, source):
-    """The panorama in other colors."""
     change = nodes.new("ShaderNodeHueSaturation")
     change.inputs["Hue"].default_value, change.inputs["Saturation"].default_value = 0.2, 2
     link(source, change.inputs["Color"])
@@ -378,7 +372,6 @@ WORLDS += [only_matte_surfaces, driven_by_the_scene, of_the_view_layer]
 
 @pytest.mark.parametrize("change", WORLDS)
 def test_any_world_gives_the_light_that_cycles_gives(addon, scene, tmp_path, change):
-    """To a ball, which sees half of it everywhere."""
     bpy.ops.mesh.primitive_uv_sphere_add(segments=64, ring_count=32)
     bpy.ops.object.shade_smooth()
     item = bpy.context.active_object
@@ -516,7 +509,6 @@ def test_modifiers_and_shape_keys_are_baked_and_objects_shade_each_other(addon, 
 
 
 def told(addon) -> list[str]:
-    """What the panel tells of objects, by their names."""
     bpy.context.view_layer.update()
     return [warning.partition(": bake it again, for its shape")[0] for warning in addon.WARNINGS]
 

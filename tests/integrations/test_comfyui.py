@@ -121,7 +121,6 @@ def module_of(nodes):
 
 
 def scene_of(nodes, image, mask, encoding="sRGB"):
-    """The scene that the nodes infer of an image."""
     module, node = module_of(nodes), SimpleNamespace(notes=[])
     ((_, scene),) = module.each(node, image, mask, module.inferred(image, mask, None, encoding))
     return scene

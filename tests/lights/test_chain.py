@@ -95,7 +95,6 @@ def test_extra_test_lights_are_of_other_rooms_and_change_no_other_light(rooms):
 
 @pytest.mark.parametrize(("count", "chosen"), [(1, 0), (2, 1), (4, 1), (40, 4), (400, 8)])
 def test_choose_validation_lights_takes_a_tenth_and_leaves_one(count, chosen):
-    """At most eight, none twice."""
     lights = np.random.default_rng(0).normal(size=(count, 9, 3))
     found = choose_validation_lights(lights)
     assert len(set(found.tolist())) == len(found) == chosen and set(found.tolist()) <= set(range(count))
@@ -108,7 +107,6 @@ def test_two_panoramas_make_a_light_set(rooms):
 
 
 def test_a_single_lamp_from_behind_makes_a_light_set_with_a_warning(caplog):
-    """Nothing passes the rules: the least unusual copies are used, with a warning."""
     lamp = basis(np.array([0.0, -0.8, -0.6]))[:, None] * np.ones((1, 3)) * 5
     lights, record = select_lights(lamp[None], ["lamp"], replace(SETTINGS, clusters=6, test=2))
     assert len(lights.of("test")) and len(lights.of("train"))

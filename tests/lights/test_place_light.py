@@ -1,5 +1,3 @@
-"""The light of a place: what must follow from the picture, whatever was fitted."""
-
 import json
 
 import numpy as np
@@ -19,7 +17,6 @@ def codes(linear):
 
 
 def street(seed, size=(36, 48)):
-    """A picture with a bright side, a sky, a color cast and clipped pixels."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[: size[0], : size[1]] / np.array(size)[:, None, None]
     light = np.exp(rng.normal(0, 1.5) * x + rng.normal(-1, 1) * y + rng.normal(0, 0.3, size)) * rng.uniform(0.05, 1)

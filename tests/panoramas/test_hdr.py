@@ -1,5 +1,3 @@
-"""The Radiance reader against other encoders."""
-
 import itertools
 
 import numpy as np
@@ -12,7 +10,6 @@ from relight.panoramas.hdr import read_hdr
 
 
 def decoded(stored):
-    """What RGBE bytes stand for: m * 2^(e - 136)."""
     return np.where(stored[..., 3:] > 0, stored[..., :3] * 2.0 ** (stored[..., 3:].astype(float) - 136), 0)
 
 
@@ -27,7 +24,6 @@ def old_runs(line):
 
 
 def new_runs(path, stored):
-    """Scanlines in new run-length coding, as OpenImageIO writes them."""
     height, width = stored.shape[:2]
     file = OpenImageIO.ImageOutput.create(str(path))
     assert file.open(str(path), OpenImageIO.ImageSpec(width, height, 3, "float"))

@@ -1,5 +1,3 @@
-"""What panoramas may say, and the right value: marks, line ends, headers of other pictures, primaries, channels."""
-
 import codecs
 
 import numpy as np

@@ -18,7 +18,6 @@ def relighter(weights):
 
 @pytest.fixture(scope="session")
 def run():
-    """The function that runs a command and returns its output, or raises what the command raised."""
     from relight.cli import app
 
     def run(*words):
@@ -53,7 +52,6 @@ def draw(height=180, width=140, seed=0):
 
 @pytest.fixture
 def photo_files(tmp_path):
-    """me.png, me_mask.png and their arrays."""
     pixels, mask = draw()
     Image.fromarray(pixels).save(tmp_path / "me.png")
     Image.fromarray(mask).save(tmp_path / "me_mask.png")
@@ -66,7 +64,6 @@ CUSTOM = 32
 
 @pytest.fixture(name="tflite")
 def writer():
-    """The class that writes TensorFlow Lite files."""
     return Writer
 
 

@@ -1,5 +1,3 @@
-"""The Python interface takes arrays, Pillow's images and files alike, and its results show themselves."""
-
 import re
 
 import numpy as np

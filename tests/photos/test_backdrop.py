@@ -1,5 +1,3 @@
-"""What the camera sees of a panorama agrees with the light that the panorama is projected to."""
-
 import numpy as np
 import pytest
 from scipy.ndimage import zoom

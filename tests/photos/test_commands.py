@@ -1,5 +1,3 @@
-"""The commands as a user types them: what they write, what they refuse, and that nothing is overwritten then."""
-
 import json
 import re
 import shutil
@@ -67,7 +65,6 @@ def test_photo_writes_everything_at_its_place(run, photo_files, weights, tmp_pat
 
 
 def test_own_light_from_disk_returns_the_photo(run, photo_files, weights, tmp_path):
-    """The whole round through files: infer, write light.json, relight with it."""
     me, _, pixels, _ = photo_files
     run("photo", me, "--out", tmp_path / "a", "--weights", weights)
     run("photo", me, "--light", tmp_path / "a/light.json", "--out", tmp_path / "b", "--weights", weights)
@@ -117,7 +114,6 @@ def test_many_notes_on_a_folder_are_counted():
 
 
 def bad(tmp_path, weights):
-    """Commands that cannot work, and what must be said."""
     (tmp_path / "light.hdr").write_text("no light")
     (tmp_path / "old.pt").write_bytes(b"\x80\x04pickle")
     (tmp_path / "mine.safetensors").touch()

@@ -33,7 +33,6 @@ def soft(inward):
 
 
 def masks(inward):
-    """The true one; one of two values; one that is 2 pixels too large, and one too small."""
     return {
         "true": soft(inward), "binary": (255 * (inward > 0)).astype(np.uint8),
         "large": soft(inward + 2), "small": soft(inward - 2),
@@ -63,7 +62,6 @@ def test_fit_edge_keeps_a_mask_that_colors_say_nothing_about():
 
 
 def test_fit_edge_softens_a_mask_of_two_values():
-    """To what a lens leaves of the edge, also where the colors say nothing."""
     _, alpha, inward = composite(BLACK_CLOTH, SKY)
     alpha = gaussian_filter(alpha, 0.7)
     mask = masks(inward)["binary"]
@@ -82,7 +80,6 @@ def test_fit_edge_keeps_what_is_neither_color():
 
 
 def soft_hair(inward):
-    """Two values, but for the upper quarter of the disc."""
     mask = masks(inward)["binary"]
     mask[:80] = soft(inward)[:80]
     return mask

@@ -1,5 +1,3 @@
-"""Shadows on the ground by closed forms, and backgrounds in the exposure and white balance of their figures."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +19,6 @@ Y00 = 0.5 / np.sqrt(np.pi)
 
 
 def box_of(coverage):
-    """Top, bottom, left and right."""
     rows, columns = extent(coverage >= 128)
     return *rows, *columns
 

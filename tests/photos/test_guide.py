@@ -1,5 +1,3 @@
-"""Maps at the resolution of the photo: edges where it has them, nothing invented, a rim that follows the inside."""
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import zoom

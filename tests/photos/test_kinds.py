@@ -1,5 +1,3 @@
-"""What photos and masks may say, and the right value: profiles, gammas, previews, 16 bits, linear values, labels."""
-
 import struct
 import sys
 import zlib
@@ -84,12 +82,10 @@ def chrm(*xy):
 
 
 def cicp(primaries, transfer):
-    """Codes of ITU-T H.273."""
     return b"cICP", bytes([primaries, transfer, 0, 1])
 
 
 def camera(space, mark):
-    """Color space and mark of EXIF."""
     exif = Image.Exif()
     exif[0x8769] = {0xA001: space, 0xA005: {1: mark}}
     return b"eXIf", exif.tobytes().removeprefix(b"Exif\0\0")
@@ -194,7 +190,6 @@ FLAT = np.full((16, 16, 3), (200, 100, 50), np.uint8)
 
 
 def flat_file(suffix):
-    """The bytes of FLAT in a format."""
     if suffix == "heic":
         pytest.importorskip("pi_heif")
         return (Path(__file__).parent / "flat.heic").read_bytes()  # as libheif writes it
@@ -410,7 +405,6 @@ def test_read_photo_of_16_bits_takes_the_picture_behind_its_preview(tmp_path):
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
 @pytest.mark.parametrize("orientation", [3, 6])
 def test_a_grey_tiff_may_be_turned_and_0_may_be_white(tmp_path, kind, orientation):
-    """A photo and its mask."""
     for name, shown in (("a", DEEP[..., 0].astype(kind)), ("m", SOFT.astype(kind) * kind(np.iinfo(kind).max // 255))):
         turned = np.iinfo(kind).max - np.rot90(shown, {3: 2, 6: 1}[orientation])
         tags = [(274, "H", 1, orientation, True)]
@@ -420,7 +414,6 @@ def test_a_grey_tiff_may_be_turned_and_0_may_be_white(tmp_path, kind, orientatio
 
 
 def test_read_photo_of_16_bits_without_its_package_blames_no_file(tmp_path, monkeypatch):
-    """The command then names the extra to install (`relight.cli`)."""
     tifffile.imwrite(tmp_path / "a.tif", np.full((12, 12, 3), 40000, np.uint16), photometric="rgb")
     monkeypatch.setitem(sys.modules, "OpenImageIO", None)  # as if it were not installed
     with pytest.raises(ModuleNotFoundError) as error:
@@ -465,7 +458,6 @@ def test_write_picture_of_16_bits_and_of_openexr_is_read_back(tmp_path, suffix, 
 @pytest.mark.parametrize("orientation", range(1, 9))
 @pytest.mark.parametrize("kind", ["8 bits", "png", "tif"])
 def test_read_photo_turns_pictures_upright(tmp_path, orientation, kind):
-    """The eight orientations, by their definition in the EXIF standard."""
     path, stored = tmp_path / f"a.{'tif' if kind == 'tif' else 'png'}", RGB if kind == "8 bits" else DEEP
     if kind == "tif":
         tifffile.imwrite(path, DEEP, photometric="rgb", extratags=[(274, "H", 1, orientation, True)])

@@ -1,5 +1,3 @@
-"""Automatic masks: the built-in networks are set up whole or not at all, and others may be named."""
-
 import hashlib
 import subprocess
 import zipfile
@@ -52,7 +50,6 @@ def wheel(bright, tmp_path):
 
 
 def packed(path, data):
-    """A wheel as far as pip and `setup` look at it."""
     about = "mediapipe-0.10.21.dist-info"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr(f"{about}/METADATA", "Metadata-Version: 2.1\nName: mediapipe\nVersion: 0.10.21\n")
@@ -155,7 +152,6 @@ def test_edges_are_the_photos():
 
 @pytest.mark.slow
 def test_photo_without_a_mask(run, wheel, weights, tmp_path):
-    """Three commands' worth: set up, relight, and draw the mask to correct it, which is then the one that counts."""
     pixels, figure = scene()
     Image.fromarray(pixels).save(tmp_path / "me.png")
     words = ["photo", tmp_path / "me.png", "--light", "key:#ffffff@60,20", "--weights", weights, "--maps"]

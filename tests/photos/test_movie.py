@@ -1,5 +1,3 @@
-"""Movies: they hold what was put in, the exposure is fixed, the turn closes, and clips are steadied."""
-
 import re
 from itertools import count
 from pathlib import Path
@@ -59,7 +57,6 @@ def test_a_failed_movie_leaves_the_old_one(tmp_path):
 
 
 def turned(scene, look, count):
-    """Frames of a whole turn of the light."""
     return list(scene.turned(look, scene.exposed(look, turning=True), 2 * np.pi * np.arange(count) / count))
 
 
@@ -361,7 +358,6 @@ def test_smoothing_removes_flicker_and_keeps_what_is_still():
 
 
 def test_what_moves_is_not_smeared():
-    """Where the picture changes from frame to frame, transport is each frame's own."""
     coverage = np.full((20, 20), 255, np.uint8)
     mask = np.ones((8, 8), bool)
     values = iter([0.2, 0.9, 0.2, 0.9])

@@ -1,5 +1,3 @@
-"""A photograph of a place as a light: its names, and the commands that take them."""
-
 import json
 import subprocess
 import sys
@@ -20,7 +18,6 @@ from relight.viewer.source import named_lights
 
 @pytest.fixture
 def street(tmp_path, monkeypatch):
-    """street.png, brighter on its right, in the current folder."""
     monkeypatch.chdir(tmp_path)
     pixels = np.tile(np.linspace(20, 240, 80).astype(np.uint8)[None, :, None], (60, 1, 3))
     pixels[..., 2] //= 2

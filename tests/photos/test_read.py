@@ -1,5 +1,3 @@
-"""Every broken picture is one clear line, and every good one comes in upright, in sRGB."""
-
 import sys
 import unicodedata
 
@@ -72,7 +70,6 @@ def test_people_are_split_left_to_right():
 
 
 def person(height=200, width=160, center=0.5):
-    """A standing figure, arms a little out (H,W) bool."""
     y, x = np.mgrid[:height, :width] / height - np.array([0, center * width / height])[:, None, None]
     head = np.hypot(x / 0.055, (y - 0.12) / 0.075) < 1
     body = (np.abs(x) < 0.11) & (y > 0.19) & (y < 0.55)

@@ -1,5 +1,3 @@
-"""The photo comes back under its own light, known surfaces are relit as they should be, and turning closes."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -318,7 +316,6 @@ def soft_disc(size=200, radius=60, softness=12.0):
 
 
 def pair(size=200):
-    """A figure whose color changes slowly, before a bright background."""
     y, x = np.mgrid[:size, :size] / size
     figure = np.stack([0.2 + 0.1 * x, 0.1 + 0.05 * y, 0.15 + 0 * x], -1).astype(np.float32)
     behind = np.stack([0.8 + 0.1 * y, 0.9 + 0 * x, 0.95 - 0.1 * x], -1).astype(np.float32)

@@ -1,5 +1,3 @@
-"""Color: every color survives a gain of 1, highlights roll off with their hue, clipped channels leave no edge."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Trust: usual lights are quiet, the paper's failure cases are said in words."""
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The weights that ship are of use on a figure and in rooms that they have not seen."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +19,6 @@ from relight.viewer.source import PORTRAIT_MASK
 
 @pytest.fixture(scope="module")
 def maps(figure):
-    """Maps of the figure at 128 px."""
     axes = {"axes": {"up": "+y", "front": "+z"}}
     mesh = replace(figure, info=figure.info | axes)
     return bake(align(mesh, OmegaConf.to_object(composed()).align), 128, 64)

@@ -1,5 +1,3 @@
-"""Clips as cameras and programs write them: colors, shape, times and sound are those that a player shows."""
-
 import json
 import shutil
 import struct

@@ -1,5 +1,3 @@
-"""Windowed lights against the true irradiance of lamps and rooms, which is known in closed form."""
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -97,7 +97,6 @@ def node(module, program, values, before=""):
 
 
 def arrays(value):
-    """Arrays in place of their kinds, such as Uint8ClampedArray, and bytes."""
     if "kind" not in value:
         return value
     return np.frombuffer(base64.b64decode(value["data"]), re.sub("Clamped|Array", "", value["kind"]).lower())

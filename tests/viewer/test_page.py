@@ -1,5 +1,3 @@
-"""The page in a real Chromium, against the same pictures computed in Python."""
-
 import io
 import json
 from dataclasses import replace
@@ -58,7 +56,6 @@ def html(tmp_path_factory, maps, lights):
 
 @pytest.fixture(scope="module")
 def photograph(maps, lights):
-    """A photo of the balls under a light, codes (H,W,3) uint8 with a textured background, and a soft mask."""
     light = turned(lights["Lamp"], -30, 0) * 0.8
     generator = np.random.default_rng(1)
     noise = 0.8 + 0.4 * generator.random(maps.mask.shape)[..., None]
@@ -433,7 +430,6 @@ document.getElementById(button).click(); })"""
 
 @pytest.mark.parametrize(("button", "mode", "name"), [("save", "RGBA", "png"), ("jpeg", "RGB", "jpg")])
 def test_a_saved_picture_is_that_of_the_page_at_its_own_size(balls, button, mode, name):
-    """A JPEG lies on white."""
     expected = balls.pixels(**START | {"background": "clear", "yaw": 33})
     image = Image.open(io.BytesIO(bytes(balls.call(SAVED, button))))
     assert image.mode == mode and balls.run("window.saved") == f"Six balls Window.{name}"

@@ -1,5 +1,3 @@
-"""onnxruntime-web is taken once, and only in the version that is known."""
-
 import gzip
 from dataclasses import replace
 

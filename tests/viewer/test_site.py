@@ -59,7 +59,6 @@ def site(tmp_path_factory, exported, maps, lights):
 
 @contextmanager
 def serving(folder):
-    """A server of a folder."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Static, directory=folder))
     server.asked = []
     Thread(target=server.serve_forever, daemon=True).start()
@@ -88,7 +87,6 @@ def until(page, expression, seconds=120):
 
 
 def opened(page, data, name="me.png"):
-    """Gives a file to the page as its button does, and waits for the figure."""
     text = base64.b64encode(data).decode()
     page.call(
         """(text, name) => { const files = new DataTransfer();
@@ -140,7 +138,6 @@ def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, ex
 
 
 def saved(page):
-    """The picture that the page's button saves."""
     text = page.run(
         """new Promise((done) => { const made = URL.createObjectURL;
         URL.createObjectURL = (blob) => {

@@ -1,5 +1,3 @@
-"""The JavaScript of the viewer by its own tests, where node is on this machine."""
-
 import subprocess
 from pathlib import Path
 
