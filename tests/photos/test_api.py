@@ -52,7 +52,7 @@ def test_what_is_wrong_is_said(relighter, photo_files):
 
 
 @pytest.mark.parametrize(
-    "options, says",
+    ("options", "says"),
     [
         ({"turn": float("nan")}, "turn is nan: it must be a finite number"),
         ({"turn": "x"}, "turn is 'x'"),
@@ -143,18 +143,16 @@ def test_notes_are_warnings(relighter, photo_files):
     me, _, pixels, mask = photo_files
     cut = np.roll(mask, np.flatnonzero(mask.any(1))[0] * -1 - 5, 0)
     cut[-5:] = 0  # the head is cut off
-    with pytest.warns(UserWarning, match="^image: the figure is cut by the photo's upper edge"):
-        relighter.infer(pixels, cut)
-    with pytest.warns(UserWarning, match="^image: the figure is cut by the photo's upper edge"):
-        relighter.relight(pixels, cut, LIGHT)
-    holed = mask / 255
-    holed[0, 0] = np.nan
-    with pytest.warns(UserWarning, match="^image: the mask has 1 values that are not numbers"):
-        relighter.infer(pixels, holed)
-    impossible = np.zeros((9, 3))
-    impossible[0], impossible[2] = 1, 3
-    with pytest.warns(UserWarning, match="^the light: no real light has these coefficients"):
-        relighter.relight(me, mask, impossible)
+    holed, impossible = mask / 255, np.zeros((9, 3))
+    holed[0, 0], impossible[0], impossible[2] = np.nan, 1, 3
+    for use, given, says in (
+        (relighter.infer, (pixels, cut), "image: the figure is cut by the photo's upper edge"),
+        (relighter.relight, (pixels, cut, LIGHT), "image: the figure is cut by the photo's upper edge"),
+        (relighter.infer, (pixels, holed), "image: the mask has 1 values that are not numbers"),
+        (relighter.relight, (me, mask, impossible), "the light: no real light has these coefficients"),
+    ):
+        with pytest.warns(UserWarning, match=f"^{says}"):
+            use(*given)
 
 
 def test_white_balance(relighter, photo_files):
@@ -185,6 +183,8 @@ def test_a_known_light_takes_the_place_of_the_inferred_one(relighter, photo_file
     np.testing.assert_allclose(*products, rtol=0.02)
     assert re.match(r"the photo's light as given, key:#ffffff@40,30,0\.4, is \d+ degrees from", scene.notes[0])
     assert not any("degrees" in note for note in relighter.scene(me, lit_by="even").notes)
+    lamps = [load_light(f"key:#ffffff@{azimuth},0,0").coefficients for azimuth in (0, 25, 180)]
+    assert [round(degrees_apart(lamps[0], lamp)) for lamp in lamps] == [0, 25, 180]
     with pytest.raises(UserError, match="lit by auto: name the light"):
         relighter.scene(me, lit_by="auto")
     impossible = Light(np.eye(9, 3) * [1, 5, 5], "impossible").checked()
@@ -196,17 +196,11 @@ def test_a_known_light_takes_the_place_of_the_inferred_one(relighter, photo_file
     assert np.abs(again.astype(int) - inferred.picture.pixels).max() <= 1
 
 
-def test_degrees_apart():
-    lamps = [load_light(f"key:#ffffff@{azimuth},0,0").coefficients for azimuth in (0, 25, 180)]
-    assert [round(degrees_apart(lamps[0], lamp)) for lamp in lamps] == [0, 25, 180]
-
-
 @pytest.mark.slow
 def test_a_light_from_behind_is_told_with_the_turn_that_mends_it(relighter, photo_files):
     scene = relighter.scene(photo_files[0])
-    (note,) = scene.notes_on(Look("key:#ffffff@-150,10"))
-    assert note == "most of this light comes from behind: faces suffer; a turn of 150 brings it to the front"
-    (note,) = scene.notes_on(Look("key:#ffffff@0,-70,0.1"))
-    assert note.startswith("most of this light comes from below")
+    behind, below = (scene.notes_on(Look(f"key:#ffffff@{place}")) for place in ("-150,10", "0,-70,0.1"))
+    assert behind == ["most of this light comes from behind: faces suffer; a turn of 150 brings it to the front"]
+    assert len(below) == 1 and below[0].startswith("most of this light comes from below")
     for light, turn in (("key:#ffffff@-150,10", 150.0), ("key:#ffffff@80,10", 0.0), ("even", 180.0)):
         assert scene.notes_on(Look(light, turn=turn)) == []

@@ -15,8 +15,10 @@ from typer.testing import CliRunner
 from relight.cli import app
 from relight.core.errors import UserError
 from relight.lights import load_light
+from relight.photos.api import load
 from relight.photos.commands import relit
-from relight.photos.folder import MOST_LINES, note_lines
+from relight.photos.folder import MOST_LINES, _fingerprint, note_lines
+from relight.photos.look import Look
 
 
 def picture(path):
@@ -47,8 +49,7 @@ def test_photo_writes_everything_at_its_place(run, photo_files, weights, tmp_pat
     header, channels = exr.header(), exr.channels()
     assert tuple(header["displayWindow"][1]) == (139, 179)
     left, top = header["dataWindow"][0]
-    coverage = np.zeros(mask.shape, np.float32)
-    part = channels["coverage.A"].pixels
+    coverage, part = np.zeros(mask.shape, np.float32), channels["coverage.A"].pixels
     coverage[top : top + part.shape[0], left : left + part.shape[1]] = part
     assert np.abs(coverage * 255 - mask).max() < 0.1
     names = {f"transport.{n}.Y" for n in "L0M0 L1Mn1 L1M0 L1M1 L2Mn2 L2Mn1 L2M0 L2M1 L2M2".split()}
@@ -56,21 +57,18 @@ def test_photo_writes_everything_at_its_place(run, photo_files, weights, tmp_pat
     transport = np.stack([channels[f"transport.{n}.Y"].pixels for n in ("L0M0", "L1Mn1", "L1M0", "L1M1")], -1)
     assert transport.dtype == np.float16 and np.isfinite(transport).all()
     normal = np.stack([channels[f"normal.{axis}"].pixels for axis in "XYZ"], -1).astype(float)
-    inside = channels["coverage.A"].pixels > 0
-    np.testing.assert_allclose(np.linalg.norm(normal, axis=-1), inside, atol=2e-3)
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=-1), part > 0, atol=2e-3)
     linear = transport[..., [3, 1, 2]].astype(float)
     np.testing.assert_allclose(normal * np.linalg.norm(linear, axis=-1, keepdims=True), linear, atol=2e-3)
-    hidden = [p.name for p in out.iterdir() if p.name.startswith(".")]
-    assert not hidden
+    assert not [*out.glob(".*")]
 
 
-def test_own_light_from_disk_returns_the_photo(run, photo_files, weights, tmp_path):
+def test_own_light_from_disk_or_of_the_photo_itself_returns_the_photo(run, photo_files, weights, tmp_path):
     me, _, pixels, _ = photo_files
     run("photo", me, "--out", tmp_path / "a", "--weights", weights)
-    run("photo", me, "--light", tmp_path / "a/light.json", "--out", tmp_path / "b", "--weights", weights)
-    assert np.abs(picture(tmp_path / "b/relit.png").astype(int) - pixels).max() <= 1
-    run("photo", me, "--light", me, "--out", tmp_path / "c", "--weights", weights)  # the light of another photo
-    assert np.abs(picture(tmp_path / "c/relit.png").astype(int) - pixels).max() <= 1
+    for light in (tmp_path / "a/light.json", me):
+        run("photo", me, "--light", light, "--out", tmp_path / "b", "--weights", weights)
+        assert np.abs(picture(tmp_path / "b/relit.png").astype(int) - pixels).max() <= 1
 
 
 def test_doubts_about_a_mask_are_said_wherever_one_is_used(run, photo_files, weights, tmp_path):
@@ -179,8 +177,7 @@ def test_a_folder_goes_on_after_failures_and_resumes(run, weights, tmp_path, dra
     folder, out = tmp_path / "in", tmp_path / "out"
     folder.mkdir()
     for i in range(3):
-        pixels, mask = draw(90 + i, 80, seed=i)
-        Image.fromarray(np.dstack([pixels, mask])).save(folder / f"p{i}.png")
+        Image.fromarray(np.dstack(draw(90 + i, 80, seed=i))).save(folder / f"p{i}.png")
     (folder / "broken.jpg").write_bytes(b"\xff\xd8\xff broken")
     words = ("photo", folder, "--out", out, "--light", "key:#ffeedd@45,30", "--weights", weights, "--jobs", 2)
     first = CliRunner().invoke(app, [str(word) for word in words])
@@ -202,10 +199,10 @@ def test_a_folder_goes_on_after_failures_and_resumes(run, weights, tmp_path, dra
 
 
 def test_the_folder_here_is_relit_beside_itself(photo_files, monkeypatch, tmp_path):
-    from relight.photos import folder
-
     asked = []
-    monkeypatch.setattr(folder, "relight_photos", lambda photos, summary, out, *_, **__: asked.append(out))
+    monkeypatch.setattr(
+        "relight.photos.folder.relight_photos", lambda photos, summary, out, *_, **__: asked.append(out)
+    )
     monkeypatch.chdir(tmp_path)
     CliRunner().invoke(app, ["photo", "."])
     assert asked == [tmp_path.with_name(f"{tmp_path.name}_relit")]
@@ -240,10 +237,6 @@ def test_several_photos_and_the_picture_alone(photo_files, run, weights, monkeyp
 
 
 def test_changed_options_or_files_are_relit_again(photo_files, weights, tmp_path):
-    from relight.photos.api import load
-    from relight.photos.folder import _fingerprint
-    from relight.photos.look import Look
-
     me, mask, _, _ = photo_files
     network = load(weights).network.digest
     fingerprint = _fingerprint((me, mask), Look(), network)
@@ -260,11 +253,10 @@ def test_changed_options_or_files_are_relit_again(photo_files, weights, tmp_path
 @pytest.mark.slow
 def test_photo_writes_the_photo_beside_the_result(photo_files, weights, tmp_path, run):
     photo, _, pixels, _ = photo_files
+    height, width = pixels.shape[:2]
     for background in ("keep", "transparent"):
-        run("photo", photo, "-w", weights, "--background", background, "--out", tmp_path / background)
-        strip = np.asarray(Image.open(tmp_path / background / "before_after.jpg"), float)
-        relit = Image.open(tmp_path / background / "relit.png")
-        height, width = pixels.shape[:2]
+        run("photo", photo, "-w", weights, "--background", background, "--out", tmp_path)
+        strip, relit = picture(tmp_path / "before_after.jpg").astype(float), Image.open(tmp_path / "relit.png")
         assert strip.shape[0] == height and strip.shape[1] > 2 * width
         shown = Image.new("RGBA", relit.size, "white")
         shown.alpha_composite(relit.convert("RGBA"))

@@ -10,21 +10,12 @@ from relight.core.srgb import LINEAR, LUMINANCE, encode, to_linear
 from relight.maps import square
 from relight.maps.square import crop_around
 from relight.panoramas import luminance
+from relight.photos import shading
 from relight.photos.background import Background, read_background
 from relight.photos.person import Person, balanced, infer_person
 from relight.photos.render import estimate_foreground, over
 from relight.photos.scene import Scene
-from relight.photos.shading import (
-    ANGLES,
-    DARK,
-    FLOOR,
-    exposure_factor,
-    gain,
-    max_luminance,
-    shade,
-    shading_floor,
-    steady,
-)
+from relight.photos.shading import FLOOR, exposure_factor, gain, shade, shading_floor
 from relight.photos.tone import apply_gain
 from relight.photos.write import layers
 from relight.pictures.codes import to_codes, to_srgb8
@@ -72,8 +63,7 @@ def test_photo_in_photo_out(relighter, size, draw):
 
 def test_several_people_each_by_their_own_light(relighter, draw):
     pixels, mask = draw()
-    two = np.concatenate([pixels, pixels[:, ::-1]], 1)
-    both = np.concatenate([mask, mask], 1)
+    two, both = np.concatenate([pixels, pixels[:, ::-1]], 1), np.concatenate([mask, mask], 1)
     figures = relighter.infer(two, both, white_balance="scene")
     assert len(figures) == 2
     for figure in figures:
@@ -102,8 +92,8 @@ def test_a_tinted_light_is_the_photos_white():
     pixels, figure, mask = ball()
     tint, flat = np.array([1.3, 0.95, 0.65], np.float32), np.zeros((9, 3), np.float32)
     flat[0] = 0.8
-    albedo, transport = np.full_like(figure.albedo, 0.4) * mask[..., None], figure.transport * (np.arange(9) == 0)
-    card = replace(figure, albedo=albedo, transport=transport, light=flat * tint)
+    grey = {"albedo": np.full_like(figure.albedo, 0.4) * mask[..., None], "light": flat * tint}
+    card = replace(figure, transport=figure.transport * (np.arange(9) == 0), **grey)
     (kept,) = balanced([card])
     white = tint / (tint @ LUMINANCE)
     assert np.allclose(kept.white, white, atol=1e-5) and np.ptp(kept.light, axis=1).max() < 1e-5
@@ -114,8 +104,7 @@ def test_a_tinted_light_is_the_photos_white():
     assert balanced([replace(card, light=flat * strong)])[0].white.min() == pytest.approx(0.2)  # held
     solid = card.coverage == 255
     neutral = LINEAR[render(pixels, [card], flat)][solid] / LINEAR[pixels][solid]
-    expected = 1 / tint
-    assert np.abs(neutral / neutral[:, 1:2] / (expected / expected[1]) - 1)[(pixels[solid] > 40).all(1)].max() < 0.1
+    assert np.abs(neutral / neutral[:, 1:2] * tint / tint[1] - 1)[(pixels[solid] > 40).all(1)].max() < 0.1
 
 
 def test_people_of_a_photo_share_its_white():
@@ -136,10 +125,9 @@ def test_exposure_matches_itself_and_does_not_turn():
         factor = exposure_factor(LIGHT.mean(1, keepdims=True) * np.ones(3, np.float32), lamp, figure.transport, mask)
         assert factor * (luminance(np.array(color)) if level == 1 else 0.6) == pytest.approx(1, rel=1e-4)
     turned = [rotate_y(OTHER, angle).astype(np.float32) for angle in (0, 1, 2.51)]
-    had = luminance(shade(figure.transport, LIGHT))[mask].mean()
-    for light in turned:  # as bright as before at the heading that is shown
-        factor = exposure_factor(LIGHT, light, figure.transport, mask)
-        assert luminance(shade(figure.transport, factor * light))[mask].mean() == pytest.approx(had, rel=1e-5)
+    shown = [exposure_factor(LIGHT, light, figure.transport, mask) * light for light in turned]
+    means = [luminance(shade(figure.transport, light))[mask].mean() for light in (LIGHT, *shown)]
+    np.testing.assert_allclose(means, means[0], rtol=1e-5, err_msg="as bright as before at the heading that is shown")
     factors = [exposure_factor(LIGHT, light, figure.transport, mask, turning=True) for light in turned]
     assert np.ptp(factors) < 3e-3 * factors[0]
     # over a whole turn no figure gets brighter than it could be under the photo's own light
@@ -156,8 +144,10 @@ def test_the_brightest_turn_is_that_of_all_turns():
     for count in (9, 16, 4):
         transport, light = rng.normal(size=count), rng.normal(size=(count, 3))
         grey = light @ [0.2126, 0.7152, 0.0722]
-        turns = [transport @ rotate_y(grey[:, None], 2 * np.pi * k / ANGLES)[:, 0] for k in range(ANGLES)]
-        assert max_luminance(transport, light) == pytest.approx(max(turns), rel=1e-3)
+        turns = [
+            transport @ rotate_y(grey[:, None], 2 * np.pi * k / shading.ANGLES)[:, 0] for k in range(shading.ANGLES)
+        ]
+        assert shading.max_luminance(transport, light) == pytest.approx(max(turns), rel=1e-3)
 
 
 def gain_of(old, new, color=(1, 1, 1), new_color=(1, 1, 1)):
@@ -188,8 +178,8 @@ def test_gain_of_a_dark_grey_fold_under_a_strong_lamp_is_grey():
     plain, found = (apply_gain(LINEAR[codes], factor) for factor in (new / np.maximum(old, FLOOR), gain_of(old, new)))
     assert (plain.max(-1) / plain.min(-1)).max() > 2
     assert (found.max(-1) / found.min(-1)).max() < 1 + 0.25
-    bright = rng.uniform(2 * DARK, 2, (50, 3))  # the gain of bright shading is new / old
-    lit = rng.uniform(2 * DARK, 2, (50, 3))
+    bright = rng.uniform(2 * shading.DARK, 2, (50, 3))  # the gain of bright shading is new / old
+    lit = rng.uniform(2 * shading.DARK, 2, (50, 3))
     np.testing.assert_allclose(gain_of(bright, lit), lit / bright, rtol=1e-5)
     assert (gain_of(old, old) == 1).all()
 
@@ -206,7 +196,7 @@ def test_gain_in_the_shade_of_a_warm_lamp_has_its_color():
 def test_steady_shading_is_never_negative_and_continuous():
     light = np.eye(9, 3) + 0.1
     levels = np.linspace(-0.2, 2, 2000)[:, None] * [1.2, 0.9, 0.3]
-    found = steady(levels, light)
+    found = shading.steady(levels, light)
     assert found.min() >= 0 and np.abs(np.diff(found, axis=0)).max() < 0.01
     np.testing.assert_array_equal(found[-1000:], levels[-1000:])
 
@@ -263,11 +253,16 @@ def test_people_who_touch_pass_into_each_other():
 
 def test_parts_do_not_show(relighter, monkeypatch, draw):
     pixels, mask = draw()
-    figures = relighter.infer(pixels, mask)
-    whole = render(pixels, figures, OTHER, "ratio", Background("color", color=np.array([10, 200, 30])))
+    given = pixels, relighter.infer(pixels, mask), OTHER, "ratio", Background("color", color=np.array([10, 200, 30]))
+    whole = render(*given)
     monkeypatch.setattr(square, "TILE", 37)
-    cut = render(pixels, figures, OTHER, "ratio", Background("color", color=np.array([10, 200, 30])))
-    assert np.abs(cut.astype(int) - whole).max() <= 1
+    assert np.abs(render(*given).astype(int) - whole).max() <= 1
+
+
+def blocks(path):
+    pixels = np.random.default_rng(0).integers(0, 256, (90, 70, 3)).astype(np.uint8)
+    Image.fromarray(pixels).resize((140, 180), 0).save(path)
+    return str(path)
 
 
 @pytest.mark.slow
@@ -275,22 +270,20 @@ def test_backgrounds(relighter, tmp_path, draw):
     pixels, mask = draw()
     figures = relighter.infer(pixels, mask)
     mask = figures[0].coverage
-    away = mask == 0
-    keep = render(pixels, figures, OTHER)
+    keep, green, behind, clear = (
+        render(pixels, figures, OTHER, "ratio", replace(read_background(name), shadow=False))
+        for name in ("keep", "#10c81e", blocks(tmp_path / "b.png"), "transparent")
+    )
+    away, picture = mask == 0, np.asarray(Image.open(tmp_path / "b.png"))
     assert np.array_equal(keep[away], pixels[away]) and (keep[mask == 255] != pixels[mask == 255]).any()
-    green = render(pixels, figures, OTHER, "ratio", replace(read_background("#10c81e"), shadow=False))
     assert (green[away] == [16, 200, 30]).all()
     assert np.array_equal(green[mask == 255], keep[mask == 255])  # the figure does not depend on what is behind
-    rng = np.random.default_rng(0)
-    Image.fromarray(rng.integers(0, 256, (90, 70, 3)).astype(np.uint8)).resize((140, 180), 0).save(tmp_path / "b.png")
-    behind = render(pixels, figures, OTHER, "ratio", replace(read_background(str(tmp_path / "b.png")), shadow=False))
-    assert np.array_equal(behind[away], np.asarray(Image.open(tmp_path / "b.png"))[away])
+    assert np.array_equal(behind[away], picture[away])
+    assert clear.shape[2] == 4 and np.array_equal(clear[..., 3], mask)
     soft = read_background(str(tmp_path / "b.png"), blur=3).linear((180, 140))
     sigma = np.radians(3) * 90 / np.tan(np.radians(25))
-    expected = gaussian_filter(LINEAR[np.asarray(Image.open(tmp_path / "b.png"))], (sigma, sigma, 0), mode="nearest")
+    expected = gaussian_filter(LINEAR[picture], (sigma, sigma, 0), mode="nearest")
     assert np.abs(soft - expected)[30:-30, 30:-30].max() < 0.02 and soft.std() < 0.5 * LINEAR[behind].std()
-    clear = render(pixels, figures, OTHER, "ratio", read_background("transparent"))
-    assert clear.shape[2] == 4 and np.array_equal(clear[..., 3], mask)
 
 
 @pytest.mark.slow
@@ -310,34 +303,16 @@ def test_a_picture_behind_fills_the_photo_and_is_cut_around_its_middle():
     assert behind.linear((9, 17)).shape == (9, 17, 3)  # where the corner of the cut would be rounded to less than 0
 
 
-def soft_disc(size=200, radius=60, softness=12.0):
-    y, x = np.mgrid[:size, :size] - size / 2
-    return np.clip(0.5 + (radius - np.hypot(x, y)) / softness, 0, 1).astype(np.float32)
-
-
-def pair(size=200):
-    y, x = np.mgrid[:size, :size] / size
+def test_no_halo_on_a_new_background_and_opaque_pixels_stay():
+    """A soft disc whose color changes slowly, before a bright background; a hard mask changes nothing."""
+    y, x = np.mgrid[:200, :200] - 100
+    alpha = np.clip(0.5 + (60 - np.hypot(x, y)) / 12, 0, 1).astype(np.float32)
+    y, x = np.mgrid[:200, :200] / 200
     figure = np.stack([0.2 + 0.1 * x, 0.1 + 0.05 * y, 0.15 + 0 * x], -1).astype(np.float32)
     behind = np.stack([0.8 + 0.1 * y, 0.9 + 0 * x, 0.95 - 0.1 * x], -1).astype(np.float32)
-    return figure, behind
-
-
-def test_no_halo_on_a_new_background():
-    alpha = soft_disc()
-    figure, behind = pair()
-    new = np.full_like(figure, 0.02)
-    truth = over(figure, alpha, new)
-    photo = over(figure, alpha, behind)
-    good = over(estimate_foreground(photo, alpha), alpha, new)
-    naive = over(photo, alpha, new)
-    assert np.abs(naive - truth).max() > 0.15  # the halo
-    assert np.abs(good - truth).max() < 0.02
-
-
-def test_opaque_pixels_stay_and_hard_masks_change_nothing():
-    alpha = soft_disc()
-    photo = over(*pair()[:1], alpha, pair()[1])
+    new, photo = np.full_like(figure, 0.02), over(figure, alpha, behind)
     found = estimate_foreground(photo, alpha)
+    naive, good = (np.abs(over(front, alpha, new) - over(figure, alpha, new)).max() for front in (photo, found))
+    assert naive > 0.15 and good < 0.02  # the halo
     assert np.array_equal(found[alpha == 1], photo[alpha == 1])
-    hard = (alpha > 0.5).astype(np.float32)
-    assert estimate_foreground(photo, hard) is photo
+    assert estimate_foreground(photo, (alpha > 0.5).astype(np.float32)) is photo
