@@ -246,7 +246,9 @@ def test_changed_options_or_files_are_relit_again(photo_files, weights, tmp_path
     room, behind = Look("room:3", background="panorama"), Look("room:3")
     assert len({_fingerprint((me, mask), look, network) for look in (room, behind, Look("room:4"))}) == 3
     assert _fingerprint((me,), room) == _fingerprint((me,), Look("room:3", background="panorama"))
+    place = _fingerprint((me,), Look(f"place:{mask}@20"))
     Image.new("L", (140, 180), 9).save(mask)
+    assert place != _fingerprint((me,), Look(f"place:{mask}@20"))
     assert fingerprint != _fingerprint((me, mask), Look(), network)
 
 

@@ -10,8 +10,6 @@ from relight import load_light
 from relight.core.errors import UserError
 from relight.lights.light import direction
 from relight.lights.place import place_light
-from relight.photos.folder import _fingerprint
-from relight.photos.look import Look
 from relight.sh import deringed, rotate_y
 from relight.viewer.source import named_lights
 
@@ -51,7 +49,7 @@ def test_load_light_reads_places_in_a_new_process(street):
 
 
 @pytest.mark.parametrize(
-    "name, message",
+    ("name", "message"),
     [
         ("place:none.png", r"^place: there is no file none\.png"),
         ("place:kitchen.hdr", r"^place:kitchen\.hdr: kitchen\.hdr is no photograph of a place: give a JPEG"),
@@ -80,12 +78,6 @@ def test_photo_takes_the_light_of_a_picture_behind(run, photo_files, weights, st
     assert "in the light of room:3" in run(*options, "--light", "room:3")
     assert "estimated" not in run(*options, "--light", "place:street.png@-60,40")
     assert "in the light of key:" in run("photo", me, "-w", weights, "--out", "out")
-
-
-def test_a_folder_is_relit_again_when_the_place_changes(photo_files, street):
-    before, same = (_fingerprint(photo_files[:2], Look("place:street.png@20")) for _ in range(2))
-    Image.fromarray(255 - street).save("street.png")
-    assert before == same != _fingerprint(photo_files[:2], Look("place:street.png@20"))
 
 
 def test_light_command_of_a_photo(run, street):
