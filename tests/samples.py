@@ -16,6 +16,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 from skimage.metrics import structural_similarity
 
 from relight.lights import LightSet
@@ -96,6 +97,17 @@ def ssim_in_the_box(first, second, inside, span=1.0):
     box = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
     pair = (np.where(inside[..., None], x, 0)[box] for x in (first, second))
     return structural_similarity(*pair, channel_axis=-1, data_range=span)
+
+
+def photo_of_people(height, width, centres, seed=0):
+    """A photo (H,W,3) uint8 with clipped parts, and soft ellipses about the columns `centres` as its mask."""
+    generator = np.random.default_rng(seed)
+    pixels = gaussian_filter(generator.random((height, width, 3)), (2, 2, 0)) * 700 - 150
+    y, x = np.mgrid[:height, :width]
+    reach = 0.3 * width / len(centres)
+    down = (y - height / 2) / (0.42 * height)
+    mask = sum(np.clip((1 - np.hypot((x - c) / reach, down)) * 900, 0, 255) for c in centres)
+    return pixels.clip(0, 255).astype(np.uint8), np.rint(mask).clip(0, 255).astype(np.uint8)
 
 
 def lights_of(split: Sequence[str], **fields) -> LightSet:

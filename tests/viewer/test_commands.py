@@ -4,7 +4,7 @@ import re
 import numpy as np
 import pytest
 from PIL import Image
-from scipy.ndimage import gaussian_filter
+from samples import photo_of_people
 from typer.testing import CliRunner
 
 from relight.core.errors import UserError
@@ -89,11 +89,7 @@ def test_a_photo_of_two_people_is_shown_as_the_photo_command_shows_it(page, tmp_
     relighter = load(weights, threads=1)
     config = relighter.network.config
     monkeypatch.setattr("relight.photos.api.load", lambda weights: relighter)
-    generator = np.random.default_rng(0)
-    pixels = (gaussian_filter(generator.random((90, 140, 3)), (2, 2, 0)) * 400 - 70).clip(0, 255).astype(np.uint8)
-    y, x = np.mgrid[:90, :140]
-    mask = sum(np.clip((1 - np.hypot((x - c) / 18, (y - 45) / 38)) * 1500, 0, 255) for c in (38, 100))
-    mask = np.rint(mask).astype(np.uint8)
+    pixels, mask = photo_of_people(90, 140, (38, 100))
     Image.fromarray(pixels).save(tmp_path / "me.png")
     Image.fromarray(mask).save(tmp_path / "me_mask.png")
     assert run(tmp_path / "me.png", "-l", "room:3").exit_code == 0

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import samples
 from PIL import Image
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.ndimage import distance_transform_edt
 
 from relight.core.srgb import LINEAR, encode, to_bytes
 from relight.lights.place import STATISTICS, place_light
@@ -102,21 +102,10 @@ def arrays(value):
     return np.frombuffer(base64.b64decode(value["data"]), re.sub("Clamped|Array", "", value["kind"]).lower())
 
 
-def picture(height, width, centres, seed=0):
-    """A photo (H,W,3) uint8 with clipped parts, and soft ellipses about the columns `centres` as its mask."""
-    generator = np.random.default_rng(seed)
-    pixels = gaussian_filter(generator.random((height, width, 3)), (2, 2, 0)) * 700 - 150
-    y, x = np.mgrid[:height, :width]
-    reach = 0.3 * width / len(centres)
-    down = (y - height / 2) / (0.42 * height)
-    mask = sum(np.clip((1 - np.hypot((x - c) / reach, down)) * 900, 0, 255) for c in centres)
-    return pixels.clip(0, 255).astype(np.uint8), np.rint(mask).clip(0, 255).astype(np.uint8)
-
-
 @pytest.mark.parametrize(("shape", "centres"), [((120, 160), (43, 115)), ((40, 30), (15,)), ((150, 110), (20,))])
 def test_a_figure_is_that_of_the_view_command(shape, centres):
     """Two people, joined by a soft bridge; one smaller than the network's square; one that the photo's border cuts."""
-    pixels, mask = picture(*shape, centres)
+    pixels, mask = samples.photo_of_people(*shape, centres)
     mask[2:5, 2:4] = 255  # dirt
     mask[60:63, 66:92] = np.maximum(mask[60:63, 66:92], 40)
     figure = photo_figure(Scene.of(pixels, mask, NETWORK))

@@ -13,8 +13,7 @@ from threading import Thread
 import numpy as np
 import pytest
 from PIL import Image
-from samples import encoded
-from scipy.ndimage import gaussian_filter
+from samples import encoded, photo_of_people
 
 from relight.core.errors import UserError
 from relight.photos.network import read_network
@@ -86,7 +85,8 @@ def until(page, expression, seconds=120):
         time.sleep(0.1)
 
 
-def opened(page, data, name="me.png"):
+def opened(page, data, name="me.png", is_whole=True):
+    """Gives a file to the page as its button does, and waits for the figure if the photo `is_whole`, with a mask."""
     text = base64.b64encode(data).decode()
     page.call(
         """(text, name) => { const files = new DataTransfer();
@@ -95,21 +95,26 @@ def opened(page, data, name="me.png"):
         input.dispatchEvent(new Event("change")); }""",
         text, name,
     )  # fmt: skip
+    if is_whole:
+        until(page, f"relight.figure().title === '{name[:-4]}'")
 
 
-def png(pixels):
-    return encoded(Image.fromarray(pixels), "png")
+def png(*layers):
+    return encoded(Image.fromarray(np.dstack(layers)), "png")
 
 
 def photograph():
-    generator = np.random.default_rng(4)
-    pixels = (gaussian_filter(generator.random((150, 110, 3)), (2, 2, 0)) * 500 - 110).clip(0, 255).astype(np.uint8)
-    y, x = np.mgrid[:150, :110]
-    alpha = np.clip((1 - np.hypot((x - 55) / 38, (y - 75) / 68)) * 1500, 0, 255)
-    return pixels, np.rint(alpha).astype(np.uint8)
+    return photo_of_people(150, 110, (55,), 4)
 
 
-VIEWS = ("albedo", "shading", "ao", "relit")
+def by_python(page, folder, exported, lights, *layers):
+    """Opens the page that `relight view` makes of a photo."""
+    figure = photo_figure(Scene.of(Image.fromarray(np.dstack(layers)), network=read_network(exported)))
+    build_viewer(folder / "me.html", [figure], lights)
+    page.open(folder / "me.html")
+
+
+STATE = {"light": 0, "yaw": 40, "tilt": 0, "stops": 0, "background": "photo", "before": "none", "view": "relit"}
 
 
 def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, exported, lights, tmp_path):
@@ -118,10 +123,9 @@ def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, ex
     page.run("relight.engine()")
     before = list(server.asked)
     assert {line.split()[1] for line in before} >= {"/", "/sw.js", "/network.onnx"}
-    opened(page, png(np.dstack([pixels, alpha])))
-    until(page, "relight.figure().title === 'me'")
-    state = {"light": 0, "yaw": 40, "tilt": 0, "stops": 0, "background": "photo", "mode": "full", "before": "none"}
-    found = {view: page.pixels(**state, view=view) for view in VIEWS}
+    opened(page, png(pixels, alpha))
+    states = [STATE | {"mode": "full", "view": view} for view in ("albedo", "shading", "ao", "relit")]
+    found = [page.pixels(**state) for state in states]
     for url in (f"{address(server)}index.html?photo", "http://127.0.0.1:9/", "data:,x"):
         assert page.call("(url) => fetch(url).then(() => 'sent', () => 'refused')", url) == "refused"
     assert page.run(
@@ -130,11 +134,9 @@ def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, ex
     ) == "refused"  # fmt: skip
     assert server.asked == before
 
-    figure = photo_figure(Scene.of(Image.fromarray(np.dstack([pixels, alpha])), network=read_network(exported)))
-    build_viewer(tmp_path / "me.html", [figure], lights)
-    page.open(tmp_path / "me.html")
-    for view, mine in found.items():
-        assert np.abs(mine.astype(int) - page.pixels(**state, view=view)).max() <= 2, view
+    by_python(page, tmp_path, exported, lights, pixels, alpha)
+    for state, mine in zip(states, found):
+        assert np.abs(mine.astype(int) - page.pixels(**state)).max() <= 2, state["view"]
 
 
 def saved(page):
@@ -151,18 +153,14 @@ def saved(page):
 def test_a_photo_is_saved_at_its_own_size(page, server, exported, lights, tmp_path):
     pixels, alpha = (np.asarray(Image.fromarray(part).resize((300, 1200))) for part in photograph())
     page.open(address(server))
-    opened(page, png(np.dstack([pixels, alpha])))
-    until(page, "relight.figure().title === 'me'")
-    state = {"light": 0, "yaw": 40, "tilt": 0, "stops": 0, "background": "photo", "mode": "ratio", "view": "relit"}
-    shown = page.pixels(**state, before="none")
+    opened(page, png(pixels, alpha))
+    shown = page.pixels(**STATE | {"mode": "ratio"})
     mine = saved(page)
     assert shown.shape[:2] == (1024, 256) and mine.shape[:2] == (1200, 300)
     assert np.array_equal(page.pixels(), shown), "the page shows what it showed"
 
-    figure = photo_figure(Scene.of(Image.fromarray(np.dstack([pixels, alpha])), network=read_network(exported)))
-    build_viewer(tmp_path / "me.html", [figure], lights)
-    page.open(tmp_path / "me.html")
-    assert np.abs(mine.astype(int) - page.pixels(**state, before="none")).max() <= 2
+    by_python(page, tmp_path, exported, lights, pixels, alpha)
+    assert np.abs(mine.astype(int) - page.pixels(**STATE | {"mode": "ratio"})).max() <= 2
 
 
 def test_a_place_is_read_only_when_nothing_can_be_sent_any_more(page, server):
@@ -192,9 +190,7 @@ def test_the_site_works_without_its_server(page, server):
     server.server_close()
     page.open(address(server))
     page.run("relight.engine()")
-    pixels, alpha = photograph()
-    opened(page, png(np.dstack([pixels, alpha])), "offline.png")
-    until(page, "relight.figure().title === 'offline'")
+    opened(page, png(*photograph()), "offline.png")
 
 
 def released(site, folder, mark):
@@ -229,14 +225,11 @@ def test_a_returning_visitor_gets_the_new_release_whatever_the_browser_kept(page
 
 
 def test_a_mask_is_painted_where_there_is_none(page, server):
-    pixels, _ = photograph()
     page.open(address(server), 900, 700)
-    opened(page, png(pixels))
+    opened(page, png(photograph()[0]), is_whole=False)
     until(page, "!document.getElementById('brush').hidden")
-    left, top, width, height = page.run(
-        "(() => { const { x, y, width, height } = document.getElementById('brush').getBoundingClientRect(); "
-        "return [x, y, width, height]; })()"
-    )
+    box = page.run("document.getElementById('brush').getBoundingClientRect().toJSON()")
+    left, top, width, height = (box[name] for name in ("left", "top", "width", "height"))
 
     def stroke(*points):
         for i, (x, y) in enumerate(points):
@@ -272,10 +265,8 @@ def press(page, *keys):
 
 
 def test_a_mask_is_painted_by_keys_and_not_lost_by_escape(page, server):
-    pixels, alpha = photograph()
     page.open(address(server), 900, 700)
-    opened(page, png(np.dstack([pixels, alpha])))
-    until(page, "relight.figure().title === 'me'")
+    opened(page, png(*photograph()))
     figures = page.run("document.getElementById('figure').length")
     errors = [event for event in page.events if event.get("method") == "Runtime.exceptionThrown"]
     is_open = "!document.getElementById('brush').hidden"
@@ -319,7 +310,7 @@ def test_that_nobody_was_found_is_told_before_the_brush(page, server):
         const { width, height } = task.values.photo; Worker.prototype.postMessage = send;
         this.onmessage({ data: { id: task.id, result: new Uint8Array(width * height) } }); }; }"""
     )
-    opened(page, png(photograph()[0]))
+    opened(page, png(photograph()[0]), is_whole=False)
     until(page, "document.getElementById('brush-why').checkVisibility()")
     assert page.run("document.getElementById('brush-why').innerText") == "Nobody was found in this photo."
 
@@ -338,7 +329,7 @@ def test_a_browser_without_simd_is_told_before_anything_is_loaded(page, server):
 
 def test_what_is_no_picture_is_told(page, server):
     page.open(address(server))
-    opened(page, b"no picture")
+    opened(page, b"no picture", is_whole=False)
     until(page, "document.getElementById('toast').innerText.includes('no picture that this browser reads')")
     assert page.run("relight.figure().title") == "Balls"
 
