@@ -54,19 +54,14 @@ def test_fit_edge_finds_the_true_coverage(colors, kind):
     assert kind == "true" or after < before / 4
 
 
-def test_fit_edge_keeps_a_mask_that_colors_say_nothing_about():
-    _, _, inward = composite(BLACK_CLOTH, SKY)
-    mask = soft(inward + 2)
-    grey = np.random.default_rng(2).normal(128, 3, (*mask.shape, 3)).astype(np.uint8)
-    assert np.abs(fit_edge(grey, mask, automatic=True).astype(int) - mask).max() < 26
-
-
-def test_fit_edge_softens_a_mask_of_two_values():
+def test_where_colors_say_nothing_fit_edge_keeps_a_soft_mask_and_softens_one_of_two_values():
+    """To what a lens leaves of the edge."""
     _, alpha, inward = composite(BLACK_CLOTH, SKY)
-    alpha = gaussian_filter(alpha, 0.7)
-    mask = masks(inward)["binary"]
-    fitted = fit_edge(np.full((*mask.shape, 3), 128, np.uint8), mask)
-    assert rim_error(fitted / 255, alpha, inward) < 0.6 * rim_error(mask / 255, alpha, inward)
+    large, binary, alpha = soft(inward + 2), masks(inward)["binary"], gaussian_filter(alpha, 0.7)
+    grey = np.random.default_rng(2).normal(128, 3, (*large.shape, 3)).astype(np.uint8)
+    assert np.abs(fit_edge(grey, large, automatic=True).astype(int) - large).max() < 26
+    fitted = fit_edge(np.full((*binary.shape, 3), 128, np.uint8), binary)
+    assert rim_error(fitted / 255, alpha, inward) < 0.6 * rim_error(binary / 255, alpha, inward)
 
 
 def test_fit_edge_keeps_what_is_neither_color():
@@ -114,12 +109,11 @@ def test_fit_edge_fits_two_values_however_they_are_coded(coder, quality):
 @pytest.mark.parametrize("given", ["array", "file", "beside"])
 def test_masked_fits_a_mask_of_two_values_and_keeps_a_soft_one(given, tmp_path):
     codes, _, inward = composite(WHITE_CLOTH, LAWN)
-    for mask, fitted in ((soft(inward + 1), soft(inward + 1)), (binary := masks(inward)["binary"], None)):
-        mask_file, photo_file = tmp_path / "me_mask.png", tmp_path / "me.png"
-        Image.fromarray(mask).save(mask_file)
-        Image.fromarray(codes).save(photo_file)
-        photo = masked(Picture.of(photo_file), {"array": mask, "file": mask_file}.get(given))
-        expected = fit_edge(codes, binary) if fitted is None else fitted
+    Image.fromarray(codes).save(tmp_path / "me.png")
+    large, binary = soft(inward + 1), masks(inward)["binary"]
+    for mask, expected in ((large, large), (binary, fit_edge(codes, binary))):
+        Image.fromarray(mask).save(tmp_path / "me_mask.png")
+        photo = masked(Picture.of(tmp_path / "me.png"), {"array": mask, "file": tmp_path / "me_mask.png"}.get(given))
         np.testing.assert_array_equal(photo.coverage, expected)
 
 
@@ -133,8 +127,6 @@ def test_fit_edge_without_background_or_inside(mask):
 def test_estimated_foreground_leaves_no_background_below_black():
     """A mask that takes sky for a white hat: what is split off is no more than is there."""
     codes, _, inward = composite(WHITE_CLOTH, SKY)
-    alpha = np.clip(inward / 3 + 1.5, 0, 1).astype(np.float32)
-    linear = LINEAR[codes]
-    front = estimate_foreground(linear, alpha)
+    alpha, linear = np.clip(inward / 3 + 1.5, 0, 1).astype(np.float32), LINEAR[codes]
     assert ((alpha > 0) & (alpha < 1)).sum() > 500
-    assert (linear - alpha[..., None] * front).min() > -1e-5
+    assert (linear - alpha[..., None] * estimate_foreground(linear, alpha)).min() > -1e-5

@@ -9,8 +9,7 @@ import torch.nn.functional as F
 from relight.photos.mask.tflite import convert
 
 # Numbers of the schema, as in schema.fbs: operations, types of options and of tensors.
-ADD, POOL, CONV, DEPTHWISE, DEQUANTIZE, LOGISTIC, MUL, RELU = 0, 1, 3, 4, 6, 14, 18, 19
-RESIZE, HARD_SWISH = 23, 117
+ADD, POOL, CONV, DEPTHWISE, DEQUANTIZE, LOGISTIC, MUL, RELU, RESIZE, HARD_SWISH = 0, 1, 3, 4, 6, 14, 18, 19, 23, 117
 CONCATENATE, TO_SPACE, MAX_POOL, RESHAPE, PAD, DENSIFY = 2, 5, 17, 22, 34, 124
 
 
@@ -89,14 +88,12 @@ def test_convert_of_networks_of_poses(tflite):
     conv = writer.operation(CONV, [padded, kernel, writer.tensor(bias)], [*window(1), (3, "Int8", 3)])
     sizes = [(3, "Int32", 2), (4, "Int32", 3)]  # width before height
     pooled = writer.operation(MAX_POOL, [conv], [*window(0, 2), *sizes])
-    depth = writer.operation(
-        DEPTHWISE, [pooled, writer.tensor(narrow), writer.tensor(bias)], [*window(), (4, "Int8", 1)]
-    )
+    stored = [writer.tensor(narrow), writer.tensor(bias)]
+    depth = writer.operation(DEPTHWISE, [pooled, *stored], [*window(), (4, "Int8", 1)])
     total = writer.operation(ADD, [depth, pooled], [(0, "Int8", 1)])
     spread = writer.operation(TO_SPACE, [total], [(0, "Int32", 2)])
-    rows = [
-        writer.operation(RESHAPE, [each, writer.tensor(np.array([1, -1, 2], np.int32))]) for each in (total, spread)
-    ]
+    shape = np.array([1, -1, 2], np.int32)
+    rows = [writer.operation(RESHAPE, [each, writer.tensor(shape)]) for each in (total, spread)]
     joined = writer.operation(CONCATENATE, rows, [(0, "Int32", 1)])
     data = convert(writer.bytes(first, joined, total), ["rows", "grid"], mirrored=False)
     image = rng.normal(0, 1, (1, 3, 7, 5)).astype(np.float32)

@@ -55,9 +55,8 @@ def test_hue_is_kept_and_stays_in_the_gamut():
     color = np.array([[1.5, 0.9, 0.6], [3.0, 1.2, 0.48], [0.1, 0.3, 9.0]])
     out = roll_off(color)
     assert (out >= 0).all() and (out <= 1).all()
-    low, middle, high = np.sort(color, 1).T
-    after = np.sort(out, 1).T
-    hue = (middle - low) / (high - low)
+    before, after = (np.sort(each, 1).T for each in (color, out))
+    hue = (before[1] - before[0]) / (before[2] - before[0])
     assert np.abs((after[1] - after[0]) / (after[2] - after[0]) - hue).max() < 1e-9
     assert (np.argsort(out, 1) == np.argsort(color, 1)).all()
 
@@ -85,8 +84,7 @@ def test_more_light_is_never_darker():
     linear = LINEAR[generator.integers(0, 256, (500, 3))]
     linear[:200] = np.where(generator.random((200, 3)) < 0.5, 1, linear[:200])
     above = clipping_excess(linear, spread((0.5, 0.3, 0.2), linear))
-    gains = np.linspace(0, 4, 200)
-    out = np.stack([apply_gain(linear, spread(g, linear), above) for g in gains])
+    out = [apply_gain(linear, spread(g, linear), above) for g in np.linspace(0, 4, 200)]
     assert np.diff(out, axis=0).min() > -1e-6
 
 
@@ -107,25 +105,20 @@ def test_what_was_clipped_is_rebuilt_from_the_others():
     y, x = np.mgrid[:96, :96] / 47.5 - 1
     light = 2.0 * np.maximum(1 - 0.9 * np.hypot(x, y), 0.02)
     truth = light[..., None] * np.array([0.9, 0.55, 0.4])
-    photo = np.minimum(truth, 1).astype(np.float32)
-    mask = np.ones(light.shape, bool)
+    photo, mask = np.minimum(truth, 1).astype(np.float32), np.ones(light.shape, bool)
     colors = chroma(photo, mask)
     assert np.abs(colors - np.array([0.9, 0.55, 0.4]) / 1.85).max() < 0.03
-    clipped = photo.max(-1) == 1
-    gain = np.full_like(photo, 0.4)
-    excess = clipping_excess(photo, colors)
-    with_, without = (np.abs(apply_gain(photo, gain, e) - 0.4 * truth)[clipped].mean() for e in (excess, 0.0))
-    assert with_ < 0.6 * without
+    gain, excess = np.full_like(photo, 0.4), clipping_excess(photo, colors)
+    off = [np.abs(apply_gain(photo, gain, e) - 0.4 * truth)[photo.max(-1) == 1].mean() for e in (excess, 0.0)]
+    assert off[0] < 0.6 * off[1]
     white = np.full_like(photo, 1.0)
     white[:8] = [0.5, 0.45, 0.4]
     assert clipping_excess(white, chroma(white, mask)).max() < 0.35  # nothing but a little of what color there is
 
 
 def test_white_cloth_beside_skin_stays_white():
-    photo = np.empty((64, 64, 3), np.float32)
-    photo[:, :32] = [0.55, 0.35, 0.25]
-    photo[:, 32:] = np.linspace(0.6, 1.05, 32)[:, None]
-    photo = np.minimum(photo, 1)
+    cloth = np.linspace(0.6, 1.05, 32).clip(0, 1)[:, None] * np.ones((64, 1, 3))
+    photo = np.concatenate([np.tile([0.55, 0.35, 0.25], (64, 32, 1)), cloth], 1).astype(np.float32)
     above = clipping_excess(photo, chroma(photo, np.ones((64, 64), bool)))
     assert np.ptp(apply_gain(photo, np.full_like(photo, 0.3), above)[:, 40:], axis=-1).max() < 0.02
 
