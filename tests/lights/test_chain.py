@@ -57,10 +57,10 @@ def test_the_light_set_has_the_properties_that_the_settings_ask_for(rooms, order
     for mark in ("unusual", "rich"):
         assert len(lights.of(mark)) and all(lights.of(mark).reason)
     assert not any(usual.reason)
-    rooms = {mark: set(lights.of(mark).source.tolist()) for mark in SPLITS}
-    assert not rooms["unusual"] & (rooms["train"] | rooms["validation"] | rooms["rich"])
-    assert not rooms["rich"] & (rooms["test"] - rooms["train"])
-    assert not rooms["validation"] & (rooms["train"] | rooms["test"])
+    train, validation, test, unusual, rich = (
+        {*lights.of(mark).source} for mark in ("train", "validation", "test", "unusual", "rich")
+    )
+    assert not unusual & (train | validation | rich) and not rich & (test - train) and not validation & (train | test)
     assert abs(len(lights.of("unusual")) - len(lights.of("rich"))) <= len(usual)
     by_source = dict(zip(sources, coefficients))
     for i in range(0, len(lights), 5):  # every row can be made again from what it says of itself
@@ -100,15 +100,9 @@ def test_choose_validation_lights_takes_a_tenth_and_leaves_one(count, chosen):
     assert len(set(found.tolist())) == len(found) == chosen and set(found.tolist()) <= set(range(count))
 
 
-def test_two_panoramas_make_a_light_set(rooms):
-    lights, _ = select_lights(rooms[1][16:18], rooms[0][16:18], replace(SETTINGS, clusters=50, test=10))
-    assert len(lights.of("train")) and len(lights.of("test"))
-    assert set(lights.of("train").source) != set(lights.of("test").source)
-
-
 def test_a_single_lamp_from_behind_makes_a_light_set_with_a_warning(caplog):
-    lamp = basis(np.array([0.0, -0.8, -0.6]))[:, None] * np.ones((1, 3)) * 5
-    lights, record = select_lights(lamp[None], ["lamp"], replace(SETTINGS, clusters=6, test=2))
+    behind = 5 * lamp(0.0, -0.8, -0.6, fill=0)
+    lights, record = select_lights(behind[None], ["lamp"], replace(SETTINGS, clusters=6, test=2))
     assert len(lights.of("test")) and len(lights.of("train"))
     assert any("rules" in warning for warning in record["warnings"]) and "rules" in caplog.text
 
@@ -132,21 +126,21 @@ def test_the_threshold_removes_dark_rooms_unless_the_units_differ(rooms):
     assert "other units" in record["warnings"][0] and record["steps"][0]["out"] == 40
 
 
-def test_each_rule_finds_its_kind_of_light():
-    def lamp(x, y, z, fill=0.3):
-        d = np.array([x, y, z], float)
-        light = basis(d / np.linalg.norm(d))[:, None] * np.ones((1, 3))
-        light[0] += fill
-        return light * 0.8 / reference_brightness(light)
+def lamp(x, y, z, fill=0.3):
+    light = basis(np.array([x, y, z]) / np.linalg.norm([x, y, z]))[:, None] * np.ones((1, 3))
+    light[0] += fill
+    return light * 0.8 / reference_brightness(light)
 
+
+def test_each_rule_finds_its_kind_of_light():
     good = lamp(0.3, 0.6, 0.7)
     cases = {
         "back-lit": lamp(0, 0.3, -0.5, fill=0.8),
         "contrast": lamp(1, 0, 0.2, fill=0.0),
-        "color": lamp(0.3, 0.6, 0.7) * [1, 0.5, 0.1],
+        "color": good * [1, 0.5, 0.1],
         "from-below": lamp(0.2, -0.8, 0.6),
-        "dim": lamp(0.3, 0.6, 0.7) * 0.3,
-        "bright": lamp(0.3, 0.6, 0.7) * 3,
+        "dim": good * 0.3,
+        "bright": good * 3,
     }
     found = broken_rules(np.stack([good, *cases.values()]), RULES)
     assert not any(rule[0] for rule in found.values())
@@ -157,10 +151,7 @@ def test_each_rule_finds_its_kind_of_light():
 @pytest.mark.parametrize("kelvin, camera, unusual", [(2900, 5000, False), (3200, 6500, False), (2000, 6500, True)])
 def test_tungsten_under_a_daylight_white_balance_is_usual_and_candles_are_not(kelvin, camera, unusual):
     """The lights that the paper's authors released have ln(B/G) down to -.8."""
-    d = np.array([0.3, 0.6, 0.7])
-    white = basis(d / np.linalg.norm(d))
-    white[0] += 0.3
-    light = white[:, None] * (blackbody(kelvin) / daylight(camera))
+    light = lamp(0.3, 0.6, 0.7) * (blackbody(kelvin) / daylight(camera))
     light *= 0.8 / reference_brightness(light)
     assert measure(light[None])["blue"][0] < -0.8
     found = {name for name, rule in broken_rules(light[None], RULES).items() if rule[0]}
@@ -176,12 +167,10 @@ def test_features_measure_the_distance_of_irradiance():
 
 
 def test_medoids_are_lights_of_the_set_from_different_sources():
-    rng = np.random.default_rng(0)
-    lights = rng.normal(size=(60, 9, 3))
-    chosen = medoids(lights, np.repeat(np.arange(30), 2), 10, 0)
-    assert len(chosen) == len(set(chosen // 2)) == 10
-    chosen = medoids(lights, np.repeat(np.arange(5), 12), 10, 0)
-    assert np.bincount(chosen // 12).max() <= 2
+    lights = np.random.default_rng(0).normal(size=(60, 9, 3))
+    for sources, most in ((30, 1), (5, 2)):
+        chosen = medoids(lights, np.repeat(np.arange(sources), 60 // sources), 10, 0)
+        assert len(set(chosen)) == 10 and np.bincount(chosen // (60 // sources)).max() <= most
 
 
 def test_the_weight_of_a_panorama_does_not_depend_on_its_number_of_copies():
@@ -196,17 +185,15 @@ def test_the_weight_of_a_panorama_does_not_depend_on_its_number_of_copies():
 def test_statistics_of_known_lights():
     even = np.zeros((9, 3))
     even[0] = np.sqrt(4 * np.pi) / np.pi
-    lamp = basis(np.array([0.0, 0.6, 0.8]))[:, None] * np.array([1.0, 0.5, 0.25])
-    m = measure(np.stack([even, lamp]))
+    colored = basis(np.array([0.0, 0.6, 0.8]))[:, None] * np.array([1.0, 0.5, 0.25])
+    m = measure(np.stack([even, colored]))
     assert np.allclose(m["reference"][0], 1) and np.allclose(m["mean"][0], 1) and np.allclose(m["up"][0], 1)
     assert np.allclose(m["first"][1], np.sqrt(3)) and np.allclose(m["second"][1], np.sqrt(5))
     assert np.allclose(m["elevation"][1], np.degrees(np.arcsin(0.6))) and np.allclose(m["azimuth"][1], 0)
     assert np.allclose(m["red"][1], np.log(2)) and np.allclose(m["blue"][1], -np.log(2))
-    assert abs(m["moment"][1]) < 1e-12  # a lamp is on the edge of what can exist
-    assert m["moment"][0] > 0.3
-    sharp = lamp.copy()
-    sharp[4:] *= 1.2
-    assert measure(sharp[None])["moment"][0] < -0.01
+    assert m["moment"][0] > 0.3 and abs(m["moment"][1]) < 1e-12  # a lamp is on the edge of what can exist
+    colored[4:] *= 1.2
+    assert measure(colored[None])["moment"][0] < -0.01
 
 
 def test_table_round_trip(rooms, tmp_path):
@@ -228,29 +215,29 @@ def test_table_round_trip(rooms, tmp_path):
         load_light(tmp_path / "L.NPZ")
     named = load_light(str(error.value).split()[-1])
     np.testing.assert_array_equal(named.coefficients, lights.coefficients[0])
-    (tmp_path / "bad.npz").write_bytes(b"PK nothing")
+    (tmp_path / "L.NPZ").write_bytes(b"PK nothing")
     with pytest.raises(UserError, match="not a light set"):
-        read_light_set(tmp_path / "bad.npz")
+        read_light_set(tmp_path / "L.NPZ")
 
 
 def test_broken_files_of_a_folder_are_skipped_and_recorded(tmp_path):
-    rng = np.random.default_rng(0)
+    """Two panoramas are left, which are enough."""
+    first, second = np.random.default_rng(0).random((2, 16, 32, 3)) ** 4
     (tmp_path / "deep").mkdir()
-    for name in ("a.exr", "deep/b.exr"):
-        pixels = rng.random((16, 32, 3)) ** 4
-        write_exr(tmp_path / name, pixels)
-    pixels[3, 4] = np.nan
-    write_exr(tmp_path / "nan.exr", pixels)
+    write_exr(tmp_path / "a.exr", first)
+    write_exr(tmp_path / "deep" / "b.exr", second)
+    second[3, 4] = np.nan
+    write_exr(tmp_path / "nan.exr", second)
     (tmp_path / "c.hdr").write_bytes(b"<html>")
     (tmp_path / os.fsdecode(b"\xff.exr")).write_bytes((tmp_path / "a.exr").read_bytes())
     (tmp_path / "notes.txt").write_text("not a panorama")
-    folder = replace(ROOMS, source="folder", folder=str(tmp_path))
-    lights, record = build_light_set(folder, replace(SETTINGS, clusters=6, test=2), 2)
-    assert set(lights.source) == {"a.exr", "deep/b.exr"}
+    folder, chosen = replace(ROOMS, source="folder", folder=str(tmp_path)), replace(SETTINGS, clusters=6, test=2)
+    lights, record = build_light_set(folder, chosen, 2)
+    assert {*lights.of("train").source} ^ {*lights.of("test").source} == {"a.exr", "deep/b.exr"}
     assert list(record["unreadable"]) == ["c.hdr", "nan.exr", "\\udcff.exr"]  # for pages in UTF-8
     assert record["steps"][0]["why"] == {"unreadable": 3} and "rename it" in record["unreadable"]["\\udcff.exr"]
     assert "1 of 512 pixels are not finite" in record["unreadable"]["nan.exr"] and record["repaired"] == {}
-    _, record = build_light_set(replace(folder, repair=True), replace(SETTINGS, clusters=6, test=2), 2)
+    _, record = build_light_set(replace(folder, repair=True), chosen, 2)
     assert list(record["unreadable"]) == ["c.hdr", "\\udcff.exr"] and list(record["repaired"]) == ["nan.exr"]
     with pytest.raises(UserError, match="no such folder"):
         build_light_set(replace(folder, folder=str(tmp_path / "nowhere")), SETTINGS, 2)

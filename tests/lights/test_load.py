@@ -35,19 +35,15 @@ def test_a_panorama_that_is_brighter_from_below_gets_a_note(tmp_path):
         assert not load_light(write_exr(tmp_path / "a.exr", pixels)).notes
 
 
-def test_a_key_light_comes_from_the_given_direction():
+def test_a_key_light_comes_from_the_given_direction_and_even_light_from_all():
     light = load_light("key:#ff8000@90,0,0")
     e = irradiance(light.coefficients, np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1]]))
     np.testing.assert_allclose(e[0], 1.0625 * np.array([1, 0.2158605, 0]), atol=1e-6)
     assert e[0, 0] > 4 * e[1:, 0].max()
     assert irradiance(load_light("key:ffffff@0,90,0.3").coefficients, [0, 1, 0])[0] == pytest.approx(1.3625)
+    np.testing.assert_allclose(irradiance(load_light("even", 3).coefficients, np.eye(3) * [1, -1, 1]), 1, atol=1e-12)
     for same in ("key:#f00@45,30", "key:red@45,30"):
         np.testing.assert_array_equal(load_light(same).coefficients, load_light("key:#ff0000@45,30").coefficients)
-
-
-def test_even_light_has_no_direction():
-    directions = np.eye(3) - [[0, 0, 0], [0, 2, 0], [0, 0, 0]]
-    np.testing.assert_allclose(irradiance(load_light("even", 3).coefficients, directions), 1, atol=1e-12)
 
 
 def test_lights_add_up(tmp_path):
@@ -82,8 +78,8 @@ def test_files_of_coefficients(tmp_path):
     np.savetxt(tmp_path / "a.txt", light, header="nine rows")
     np.savetxt(tmp_path / "b.csv", light.T, delimiter=",")
     (tmp_path / "c.json").write_text(json.dumps(light.ravel().tolist()))
-    probe_json = {"object": {"type": "LightProbe", "sh": light.ravel().tolist(), "intensity": 2}}
-    (tmp_path / "d.json").write_text(json.dumps(probe_json))
+    probe = {"type": "LightProbe", "sh": light.ravel().tolist(), "intensity": 2}
+    (tmp_path / "d.json").write_text(json.dumps({"object": probe}))
     for name, factor in (("a.txt", 1), ("b.csv", 1), ("c.json", 1), ("d.json", 2)):
         np.testing.assert_allclose(load_light(tmp_path / name).coefficients, factor * light, rtol=1e-12)
     np.save(tmp_path / "grey.npy", light[:, 0])
@@ -110,12 +106,6 @@ def test_options_without_an_effect_or_of_the_wrong_kind_are_refused(tmp_path):
             load_light(text, **options)
 
 
-@pytest.mark.parametrize("target", [-1, 0, float("nan"), float("inf"), 1e300])
-def test_a_brightness_that_no_light_has_is_refused(target):
-    with pytest.raises(UserError, match="must be a finite number from 1e-12 to 1e"):
-        load_light("room:7").normalised(target)
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1e31])
 def test_lights_beyond_single_precision_are_refused(value):
     light = Light(np.full((9, 3), value), "mine")
@@ -124,14 +114,11 @@ def test_lights_beyond_single_precision_are_refused(value):
             use()
 
 
-def test_another_convention_than_the_file_s_is_noted(tmp_path):
+def test_impossible_lights_and_conventions_other_than_the_file_s_get_a_note(tmp_path):
     path = write_light(load_light("room:3"), tmp_path / "a.json", "dpr")
     assert not load_light(path).notes and not load_light(path, convention="dpr").notes
     note = f"{path} says that its convention is dpr; it is read as relight"
     assert note in load_light(path, convention="relight").notes
-
-
-def test_impossible_lights_get_a_note(tmp_path):
     sharp = load_light("key:ffffff@0,30,0").coefficients * np.repeat([1, 1.5, 2.5], [1, 3, 5])[:, None]
     np.save(tmp_path / "a.npy", sharp)
     (note,) = load_light(tmp_path / "a.npy").checked().notes
@@ -177,19 +164,19 @@ def test_normalised_scales_the_front_to_the_target_and_limits_back_lit_lights():
     assert irradiance(behind.coefficients, np.eye(3)).max() < 4
     with pytest.raises(UserError, match="is black"):
         Light(np.zeros((9, 3)), "nothing").normalised()
+    for target in (-1, 0, np.nan, np.inf, 1e300):
+        with pytest.raises(UserError, match="must be a finite number from 1e-12 to 1e"):
+            light.normalised(target)
 
 
 def test_the_command_prints_writes_and_draws(tmp_path, monkeypatch):
     run = CliRunner().invoke
-    done = run(
-        app, ["room:12", "--out", str(tmp_path / "a.json"), "-o", str(tmp_path / "a.npy"), "--to", "kanamori2018"]
-    )
+    out = ["--out", str(tmp_path / "a.json"), "-o", str(tmp_path / "a.npy")]
+    done = run(app, ["room:12", *out, "--to", "kanamori2018"])
     assert done.exit_code == 0, done.output
     assert re.search(r"B\s.*G\s.*R\s", done.output), "kanamori2018 has blue first"
-    np.testing.assert_allclose(
-        load_light(tmp_path / "a.kanamori2018.npy").coefficients, load_light("room:12").coefficients
-    )
-    np.testing.assert_allclose(load_light(tmp_path / "a.json").coefficients, load_light("room:12").coefficients)
+    for name in ("a.kanamori2018.npy", "a.json"):
+        np.testing.assert_allclose(load_light(tmp_path / name).coefficients, load_light("room:12").coefficients)
     assert "reference brightness" in done.output and len(re.findall(r"-?\d\.\d{6}", done.output)) == 27
     monkeypatch.setattr("rich.console.Console.print", Mock(side_effect=BrokenPipeError))
     run(app, ["room:12", "--out", str(tmp_path / "piped.json")])
