@@ -35,11 +35,9 @@ def test_the_envmap_attribute_turns_and_sets_corners(tmp_path):
     """OpenEXR: the centre of a lat-long looks along +z, its right half toward -x; cube faces go +x, -x, +y, ..."""
     latlong = np.full((33, 64, 3), 0.01, np.float32)
     latlong[14:19, 30:34] = 50
-    light = project(read_panorama(exr(tmp_path / "a.exr", {"RGB": latlong}, envmap=OpenEXR.ENVMAP_LATLONG)))
-    assert irradiance(light, SIX)[:, 0].argmax() == 4
-    latlong = np.roll(latlong, 16, axis=1)
-    light = project(read_panorama(exr(tmp_path / "b.exr", {"RGB": latlong}, envmap=OpenEXR.ENVMAP_LATLONG)))
-    assert irradiance(light, SIX)[:, 0].argmax() == 1
+    for columns, side in ((0, 4), (16, 1)):
+        path = exr(tmp_path / "a.exr", {"RGB": np.roll(latlong, columns, axis=1)}, envmap=OpenEXR.ENVMAP_LATLONG)
+        assert irradiance(project(read_panorama(path)), SIX)[:, 0].argmax() == side
     for face in range(6):
         strip = np.full((6 * 9, 9, 3), 0.01, np.float32)
         strip[9 * face + 4, 4] = 50
@@ -60,7 +58,7 @@ def test_negatives_are_clipped_and_counted(tmp_path):
     pixels = noise()
     pixels[2, 3] = -1
     panorama = read_panorama(write_exr(tmp_path / "a.exr", pixels))
-    assert panorama.pixels[2, 3].max() == 0 and panorama.repairs == ["1 of 512 pixels had negative values, set to zero"]
+    assert panorama.repairs == ["1 of 512 pixels had negative values, set to zero"]
     np.testing.assert_array_equal(panorama.pixels, np.maximum(pixels, 0))
 
 
@@ -81,8 +79,8 @@ def test_repaired_pixels_get_the_mean_of_their_neighbours(tmp_path):
             means = generic_filter(expected, np.nanmean, (3, 3, 1), mode="constant", cval=np.nan)
         expected[left] = means[left]
     np.testing.assert_allclose(mended.pixels, expected, rtol=1e-5)
-    count = "23 of 3200 pixels are not finite numbers"
-    assert mended.repairs == [f"{count}; they were replaced by the mean of their neighbours"]
+    how = "23 of 3200 pixels are not finite numbers; they were replaced by the mean of their neighbours"
+    assert mended.repairs == [how]
     assert read_panorama(write_exr(tmp_path / "b.exr", pixels), repair=True).repairs == []
     broken[:, :2] = np.nan
     with pytest.raises(UserError, match="more than 1% cannot be repaired"):
@@ -164,9 +162,8 @@ def test_a_damaged_exr_is_one_sentence_and_no_other_part_of_it_is_read(tmp_path,
     files = {"cut": whole[: len(whole) // 2], "half": two[: 2 * len(two) // 3], "first": first}
     for name, content in files.items():
         (tmp_path / f"{name}.exr").write_bytes(content)
-        with pytest.raises(UserError, match=rf"{name}.exr: cut short or damaged: .* cannot be read") as error:
+        with pytest.raises(UserError, match=rf"^[^\n]*{name}.exr: cut short or damaged: [^\n]* cannot be read[^\n]*$"):
             read_panorama(tmp_path / f"{name}.exr")
-        assert "\n" not in str(error.value)
     assert capfd.readouterr() == ("", ""), "the library's noise"
 
 
@@ -184,20 +181,18 @@ def test_a_sun_that_has_lost_its_red_is_told_and_rebuilt(tmp_path):
     """Its power in blue stays; it becomes as red as the sky around it."""
     sky = np.full((16, 32, 3), [1.4, 1.2, 1.0], np.float32)
     sky[5:8, 10:13] = [0, 0, 300]
-    exr(tmp_path / "sun.exr", {"RGB": sky})
-    told = read_panorama(tmp_path / "sun.exr")
+    path = write_exr(tmp_path / "a.exr", sky)
+    told, rebuilt = read_panorama(path), read_panorama(path, repair=True)
     assert "blue and no red" in told.repairs[0] and np.array_equal(told.pixels, sky)
-    rebuilt = read_panorama(tmp_path / "sun.exr", repair=True)
     assert "9 pixels had lost its red and green" in rebuilt.repairs[0]
     np.testing.assert_allclose(rebuilt.pixels[5:8, 10:13], np.broadcast_to([420, 360, 300], (3, 3, 3)), rtol=1e-5)
-    seam = read_panorama(exr(tmp_path / "seam.exr", {"RGB": np.roll(sky, -11, 1)}), repair=True)  # a sun on both edges
+    seam = read_panorama(write_exr(path, np.roll(sky, -11, 1)), repair=True)  # a sun on both edges
     np.testing.assert_allclose(seam.pixels, np.roll(rebuilt.pixels, -11, 1), rtol=1e-6)
     sky[5:8, 10:13] = 1.4, 1.2, 1.0
     assert np.array_equal(np.delete(rebuilt.pixels, np.s_[5:8], 0), np.delete(sky, np.s_[5:8], 0))
     sky[5:8, 10:13] = [300, 0, 0]  # a red lamp
-    exr(tmp_path / "lamp.exr", {"RGB": sky})
-    assert read_panorama(tmp_path / "lamp.exr").repairs == []
+    assert read_panorama(write_exr(path, sky)).repairs == []
     for surroundings in ([0, 0, 0], [0, 0, 1]):  # a blue lamp in the dark, and blue light alone
         sky[:], sky[5:8, 10:13] = surroundings, [0, 0, 300]
-        found = read_panorama(exr(tmp_path / "blue.exr", {"RGB": sky}), repair=True)
+        found = read_panorama(write_exr(path, sky), repair=True)
         assert found.repairs == [] and np.array_equal(found.pixels, sky)

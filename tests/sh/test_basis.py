@@ -19,8 +19,7 @@ def test_basis_is_scipys_without_the_phase():
     for l in range(7):
         for m in range(-l, l + 1):
             y = sph_harm_y(l, abs(m), theta, phi)
-            part = y.real if m >= 0 else y.imag
-            truth = part * (1 if m == 0 else np.sqrt(2) * (-1) ** m)
+            truth = (y.real if m >= 0 else y.imag) * (1 if m == 0 else np.sqrt(2) * (-1) ** m)
             np.testing.assert_allclose(ours[:, l * l + l + m], truth, atol=1e-12)
 
 

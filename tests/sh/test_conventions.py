@@ -94,14 +94,9 @@ THEIRS = {
 
 
 @pytest.mark.parametrize("name", CONVENTIONS)
-def test_irradiance_by_their_formula_is_irradiance_by_ours(name):
+def test_irradiance_by_their_formula_is_irradiance_by_ours_and_round_trips_are_exact(name):
     light = np.random.default_rng(0).normal(size=(9, 3))
     np.testing.assert_allclose(THEIRS[name](light), irradiance(to_relight(light, name), NORMALS), atol=2e-5)
-
-
-@pytest.mark.parametrize("name", CONVENTIONS)
-def test_round_trips_are_exact(name):
-    light = np.random.default_rng(1).normal(size=(9, 3))
     np.testing.assert_allclose(to_relight(from_relight(light, name), name), light, atol=1e-14)
     np.testing.assert_allclose(from_relight(to_relight(light, name), name), light, atol=1e-14)
 

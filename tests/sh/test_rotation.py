@@ -17,19 +17,15 @@ def test_rotated_light_is_the_light_looked_up_at_the_unrotated_direction(order):
 
 
 def test_rotation_about_y_is_scipys():
-    expected = Rotation.from_rotvec([0, 0.7, 0]).as_matrix()
-    np.testing.assert_allclose(rotation_about_y(0.7), expected, atol=1e-15)
+    np.testing.assert_allclose(rotation_about_y(0.7), Rotation.from_rotvec([0, 0.7, 0]).as_matrix(), atol=1e-15)
 
 
 def test_irradiance_of_a_distant_lamp_and_of_a_constant_sky():
     toward = np.array([0.6, 0.0, 0.8])
     lamp = basis(toward)[:, None] * np.ones(3)
     c = np.array([1.0, 0.5, 0.0, -8 / 15, -1.0])
-    side = np.array([0.0, 1.0, 0.0])
-    normals = c[:, None] * toward + np.sqrt(1 - c**2)[:, None] * side
+    normals = c[:, None] * toward + np.sqrt(1 - c**2)[:, None] * [0, 1, 0]
     expected = (1 + 2 * c + 5 / 8 * (3 * c * c - 1)) / 4
     np.testing.assert_allclose(irradiance(lamp, normals), np.repeat(expected[:, None], 3, 1), atol=1e-14)
-
-    sky = np.zeros((9, 3))
-    sky[0] = np.sqrt(4 * np.pi) * np.array([1.0, 2.0, 3.0])
-    np.testing.assert_allclose(irradiance(sky, [0, 0, 1]), np.pi * np.array([1.0, 2.0, 3.0]), rtol=1e-14)
+    sky = np.eye(9, 1) * np.sqrt(4 * np.pi) * [1, 2, 3]
+    np.testing.assert_allclose(irradiance(sky, [0, 0, 1]), [np.pi, 2 * np.pi, 3 * np.pi], rtol=1e-14)
