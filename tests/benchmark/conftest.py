@@ -63,12 +63,16 @@ def settings():
     return SETTINGS
 
 
+def paints(patch):
+    patch.setattr(making, "import_mitsuba", lambda: None)
+    patch.setattr(making, "make_mesh", empty_mesh)
+    patch.setattr(making, "render_picture", paint_picture)
+
+
 @pytest.fixture
 def painter(monkeypatch):
     """Makes `make` paint; the function that paints one picture."""
-    monkeypatch.setattr(making, "import_mitsuba", lambda: None)
-    monkeypatch.setattr(making, "make_mesh", empty_mesh)
-    monkeypatch.setattr(making, "render_picture", paint_picture)
+    paints(monkeypatch)
     return paint_picture
 
 
@@ -77,8 +81,6 @@ def drawn(tmp_path_factory):
     """The folder of a set of three pictures: one in variants, one of half a person."""
     folder = tmp_path_factory.mktemp("benchmark")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(making, "import_mitsuba", lambda: None)
-        patch.setattr(making, "make_mesh", empty_mesh)
-        patch.setattr(making, "render_picture", paint_picture)
+        paints(patch)
         making.make(folder, "report", 3, SETTINGS)
     return folder

@@ -1,3 +1,5 @@
+from unittest.mock import Mock
+
 import pytest
 
 from relight.benchmark import make as making
@@ -25,11 +27,8 @@ def test_make_resumes_an_interrupted_set(painter, drawn, settings, tmp_path, mon
     with pytest.raises(UserError, match="no finished benchmark"):
         BenchmarkSet(tmp_path)
 
-    def unwritten(path, panorama):
-        raise OSError("the disk has gone")
-
     with monkeypatch.context() as patch:
-        patch.setattr(making, "write_panorama", unwritten)
+        patch.setattr(making, "write_panorama", Mock(side_effect=OSError("the disk has gone")))
         with pytest.raises(OSError, match="gone"):
             make(tmp_path, "report", 3, settings)
     assert not (inputs / "g900000.2").exists() and not list(inputs.glob(".*"))
@@ -49,23 +48,17 @@ def test_make_of_more_pictures_keeps_the_first(painter, settings, tmp_path):
 
 
 def test_make_refuses_folders_and_settings(painter, drawn, settings, tmp_path):
-    with pytest.raises(UserError, match="holds another set, or one with other settings"):
-        make(drawn, "choose", 1, settings)
-    with pytest.raises(UserError, match="holds another set, or one with other settings"):
-        make(drawn, "report", 3, Settings(size=128))
+    for given in (("choose", 1, settings), ("report", 3, Settings(size=128))):
+        with pytest.raises(UserError, match="holds another set, or one with other settings"):
+            make(drawn, *given)
     for size in (60, 48, 100):
         with pytest.raises(UserError, match=f"--size {size}: must be a multiple of 16, and at least 64"):
             make(tmp_path, "report", 1, Settings(size=size))
 
 
 def test_make_mesh_takes_a_spare_seed(monkeypatch):
-    asked = []
-
-    def refuse(seed, detail, texture):
-        asked.append(seed)
-        raise UserError("it does not pass the gates")
-
+    refuse = Mock(side_effect=UserError("it does not pass the gates"))
     monkeypatch.setattr(generate, "make_figure", refuse)
     with pytest.raises(UserError, match="seed 900003: it does not pass the gates"):
         making.make_mesh(900_003, Settings())
-    assert asked == [900_003, 901_003, 902_003]
+    assert [call.args[0] for call in refuse.call_args_list] == [900_003, 901_003, 902_003]

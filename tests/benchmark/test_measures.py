@@ -11,6 +11,7 @@ from relight.maps.square import crop_around
 from relight.sh import irradiance, sphere_quadrature
 
 SIDE = 24
+SHOTS = variants(lambda gain: np.zeros((40, 40, 3), np.uint8), np.full((40, 40), 255, np.uint8), SIDE)
 
 
 @pytest.fixture
@@ -59,12 +60,9 @@ def mirrored(seen: Intrinsics) -> Intrinsics:
 
 def test_invariances_of_an_ideal_method(two):
     usual = two[0]
-    shots = variants(lambda gain: np.zeros((40, 40, 3), np.uint8), np.full((40, 40), 255, np.uint8), SIDE)
-    seen = dict.fromkeys(shots, usual)
-    seen["mirror"] = mirrored(usual)
+    seen = dict.fromkeys(SHOTS, usual) | {"mirror": mirrored(usual)}
     seen["dark"] = turned(usual, shading=usual.shading / 2)
-    gains = np.array([1.2, 1, 1 / 1.2])
-    seen["warm"], seen["plain"] = turned(usual, shading=usual.shading * gains), usual
+    seen["warm"] = turned(usual, shading=usual.shading * [1.2, 1, 1 / 1.2])
     found = invariances(seen)
     assert set(found) == set(INVARIANCES)
     ideal = {name: {"dark_albedo": 1.0, "dark_shading": 0.5, "tint": 1.0}.get(name, 0.0) for name in INVARIANCES}
@@ -75,10 +73,9 @@ def test_invariances_of_an_ideal_method(two):
 @pytest.mark.parametrize("black", ["", "knee", "warm", "plain", "mirror", "all", "but the picture"])
 def test_a_black_answer_counts(two, black):
     """A black light is as far from any other as that is from black, and black shading has no tint."""
-    shots = variants(lambda gain: np.zeros((40, 40, 3), np.uint8), np.full((40, 40), 255, np.uint8), SIDE)
     dark = turned(two[0], light=np.zeros((9, 3)), shading=np.zeros_like(two[0].shading))
-    chosen = {"all": set(shots), "but the picture": {*shots} - {""}}.get(black, {black})
-    found = invariances({name: dark if name in chosen else two[0] for name in shots})
+    chosen = {"all": set(SHOTS), "but the picture": {*SHOTS} - {""}}.get(black, {black})
+    found = invariances({name: dark if name in chosen else two[0] for name in SHOTS})
     assert set(found) == set(INVARIANCES) and np.isfinite([*found.values()]).all()
     assert found["knee"] == pytest.approx(float(black in ("", "knee", "but the picture")))
     assert found["tint"] == 0 or black in ("warm", "plain")
@@ -88,8 +85,7 @@ def test_a_black_answer_counts(two, black):
 
 def test_invariances_depend_on_their_own_variant(two):
     usual, other = two
-    shots = variants(lambda gain: np.zeros((40, 40, 3), np.uint8), np.full((40, 40), 255, np.uint8), SIDE)
-    still = dict.fromkeys(shots, usual) | {"mirror": mirrored(usual)}
+    still = dict.fromkeys(SHOTS, usual) | {"mirror": mirrored(usual)}
     moves = irradiance_error(other.light, usual.light)
     for variant, share, row in (
         ("down_4", 0.5, "shift_4"), ("right_8", 0.5, "shift_8"), ("larger", 1, "larger"), ("smaller", 1, "smaller"),
@@ -104,8 +100,7 @@ def test_leaks_of_known_edges():
     """Albedo's edges copied by half into the shading, and every second row brighter."""
     rng = np.random.default_rng(3)
     size = 64
-    mask = np.ones((size, size), bool)
-    mask[0] = False
+    mask = np.arange(size)[:, None].repeat(size, 1) > 0
     edges = np.exp(0.3 * rng.normal(size=(size, size)))[..., None].repeat(3, 2)
     copied = leaks(Intrinsics(mask, albedo=edges, shading=edges**0.5))
     assert np.isclose(copied["edges"], 1) and np.isclose(copied["transfer"], 0.5, atol=1e-6)

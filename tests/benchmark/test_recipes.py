@@ -19,8 +19,7 @@ from relight.transport.view import View
 
 
 def test_draw_recipes_of_the_published_sets():
-    for kind, expected in HASHES.items():
-        assert digest(draw_recipes(kind)) == expected
+    assert {kind: digest(draw_recipes(kind)) for kind in HASHES} == HASHES
 
 
 def test_draw_recipes_of_real_lights():
