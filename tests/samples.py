@@ -10,7 +10,11 @@ import struct
 import tarfile
 import zlib
 from collections.abc import Sequence
+from contextlib import contextmanager
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import OpenEXR
@@ -24,6 +28,30 @@ from relight.maps import Maps
 from relight.meshes import Material, Mesh
 from relight.photos.render import frames
 from relight.sh import unoccluded
+
+
+class Static(SimpleHTTPRequestHandler):
+    """Any static server, which keeps account of what it was asked for, and lets browsers keep it for ten minutes."""
+
+    def log_message(self, *_):
+        self.server.asked.append(self.requestline)
+
+    def end_headers(self):
+        self.send_header("Cache-Control", "max-age=600")
+        super().end_headers()
+
+
+@contextmanager
+def serving(folder):
+    """A server of a folder."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Static, directory=folder))
+    server.asked = []
+    Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield server
+    finally:
+        server.shutdown()
+        server.server_close()
 
 
 def mesh_of(vertices, faces, **fields) -> Mesh:

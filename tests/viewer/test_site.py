@@ -4,16 +4,12 @@ import base64
 import io
 import shutil
 import time
-from contextlib import contextmanager
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from threading import Thread
 
 import numpy as np
 import pytest
 from PIL import Image
-from samples import encoded, photo_of_people
+from samples import encoded, photo_of_people, serving
 
 from relight.core.errors import UserError
 from relight.photos.network import read_network
@@ -27,17 +23,6 @@ from relight.viewer.source import photo_figure
 SIDE = 128  # of the network
 
 pytestmark = pytest.mark.slow
-
-
-class Static(SimpleHTTPRequestHandler):
-    """Any static server, which keeps account of what it was asked for, and lets browsers keep it for ten minutes."""
-
-    def log_message(self, *_):
-        self.server.asked.append(self.requestline)
-
-    def end_headers(self):
-        self.send_header("Cache-Control", "max-age=600")
-        super().end_headers()
 
 
 @pytest.fixture(scope="module")
@@ -54,18 +39,6 @@ def site(tmp_path_factory, exported, maps, lights):
         patch.setattr("relight.viewer.site.network_file", lambda _: folder / "none")
         build_site(folder, exported, SIDE, [Figure("Balls", maps)], lights)
     return folder
-
-
-@contextmanager
-def serving(folder):
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Static, directory=folder))
-    server.asked = []
-    Thread(target=server.serve_forever, daemon=True).start()
-    try:
-        yield server
-    finally:
-        server.shutdown()
-        server.server_close()
 
 
 @pytest.fixture

@@ -2,13 +2,11 @@
 
 import os
 import re
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from threading import Thread
 
 import numpy as np
 import pytest
+from samples import serving
 
 from relight.core import srgb
 from relight.settings import ROOT
@@ -45,23 +43,18 @@ def test_three_shows_transport_per_vertex_times_light(page, tmp_path, bounces):
     corner = (row[:-1, :-1] * SIZE + column[:-1, :-1]).ravel()[:, None]
     faces = np.concatenate([corner + [0, 1, SIZE], corner + [1, SIZE + 1, SIZE]])
     count = len(vertices)
-    baked = VertexTransport(
-        vertices=vertices.astype(np.float32),
-        faces=faces,
-        normals=np.tile(np.float32([0, 0, 1]), (count, 1)),
-        albedo=rng.random((count, 3), np.float32),
-        transport=rng.normal(size=(count, 9)).astype(np.float32),
-        bounced=rng.normal(size=(count, 9, 3)).astype(np.float32) if bounces else None,
-    )
+    surface = {"faces": faces, "normals": np.tile(np.float32([0, 0, 1]), (count, 1))}
+    surface |= {
+        "albedo": rng.random((count, 3), np.float32),
+        "transport": rng.normal(size=(count, 9)).astype(np.float32),
+    }
+    bounced = rng.normal(size=(count, 9, 3)).astype(np.float32) if bounces else None
+    baked = VertexTransport(vertices.astype(np.float32), **surface, bounced=bounced)
     baked.save(tmp_path / "baked.glb")
     light = rng.normal(size=(9, 3))
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(SimpleHTTPRequestHandler, directory=tmp_path))
-    Thread(target=server.serve_forever, daemon=True).start()
-    try:
+    with serving(tmp_path) as server:
         page.open(f"http://127.0.0.1:{server.server_port}/index.html")
         pixels = page.call("(light, size) => relight.draw(light, 'baked.glb', size)", light.tolist(), SIZE)
-    finally:
-        server.shutdown()
     shown = np.reshape(pixels, (SIZE, SIZE, 4))[1:-1, 1:-1, :3]
     total = baked.transport[..., None] + (0 if baked.bounced is None else baked.bounced)
     linear = baked.albedo / np.pi * np.einsum("vkc,kc->vc", total, light).clip(0)
