@@ -26,7 +26,6 @@ def test_make_resumes_an_interrupted_set(painter, drawn, settings, tmp_path, mon
     assert (inputs / "g900000.1").is_dir() and not (inputs / "g900000.2").exists()
     with pytest.raises(UserError, match="no finished benchmark"):
         BenchmarkSet(tmp_path)
-
     with monkeypatch.context() as patch:
         patch.setattr(making, "write_panorama", Mock(side_effect=OSError("the disk has gone")))
         with pytest.raises(OSError, match="gone"):

@@ -91,8 +91,7 @@ def test_panorama_is_scaled_tinted_and_pitched(kind):
     found = project(tipped, 2) * light[0, 1] / project(tipped, 2)[0, 1]
     assert np.linalg.norm(found - expected) < 0.05 * np.linalg.norm(expected)
     assert np.linalg.norm(found - light) > 0.05 * np.linalg.norm(expected)
-    warm = panorama(Lamplight(kind, 7, -0.4, 0.0), 0.0, 0.6)
-    change = warm.pixels.mean((0, 1)) / level.pixels.mean((0, 1))
+    change = panorama(Lamplight(kind, 7, -0.4, 0.0), 0.0, 0.6).pixels.mean((0, 1)) / level.pixels.mean((0, 1))
     assert np.isclose(np.log(change[2] / change[1]), -0.4, atol=1e-4) and change[0] > change[1]
 
 

@@ -49,8 +49,7 @@ def test_light_on_matte_surfaces_is_found_again(light):
     coefficients = np.random.default_rng(1).normal(size=(9, 3))
     share = np.array([1, 2 / 3, 2 / 3, 2 / 3, 1 / 4, 1 / 4, 1 / 4, 1 / 4, 1 / 4])[:, None]
     fine = light.basis(light.sphere(160)) @ (share * coefficients)
-    means = fine.reshape(32, 5, 64, 5, 3).mean((1, 3))
-    found, error = light.light_on(means)
+    found, error = light.light_on(fine.reshape(32, 5, 64, 5, 3).mean((1, 3)))
     np.testing.assert_allclose(found, coefficients, atol=8e-3)
     assert error < 0.01
     lamp = np.maximum(light.sphere(64)[..., 2:].repeat(3, -1), 0)  # by its share in each of Legendre's polynomials
@@ -367,8 +366,7 @@ def test_any_world_gives_the_light_that_cycles_gives(addon, scene, tmp_path, cha
     item = bpy.context.active_object
     bpy.ops.relight.bake_transport(rays=256)
     nodes = scene.world.node_tree.nodes
-    source = nodes["Background"].inputs["Color"].links[0].from_socket
-    change(nodes, scene.world.node_tree.links.new, source)
+    change(nodes, scene.world.node_tree.links.new, nodes["Background"].inputs["Color"].links[0].from_socket)
     bpy.context.view_layer.update()
     assert any("too sharp for nine numbers" in warning for warning in addon.WARNINGS) == (change is sky)
     mine, item.material_slots[0].material = rendered(scene, tmp_path / "mine.exr", 16), white()

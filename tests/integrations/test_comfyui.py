@@ -215,9 +215,8 @@ def test_a_frame_that_shows_nobody_passes_as_it_is(nodes, relight, image, mask, 
 @pytest.mark.parametrize("name", ["RelightRelight", "RelightInferMaps", "RelightFindMask"])
 def test_every_frame_is_a_step_that_can_be_interrupted(nodes, image, mask, comfy, monkeypatch, name):
     batch = image.repeat(3, 1, 1, 1)
-    module = sys.modules[nodes[name].__module__]
     found = SimpleNamespace(coverage=np.zeros((256, 256), np.uint8), notes=[])
-    monkeypatch.setattr(module, "masked", lambda picture: found)
+    monkeypatch.setattr(sys.modules[nodes[name].__module__], "masked", lambda picture: found)
     given = {"RelightRelight": (ROOM, *PLAIN, mask), "RelightInferMaps": (mask,), "RelightFindMask": ()}[name]
     comfy.progress.clear()
     nodes[name]().run(batch, *given)
@@ -383,8 +382,7 @@ def test_the_example_workflow_runs(nodes, relight, image, mask):
             out = (mask,)
         else:
             cls = nodes[node["type"]]
-            inputs = cls.INPUT_TYPES()["required"]
-            kinds = {name: kind for name, (kind, *_) in inputs.items()}
+            kinds = {name: kind for name, (kind, *_) in cls.INPUT_TYPES()["required"].items()}
             widgets = [name for name in kinds if isinstance(kinds[name], list) or kinds[name] in ("STRING", "FLOAT")]
             out = getattr(cls(), cls.FUNCTION)(**given, **dict(zip(widgets, node["widgets_values"], strict=True)))
         for slot, value in enumerate(out):

@@ -87,16 +87,14 @@ def test_extra_test_lights_are_of_other_rooms_and_change_no_other_light(rooms):
     for name in vars(plain):
         np.testing.assert_array_equal(getattr(more, name)[: len(plain)], getattr(plain, name))
     assert set(extra.split) == {"test"} and record["lights"]["test"] == len(plain.of("test")) + len(extra)
-    others = set(plain.rows(plain.split != "unusual").source)
-    assert len(extra) and not set(extra.source) & others
+    assert len(extra) and not set(extra.source) & set(plain.rows(plain.split != "unusual").source)
     assert not any(extra.reason) and not np.any(list(broken_rules(extra.coefficients, RULES).values()))
     assert any("of 500 found" in warning for warning in record["warnings"])
 
 
 @pytest.mark.parametrize(("count", "chosen"), [(1, 0), (2, 1), (4, 1), (40, 4), (400, 8)])
 def test_choose_validation_lights_takes_a_tenth_and_leaves_one(count, chosen):
-    lights = np.random.default_rng(0).normal(size=(count, 9, 3))
-    found = choose_validation_lights(lights)
+    found = choose_validation_lights(np.random.default_rng(0).normal(size=(count, 9, 3)))
     assert len(set(found.tolist())) == len(found) == chosen and set(found.tolist()) <= set(range(count))
 
 
@@ -120,8 +118,7 @@ def test_strong_lights_are_those_of_all_kinds_exposed_as_a_camera_would():
 def test_the_threshold_removes_dark_rooms_unless_the_units_differ(rooms):
     sources, coefficients = rooms
     _, record = select_lights(coefficients, sources, SETTINGS)
-    dark = int((reference_brightness(coefficients) < 0.2).sum())
-    assert record["steps"][0]["why"].get("dark", 0) == dark
+    assert record["steps"][0]["why"].get("dark", 0) == int((reference_brightness(coefficients) < 0.2).sum())
     _, record = select_lights(coefficients / 1000, sources, SETTINGS)
     assert "other units" in record["warnings"][0] and record["steps"][0]["out"] == 40
 
@@ -178,8 +175,7 @@ def test_the_weight_of_a_panorama_does_not_depend_on_its_number_of_copies():
     rng = np.random.default_rng(0)
     crowd, few = rng.normal(0, 0.5, (80, 9, 3)), np.repeat(rng.normal(0, 1, (20, 9, 3)), 2, axis=0)
     sources = np.concatenate([np.repeat([20, 21], 40), np.repeat(np.arange(20), 2)])
-    chosen = medoids(np.concatenate([crowd, few]), sources, 12, 0)
-    assert (sources[chosen] < 20).sum() >= 10
+    assert (sources[medoids(np.concatenate([crowd, few]), sources, 12, 0)] < 20).sum() >= 10
 
 
 def test_statistics_of_known_lights():
@@ -213,8 +209,7 @@ def test_table_round_trip(rooms, tmp_path):
     (tmp_path / "set" / "lights.npz").rename(tmp_path / "L.NPZ")
     with pytest.raises(UserError, match=r"such as .*L\.NPZ:0$") as error:
         load_light(tmp_path / "L.NPZ")
-    named = load_light(str(error.value).split()[-1])
-    np.testing.assert_array_equal(named.coefficients, lights.coefficients[0])
+    np.testing.assert_array_equal(load_light(str(error.value).split()[-1]).coefficients, lights.coefficients[0])
     (tmp_path / "L.NPZ").write_bytes(b"PK nothing")
     with pytest.raises(UserError, match="not a light set"):
         read_light_set(tmp_path / "L.NPZ")

@@ -50,8 +50,7 @@ def test_place_light_has_the_exposure_of_the_picture(toward):
 
 def test_place_light_does_not_depend_on_the_size():
     picture = street(2)
-    large = picture.repeat(20, 0).repeat(20, 1)
-    np.testing.assert_allclose(place_light(large), place_light(picture), rtol=1e-9)
+    np.testing.assert_allclose(place_light(picture.repeat(20, 0).repeat(20, 1)), place_light(picture), rtol=1e-9)
     assert thumbnail(np.zeros((3000, 20, 3), np.uint8)).shape == (48, 1, 3)
     assert thumbnail(np.zeros((8, 8, 3), np.uint8)).shape == (8, 8, 3)
 

@@ -30,8 +30,7 @@ def test_even_light_has_no_main_direction():
 
 
 def test_the_centre_of_the_diffuse_panorama_is_minus_z():
-    away = basis(np.array([0.0, 0.0, -1.0]))[:, None] * np.ones(3)
-    picture = diffuse_panorama(away, 32)[..., 0]
+    picture = diffuse_panorama(basis(np.array([0.0, 0.0, -1.0]))[:, None] * np.ones(3), 32)[..., 0]
     assert np.unravel_index(picture.argmax(), picture.shape)[1] in (31, 32)
     np.testing.assert_allclose(diffuse_panorama(constant(np.pi), 8), 1)
 

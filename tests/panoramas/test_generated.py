@@ -31,8 +31,7 @@ def test_rooms_are_physically_possible_and_few_are_dark_or_lit_from_below():
     """How they spread, and how measured maps do: docs/lab/lights.md."""
     rooms = measure(lights_of(generate_room, 60))
     assert rooms["moment"].min() > 0
-    assert np.mean(rooms["reference"] < 0.2) < 0.12
-    assert np.mean(rooms["elevation"] < 0) < 0.1
+    assert np.mean(rooms["reference"] < 0.2) < 0.12 and np.mean(rooms["elevation"] < 0) < 0.1
 
 
 def test_every_room_has_a_source_of_light_and_nothing_is_close_to_the_camera():
@@ -48,11 +47,6 @@ def test_every_room_has_a_source_of_light_and_nothing_is_close_to_the_camera():
             assert not np.all((around > box.low[[0, 2]]) & (around < box.high[[0, 2]]), axis=1).any()
         for lamp in drawn.lamps:
             assert np.linalg.norm(lamp.centre - drawn.camera) - lamp.radius > 0.6
-
-
-def test_generate_room_draws_again_where_no_light_reaches_the_camera():
-    pixels = generate_room(201208)
-    assert np.isfinite(pixels).all() and pixels.max() > 0
 
 
 def planck(temperature):
@@ -81,16 +75,16 @@ def test_black_bodies_have_the_color_of_plancks_law(temperature):
 
 def test_daylight_is_white_at_d65_and_a_little_green_of_the_black_body():
     np.testing.assert_allclose(daylight(6504), 1, atol=2e-3)
-    for temperature in (4500, 5500, 6999, 7001, 9000, 16000):
-        difference = ratios(daylight(temperature)) - ratios(blackbody(temperature))
-        assert (difference < 0).all() and (difference > -0.12).all()
+    for kelvin in (4500, 5500, 6999, 7001, 9000, 16000):
+        assert (np.abs(ratios(daylight(kelvin)) - ratios(blackbody(kelvin)) + 0.06) < 0.06).all()
 
 
 @pytest.mark.parametrize("generate", [generate_room, generate_sky, generate_lamps])
 def test_panoramas_are_whole_and_the_same_from_the_same_seed(generate):
     first, again, other = generate(5), generate(5), generate(6)
     assert first.shape == (64, 128, 3) and first.dtype == np.float32
-    assert np.isfinite(first).all() and first.min() >= 0 and first.max() > 0
+    for pixels in (first, generate(201208)):  # of the room of this seed, the first draw brings no light to the camera
+        assert np.isfinite(pixels).all() and pixels.min() >= 0 and pixels.max() > 0
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
 
@@ -102,8 +96,7 @@ def test_skies_are_physically_possible_and_lit_from_above():
 
 
 def test_form_factors_sum_to_one_and_agree_with_a_closed_form():
-    size = np.array([[4.0, 4.0, 4.0]])
-    walls = Grid(np.zeros((1, 3)), size, CELLS, inside=True)
+    walls = Grid(np.zeros((1, 3)), np.full((1, 3), 4.0), CELLS, inside=True)
     factors = form_factors(walls, walls)
     np.testing.assert_allclose(factors.sum(1), 1, atol=1e-9)
     ceiling, floor = slice(3 * CELLS**2, 4 * CELLS**2), slice(2 * CELLS**2, 3 * CELLS**2)

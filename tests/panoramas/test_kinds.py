@@ -179,8 +179,7 @@ SRGB = ["sRGB", "srgb", "srgb_rec709_scene", "srgb_tx", "sRGB - Texture", "sRGB 
 def test_exr_of_srgb_codes_is_decoded(tmp_path, name, attribute):
     """.5 is the code of .2140, and .03 lies on the straight part; above 1 there are no codes, so the name is wrong."""
     for brightest, pixel in ((1.0, (0.2140, 0.03 / 12.92, 1)), (1.5, (0.5, 0.03, 1.5))):
-        codes = dict(zip("RGB", (0.5, 0.03, brightest)))
-        found = read_panorama(exr(tmp_path / "a.exr", codes, **{attribute: name}))
+        found = read_panorama(exr(tmp_path / "a.exr", dict(zip("RGB", (0.5, 0.03, brightest))), **{attribute: name}))
         np.testing.assert_allclose(found.pixels[0, 0], pixel, rtol=1e-3)
         (note,) = found.repairs
         assert f"names the color space {name}" in note and ("decoded" in note) == (brightest == 1)

@@ -14,17 +14,14 @@ ASPECTS = {  # rows and columns of faces
 def test_a_constant_map_has_l00_alone(layout):
     rows, columns = ASPECTS[layout]
     pixels = np.full((5 * rows, 5 * columns, 3), [1, 2, 3], np.float32)
-    light = project(Panorama(pixels, layout.removesuffix("-lying")), 4)
-    expected = np.zeros((25, 3))
-    expected[0] = np.sqrt(4 * np.pi) * np.array([1, 2, 3])
-    np.testing.assert_allclose(light, expected, atol=1e-12 if layout == "latlong" else 3e-6)
+    light, expected = project(Panorama(pixels, layout.removesuffix("-lying")), 4), np.eye(25, 1) * [1, 2, 3]
+    np.testing.assert_allclose(light, np.sqrt(4 * np.pi) * expected, atol=1e-12 if layout == "latlong" else 3e-6)
 
 
 @pytest.mark.parametrize("layout, shape", [("latlong", (9, 17)), ("latlong", (64, 128)), ("strip", (6 * 16, 16))])
 def test_a_constant_map_of_corner_samples(layout, shape):
     light = project(Panorama(np.ones((*shape, 3), np.float32), layout, corners=True, front="+z"), 4)
-    assert abs(light[0] - np.sqrt(4 * np.pi)).max() < 1e-9
-    assert abs(light[1:]).max() < 1e-9
+    assert abs(light - np.sqrt(4 * np.pi) * np.eye(25, 1)).max() < 1e-9
 
 
 def latlong_pixel_directions(h, w):
@@ -35,13 +32,11 @@ def latlong_pixel_directions(h, w):
 
 def test_latlong_cells_agree_with_brute_force():
     """The slow twin: every pixel cut into 40 x 40 and summed."""
-    rng = np.random.default_rng(0)
-    pixels = rng.random((6, 12, 3)).astype(np.float32)
-    fine = np.repeat(np.repeat(pixels, 40, 0), 40, 1)
+    pixels = np.random.default_rng(0).random((6, 12, 3)).astype(np.float32)
+    fine = pixels.repeat(40, 0).repeat(40, 1)
     h, w = fine.shape[:2]
-    edges = np.cos(np.arange(h + 1) / h * np.pi)
-    weight = np.repeat((edges[:-1] - edges[1:])[:, None] * 2 * np.pi / w, w, 1)
-    slow = np.einsum("hwk,hw,hwc->kc", basis(latlong_pixel_directions(h, w), 3), weight, fine)
+    weight = -np.diff(np.cos(np.arange(h + 1) / h * np.pi)) * 2 * np.pi / w
+    slow = np.einsum("hwk,h,hwc->kc", basis(latlong_pixel_directions(h, w), 3), weight, fine)
     np.testing.assert_allclose(project(Panorama(pixels), 3), slow, atol=5e-4)
 
 

@@ -47,8 +47,7 @@ def test_the_envmap_attribute_turns_and_sets_corners(tmp_path):
 
 def test_multi_part_reads_the_part_with_color(tmp_path):
     depth = OpenEXR.Part({"name": "depth"}, {"Z": np.ones((16, 32), np.float32)})
-    color = OpenEXR.Part({"name": "color"}, {"RGB": noise()})
-    OpenEXR.File([depth, color]).write(str(tmp_path / "a.exr"))
+    OpenEXR.File([depth, OpenEXR.Part({"name": "color"}, {"RGB": noise()})]).write(str(tmp_path / "a.exr"))
     panorama = read_panorama(tmp_path / "a.exr")
     np.testing.assert_array_equal(panorama.pixels, noise())
     assert panorama.repairs == ["part 1 of 2 was read"]

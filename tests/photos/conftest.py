@@ -133,5 +133,4 @@ def put(b, value):
         for place in reversed(places):
             b.PrependUOffsetTRelative(place)
         return b.EndVector()
-    create = {str: b.CreateString, bytes: b.CreateByteVector, np.ndarray: b.CreateNumpyVector}
-    return create[type(value)](value)
+    return {str: b.CreateString, bytes: b.CreateByteVector, np.ndarray: b.CreateNumpyVector}[type(value)](value)

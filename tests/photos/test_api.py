@@ -179,8 +179,7 @@ def test_a_known_light_takes_the_place_of_the_inferred_one(relighter, photo_file
     shades = [luminance(each.shading)[each.mask].mean() for each in (before, person)]
     assert shades[0] == pytest.approx(shades[1], rel=1e-4)
     bright = person.mask & (before.shading.min(-1) > 0.3) & (person.shading.min(-1) > 0.3) & (person.albedo.max(-1) < 1)
-    products = [(each.albedo * each.shading)[bright] for each in (before, person)]
-    np.testing.assert_allclose(*products, rtol=0.02)
+    np.testing.assert_allclose(*[(each.albedo * each.shading)[bright] for each in (before, person)], rtol=0.02)
     assert re.match(r"the photo's light as given, key:#ffffff@40,30,0\.4, is \d+ degrees from", scene.notes[0])
     assert not any("degrees" in note for note in relighter.scene(me, lit_by="even").notes)
     lamps = [load_light(f"key:#ffffff@{azimuth},0,0").coefficients for azimuth in (0, 25, 180)]

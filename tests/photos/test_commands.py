@@ -30,8 +30,7 @@ def test_photo_writes_everything_at_its_place(run, photo_files, weights, tmp_pat
     out = tmp_path / "out"
     run("photo", me, "--light", "room:3:40", "--out", out, "--weights", weights)
     assert not (out / "maps.exr").exists() and not (out / "albedo.png").exists()
-    says = run("photo", me, "--light", "room:3:40", "--out", out, "--weights", weights, "--maps")
-    assert "relit.png" in says
+    assert "relit.png" in run("photo", me, "--light", "room:3:40", "--out", out, "--weights", weights, "--maps")
     relit = picture(out / "relit.png")
     assert relit.shape == pixels.shape and np.array_equal(relit[mask == 0], pixels[mask == 0])
     assert (relit[mask == 255] != pixels[mask == 255]).any()
@@ -105,8 +104,7 @@ def test_the_table_of_options_is_whole():
 
 
 def test_many_notes_on_a_folder_are_counted():
-    notes = {f"{n}.png": ["automatic", f"note {n}"] for n in range(20)}
-    lines = note_lines(notes)
+    lines = note_lines({f"{n}.png": ["automatic", f"note {n}"] for n in range(20)})
     assert lines[:2] == ["note: 20 photos: automatic", "note: 0.png: note 0"]
     assert len(lines) == MOST_LINES + 1 and lines[-1] == "note: 9 more are in photo.json of the photos"
 
@@ -191,8 +189,7 @@ def test_a_folder_goes_on_after_failures_and_resumes(run, weights, tmp_path, dra
         run("photo", folder / "p1.png", "--light", "even", "--out", out / "p1.png", "--weights", weights)
     (out / "p2.png" / "relit.png").unlink()
     monkeypatch.setattr("relight.photos.folder.has_semaphores", lambda: False)  # then this process does it
-    again = run(*words)
-    assert "2 relit, 1 already there, 0 failed" in again
+    assert "2 relit, 1 already there, 0 failed" in run(*words)
     after = {p: p.stat().st_mtime_ns for p in out.glob("*/relit.png")}
     changed = {p.parent.name for p in before if before[p] != after[p]}
     assert changed == {"p1.png", "p2.png"}
@@ -273,7 +270,5 @@ def test_opposite_lamp_is_on_the_side_from_which_no_light_comes(relighter, draw)
     for x, side in ((0.5, -50), (-0.5, 50)):
         light = np.zeros((9, 3), np.float32)
         light[0], light[3] = 1, x
-        turned = replace(scene, people=[replace(scene.people[0], light=light)])
-        assert turned.lamp == f"key:#ffe6c8@{side},40,0.3"
-    named = relighter.relight(pixels, mask, scene.lamp)
-    np.testing.assert_array_equal(relighter.relight(pixels, mask), named)
+        assert replace(scene, people=[replace(scene.people[0], light=light)]).lamp == f"key:#ffe6c8@{side},40,0.3"
+    np.testing.assert_array_equal(relighter.relight(pixels, mask), relighter.relight(pixels, mask, scene.lamp))

@@ -119,8 +119,7 @@ def test_masked_fits_a_mask_of_two_values_and_keeps_a_soft_one(given, tmp_path):
 
 @pytest.mark.parametrize("mask", [np.full((40, 40), 255, np.uint8), np.pad(np.full((2, 3), 255, np.uint8), 20)])
 def test_fit_edge_without_background_or_inside(mask):
-    codes = np.random.default_rng(3).integers(0, 256, (*mask.shape, 3)).astype(np.uint8)
-    fitted = fit_edge(codes, mask)
+    fitted = fit_edge(np.random.default_rng(3).integers(0, 256, (*mask.shape, 3)).astype(np.uint8), mask)
     assert np.abs(fitted[mask == 255].astype(int) - 255).max() <= 142 and (fitted[0] == mask[0]).all()
 
 

@@ -174,8 +174,7 @@ def test_shadows_are_on_new_backgrounds_only(kind, relighter, draw):
     turned = rotate_y(light, np.pi).astype(np.float32)
     assert np.array_equal(first, shaded)
     assert np.array_equal(second, render(pixels, figures, turned, "ratio", behind, turn=np.pi))
-    keep = render(pixels, figures, light)
-    assert np.array_equal(keep[away], pixels[away])
+    assert np.array_equal(render(pixels, figures, light)[away], pixels[away])
 
 
 def test_a_white_figure_in_the_open_is_as_bright_as_its_panorama():

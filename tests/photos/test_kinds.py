@@ -179,8 +179,7 @@ CURVES = {
 
 @pytest.mark.parametrize("numbers", CURVES)
 def test_curve_of_every_parametric_type(numbers):
-    kind = {1: 0, 3: 1, 4: 2, 5: 3, 7: 4}[len(numbers)]
-    data = b"para\0\0\0\0" + struct.pack(">HH", kind, 0) + fixed(*numbers)
+    data = b"para\0\0\0\0" + struct.pack(">HH", {1: 0, 3: 1, 4: 2, 5: 3, 7: 4}[len(numbers)], 0) + fixed(*numbers)
     np.testing.assert_allclose(_curve(profile("a", P3, data), b"gTRC")(X), CURVES[numbers], atol=1e-4)
 
 
@@ -417,8 +416,7 @@ def test_read_photo_of_16_bits_divides_by_the_alpha_that_multiplies(tmp_path):
 @pytest.mark.parametrize("values", [RGB[..., 0], RGB, DEEP[..., 0], DEEP], ids="grey rgb deep-grey deep-rgb".split())
 def test_a_png_may_have_one_color_that_is_transparent(tmp_path, values):
     color = values[20, 10]
-    name = np.atleast_1d(color).astype(">u2").tobytes()
-    photo = Picture.of(png_of(tmp_path / "a.png", [(b"tRNS", name)], values))
+    photo = Picture.of(png_of(tmp_path / "a.png", [(b"tRNS", np.atleast_1d(color).astype(">u2").tobytes())], values))
     clear = (values == color).reshape(40, 30, -1).all(-1)
     np.testing.assert_array_equal(photo.alpha, np.where(clear, 0, np.iinfo(values.dtype).max))
     assert photo.pixels.dtype == values.dtype
@@ -545,8 +543,7 @@ def test_photo_command_writes_in_kind(tmp_path, run, weights, draw, name):
     eight = Picture.of(tmp_path / "eight" / "relit.png")
     assert found.pixels.dtype == type
     assert np.abs(found.codes.astype(int) - eight.pixels).max() <= 1
-    person = found.pixels[mask == 255]
-    assert len(np.unique(person)) > 300
+    assert len(np.unique(found.pixels[mask == 255])) > 300
     outside = np.asarray(Image.open(tmp_path / "a" / "albedo.png"))[..., 3] == 0
     assert outside.mean() > 0.3
     want = {np.uint16: codes.astype(np.uint16) * 257, np.float32: decode(codes / 255).astype(np.float32)}[type]

@@ -135,10 +135,8 @@ def test_edges_are_the_photos():
     """A mask that is blurred and a pixel off comes to the photo's edge; where there is none it stays."""
     pixels, figure = scene()
     blurred = uniform_filter(np.roll(figure, 1, 1).astype(np.float32), 5, mode="wrap")
-    found = selfie.fit_to_edges(pixels, blurred)
-    assert overlap(blurred > 0.5, figure) < 0.96 < 0.99 < overlap(found > 0.5, figure)
-    flat = np.full_like(pixels, 90)
-    assert overlap(selfie.fit_to_edges(flat, blurred) > 0.5, blurred > 0.5) > 0.97
+    assert overlap(blurred > 0.5, figure) < 0.96 < 0.99 < overlap(selfie.fit_to_edges(pixels, blurred) > 0.5, figure)
+    assert overlap(selfie.fit_to_edges(np.full_like(pixels, 90), blurred) > 0.5, blurred > 0.5) > 0.97
 
 
 @pytest.mark.slow
@@ -192,8 +190,7 @@ def model_of(path, nodes, shape=(1, 3, 320, 320), opset=13, **constants):
     stored = [onnx.numpy_helper.from_array(value, name) for name, value in constants.items()]
     shapes = [helper.make_tensor_value_info("image", kind, shape), helper.make_tensor_value_info(last, kind, None)]
     graph = helper.make_graph(made, "network", shapes[:1], shapes[1:], stored)
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
-    onnx.save(model, str(path))
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8), str(path))
 
 
 REACH = np.hypot(*np.meshgrid(np.linspace(-1.3, 1.3, 96), np.linspace(-1.2, 1.2, 128)))
@@ -259,8 +256,7 @@ def test_tighten_leaves_softness_only_near_edges():
     mask = np.clip((50 - x) / 8 + 0.5, 0, 1).astype(np.float32)  # an edge of eight pixels
     damaged = mask.copy()
     damaged[20:40, 5:25], damaged[20:40, 75:95] = 0.7, 0.3
-    found = selfie.tighten(damaged, 4)
-    np.testing.assert_allclose(found, mask, atol=1e-6)
+    np.testing.assert_allclose(selfie.tighten(damaged, 4), mask, atol=1e-6)
     thin = np.zeros((60, 100), np.float32)
     thin[30] = 0.8  # a finger
     np.testing.assert_array_equal(selfie.tighten(thin, 4)[30], np.float32(2 / 9))

@@ -78,14 +78,11 @@ def test_turning_light_closes_and_keeps_its_exposure(relighter, draw):
     frames = turned(scene, Look("room:2"), 8)
     assert len(frames) == 8
     assert np.array_equal(frames[0], scene.relit(Look(light, match=False)))
-    quarter = scene.relit(Look(light, turn=90, match=False))
-    assert np.abs(frames[2].astype(int) - quarter).max() <= 1
-    whole = turned(scene, Look("room:2"), 1)
-    assert np.array_equal(whole[0], frames[0])
+    assert np.abs(frames[2].astype(int) - scene.relit(Look(light, turn=90, match=False))).max() <= 1
+    assert np.array_equal(turned(scene, Look("room:2"), 1)[0], frames[0])
     assert all(np.array_equal(f[cover == 0], pixels[cover == 0]) for f in frames)
     # a movie that normalised each frame would show a light of twice the strength alike
-    twice = turned(scene, Look(2 * light, match=False), 2)
-    assert twice[1][mask == 255].mean() > frames[4][mask == 255].mean() + 5
+    assert turned(scene, Look(2 * light, match=False), 2)[1][mask == 255].mean() > frames[4][mask == 255].mean() + 5
 
 
 def test_movie_of_a_photo(run, photo_files, weights, tmp_path, monkeypatch):
@@ -152,8 +149,7 @@ def test_clips_of_phones_and_cameras_are_read(tmp_path, suffix):
         file.mux(stream.encode())
     assert is_video(path)
     frames, shown, fps = read_frames(path)
-    found = [frame.codes[48, 48, 1] for frame in frames]
-    np.testing.assert_allclose(found, 40 + 10 * np.arange(20.0), atol=6)
+    np.testing.assert_allclose([frame.codes[48, 48, 1] for frame in frames], 40 + 10 * np.arange(20.0), atol=6)
     assert shown == [1] * 20 and fps == pytest.approx(25, rel=1e-3)
 
 

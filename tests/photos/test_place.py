@@ -70,8 +70,7 @@ def test_photo_takes_the_light_of_a_picture_behind(run, photo_files, weights, st
     options = ("photo", me, "-w", weights, "--out", "out", "--background", "street.png")
     said = run(*options)
     assert "me.png in the light of place:street.png" in said and "note: the light is estimated from street.png" in said
-    of_place = json.loads((tmp_path / "out" / "photo.json").read_text())
-    assert of_place["light"] == "place:street.png"
+    assert json.loads((tmp_path / "out" / "photo.json").read_text())["light"] == "place:street.png"
     light = load_light(tmp_path / "out" / "new_light.json").coefficients
     expected = deringed(place_light(street))
     np.testing.assert_allclose(light / light[0, 0], expected / expected[0, 0], rtol=1e-4, atol=1e-5)

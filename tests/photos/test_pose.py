@@ -59,8 +59,7 @@ class Landmarks:
 @pytest.mark.parametrize(("size", "angle"), [((300, 400), 0), ((900, 400), 70), ((640, 480), 180), ((200, 900), -120)])
 def test_a_body_is_where_it_is_in_the_photo(monkeypatch, size, angle):
     """Upright, lying, upside down; it is one, however many windows show it."""
-    fake = {networks.DETECTOR: Detector(), networks.LANDMARKS: Landmarks()}
-    monkeypatch.setattr(pose, "load_network", fake.get)
+    monkeypatch.setattr(pose, "load_network", {networks.DETECTOR: Detector(), networks.LANDMARKS: Landmarks()}.get)
     up = np.array([np.sin(np.radians(angle)), -np.cos(np.radians(angle))])
     across, hips = np.array([-up[1], up[0]]), np.array(size) * [0.4, 0.5]
     places = {RED: hips, GREEN: hips + 80 * up, BLUE: hips + 50 * across + 20 * up}
@@ -80,8 +79,7 @@ def test_a_body_is_where_it_is_in_the_photo(monkeypatch, size, angle):
         solid &= np.abs(np.asarray(image).astype(int) - color).max(-1) > 128
     found = body.mask(size) > 0.5
     assert (found & solid).sum() / (found | solid).sum() > 0.9
-    part = body.mask((100, 50), (0.25, 0.5, 0.75, 1))
-    assert np.abs(part - body.mask((200, 100))[50:, 50:150]).max() < 1e-3
+    assert np.abs(body.mask((100, 50), (0.25, 0.5, 0.75, 1)) - body.mask((200, 100))[50:, 50:150]).max() < 1e-3
 
 
 def test_people_in_a_crowd_larger_than_the_photo_are_nobody(monkeypatch):
@@ -164,8 +162,7 @@ def test_doubts_name_limbs_and_places():
     neighbour = np.roll(trunk | legs, 70, 1)
     other = replace(body_of(neighbour), joints=(joints + [70 / 256, 0, 0]).astype(np.float32))
     seen = replace(body_of((trunk | legs) + 0.6 * (neighbour & (x < 190))), joints=joints)
-    both = np.where(trunk | legs | neighbour, np.uint8(255), np.uint8(0))
-    assert mask_doubts(both, [seen, other]) == []
+    assert mask_doubts(np.where(trunk | legs | neighbour, np.uint8(255), np.uint8(0)), [seen, other]) == []
     strangers = said(trunk | legs | (x > 220) & (y > 60) & (y < 200))
     assert strangers == ["person 2: no joints were found in this part of the mask: it may be a thing, or background"]
 
@@ -174,8 +171,7 @@ def test_doubts_name_limbs_and_places():
 def test_networks_say_what_mediapipe_says(monkeypatch):
     """Numbers of MediaPipe 0.10.21 for the portrait of the pages. It moves joints a little by heat maps, too."""
     monkeypatch.setenv("RELIGHT_DATA", DATA) if DATA else monkeypatch.delenv("RELIGHT_DATA")
-    photo = Path(relight.__file__).parent / "viewer" / "web" / "astronaut.jpg"
-    pixels = np.asarray(Image.open(photo).convert("RGB"))
+    pixels = np.asarray(Image.open(Path(relight.__file__).parent / "viewer" / "web" / "astronaut.jpg").convert("RGB"))
     hips, top = np.array([0.3123, 1.0304]) * 512, np.array([0.4639, 0.0547]) * 512
     side = pose.ROOM * 2 * np.hypot(*(top - hips))
     score, place = max(pose._detect(pixels), key=lambda each: each[0])

@@ -42,19 +42,14 @@ def test_convert_of_every_operation(tflite):
     def weights(name):
         return [held(w[name]), held(bias[name])]
 
-    conv = writer.operation(CONV, [first, *weights("conv")], window(0, 2))
-    swish = writer.operation(HARD_SWISH, [conv])
-    depth = writer.operation(DEPTHWISE, [swish, *weights("depth")], window(0, 2))
-    relu = writer.operation(RELU, [depth])
+    swish = writer.operation(HARD_SWISH, [writer.operation(CONV, [first, *weights("conv")], window(0, 2))])
+    relu = writer.operation(RELU, [writer.operation(DEPTHWISE, [swish, *weights("depth")], window(0, 2))])
     pooled = writer.operation(POOL, [relu])
     squeezed = writer.operation(RELU, [writer.operation(CONV, [pooled, *weights("squeeze")], window(1))])
     gate = writer.operation(LOGISTIC, [squeezed])
-    gated = writer.operation(MUL, [relu, gate])
-    large = writer.operation(RESIZE, [gated, writer.tensor(np.array([5, 4], np.int32))])
-    total = writer.operation(ADD, [large, swish])
-    last = writer.operation("Convolution2DTransposeBias", [total, *weights("up")])
+    large = writer.operation(RESIZE, [writer.operation(MUL, [relu, gate]), writer.tensor(np.array([5, 4], np.int32))])
+    last = writer.operation("Convolution2DTransposeBias", [writer.operation(ADD, [large, swish]), *weights("up")])
     session = onnxruntime.InferenceSession(convert(writer.bytes(first, last)))
-
     axes = {"conv": (0, 3, 1, 2), "squeeze": (0, 3, 1, 2)}  # as torch orders those that the format stores as (O,h,w,C)
     w = {name: torch.tensor(each).double().permute(axes.get(name, (3, 0, 1, 2))) for name, each in w.items()}
     bias = {name: torch.tensor(each).double() for name, each in bias.items()}
@@ -98,7 +93,6 @@ def test_convert_of_networks_of_poses(tflite):
     data = convert(writer.bytes(first, joined, total), ["rows", "grid"], mirrored=False)
     image = rng.normal(0, 1, (1, 3, 7, 5)).astype(np.float32)
     found, grid = onnxruntime.InferenceSession(data).run(["rows", "grid"], {"image": image})
-
     x = F.pad(torch.tensor(image), (3, 0, 1, 2, 0, 1))
     x = F.conv2d(x, torch.tensor(w).permute(0, 3, 1, 2), torch.tensor(bias)).clamp(0, 6)
     assert x.shape == (1, 8, 8, 6) and x.max() == 6

@@ -124,7 +124,6 @@ def test_white_cloth_beside_skin_stays_white():
 
 
 def test_a_shading_is_shown_without_burning_out():
-    shading = np.repeat(np.linspace(0, 6, 500)[:, None], 3, 1)
-    codes = to_srgb8(display_shading(shading)).astype(int)
+    codes = to_srgb8(display_shading(np.repeat(np.linspace(0, 6, 500)[:, None], 3, 1))).astype(int)
     assert codes.max() < 255 and (np.diff(codes[:, 0]) >= 0).all()
     assert abs(int(to_srgb8(display_shading(np.ones((1, 3))))[0, 0]) - 188) <= 1  # 1, white paper's, at half the light

@@ -32,8 +32,7 @@ def test_words(figure):
 
 @pytest.mark.slow
 def test_error_and_exposure(figure):
-    perfect = replace(figure, albedo=np.full_like(figure.albedo, 0.5), image=0.5 * figure.shading)
-    assert perfect.error < 1e-3
+    assert replace(figure, albedo=np.full_like(figure.albedo, 0.5), image=0.5 * figure.shading).error < 1e-3
     zero = np.zeros_like(figure.image)
     for change, words in (
         ({"albedo": zero}, "rebuild the photo"), ({"image": zero + 1}, "blown out"), ({"image": zero}, "nearly black")

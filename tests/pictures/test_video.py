@@ -1,4 +1,3 @@
-import json
 import shutil
 import struct
 import subprocess
@@ -149,9 +148,7 @@ def test_what_a_clip_states_of_its_colors_may_change(tmp_path):
         write(tmp_path / f"{number}.h264", codes, **options)
     (tmp_path / "a.h264").write_bytes(b"".join((tmp_path / f"{i}.h264").read_bytes() for i in range(len(parts))))
     frames = list(read_frames(tmp_path / "a.h264")[0])
-    assert len(frames) == 3 * len(parts)
-    for frame in frames:
-        np.testing.assert_allclose(patches(frame.pixels), PATCHES, atol=2)
+    np.testing.assert_allclose([patches(frame.pixels) for frame in frames], [PATCHES] * 12, atol=2)
     assert [any("(HLG)" in note for note in frame.notes) for frame in frames] == [False] * 6 + [True] * 3 + [False] * 3
 
 
@@ -171,8 +168,7 @@ def test_frames_are_turned_and_mirrored_as_displayed(tmp_path, a, b, c, d):
     place = data.index(b"tkhd") + 44  # of the matrix in ISO 14496-12, 8.3.2, version 0
     data[place : place + 36] = struct.pack(">9i", a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30)
     (tmp_path / "b.mp4").write_bytes(data)
-    turned = next(read_frames(tmp_path / "b.mp4")[0]).pixels
-    assert np.abs(turned[16::32, 16::32, 0].astype(int) - shown).max() <= 1
+    assert np.abs(next(read_frames(tmp_path / "b.mp4")[0]).pixels[16::32, 16::32, 0].astype(int) - shown).max() <= 1
 
 
 def test_pixels_are_square(tmp_path):
@@ -324,6 +320,8 @@ def test_the_movie_has_the_sound_of_its_clip(tmp_path, capsys, suffix, start, so
             one, rate = movie.streams.audio[0], movie.streams.audio[0].rate
             at = [float(track.start_time * track.time_base) for track in (movie.streams.video[0], one)]
             heard = np.concatenate([frame.to_ndarray()[0] for frame in movie.decode(one)])
+            film = movie.streams.video[0].codec_context
+            assert [film.color_primaries, film.color_trc, film.colorspace, film.color_range] == [1, 1, 1, 1]
             assert movie.duration / 1e6 == pytest.approx(2 + abs(start - sound_at), abs=0.05)
         assert one.codec_context.codec.canonical_name == ("aac" if name == "out.MP4" else "opus")
         assert at == pytest.approx([start - min(start, sound_at), sound_at - min(start, sound_at)], abs=0.04)
@@ -331,17 +329,6 @@ def test_the_movie_has_the_sound_of_its_clip(tmp_path, capsys, suffix, start, so
     assert not capsys.readouterr().err and not list(tmp_path.glob("*-sound*"))
     data = (tmp_path / "out.MP4").read_bytes()
     assert data.index(b"moov") < data.index(b"mdat") and b"colrnclx\0\1\0\1\0\1" in data
-
-
-@pytest.mark.skipif(not shutil.which("ffprobe"), reason="ffprobe is not installed")
-@pytest.mark.parametrize("suffix", [".mp4", ".MP4", ".webm"])
-def test_ffprobe_finds_the_colors_of_a_movie(tmp_path, suffix):
-    write_video(tmp_path / f"a{suffix}", [np.full((64, 64, 3), 90, np.uint8)] * 3)
-    words = ["ffprobe", "-v", "error", "-of", "json", "-show_entries", "stream=color_range,color_space,color_transfer,"
-             "color_primaries,nb_read_frames", "-count_frames", str(tmp_path / f"a{suffix}")]  # fmt: skip
-    (stream,) = json.loads(subprocess.run(words, capture_output=True, check=True).stdout)["streams"]
-    colors = dict.fromkeys(("color_space", "color_transfer", "color_primaries"), "bt709")
-    assert stream == {**colors, "color_range": "tv", "nb_read_frames": "3"}
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv", ".webm", ".avi"])
@@ -354,8 +341,7 @@ def test_a_clip_that_is_cut_short_is_refused(tmp_path, monkeypatch, suffix, kept
     assert [LOST in frame.notes for frame in read_frames(whole)[0]] == [False] * 60
     with av.open(str(tmp_path / whole)) as file:
         place = [packet.pos for packet in file.demux(video=0) if packet.size][round(60 * kept)]
-    data = whole.read_bytes()
-    (tmp_path / f"b{suffix}").write_bytes(data[: place - (12 if suffix in (".mkv", ".webm") else 0)])
+    (tmp_path / f"b{suffix}").write_bytes(whole.read_bytes()[: place - (12 if suffix in (".mkv", ".webm") else 0)])
     with pytest.raises(UserError, match=r"is cut short: its file promises .* seconds and holds .*: give the whole"):
         read_frames(tmp_path / f"b{suffix}")
 

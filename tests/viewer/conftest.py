@@ -39,21 +39,21 @@ def lights():
     }
 
 
+FLAGS = """--headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --no-first-run
+--disable-background-networking --disable-component-update --disable-sync --disable-quic --hide-scrollbars
+--disable-renderer-backgrounding --disable-backgrounding-occluded-windows --remote-debugging-pipe"""
+
+
 class Page:
     """One tab: `run` evaluates JavaScript (awaiting promises) and returns its JSON value."""
 
-    def __init__(self, folder, *flags):
+    def __init__(self, folder):
         found = filter(None, map(shutil.which, ("chromium", "google-chrome")))
         program = os.environ.get("CHROMIUM") or next(found, None)
         if program is None:
             pytest.skip("no Chromium on this machine")
         here, there = os.pipe(), os.pipe()  # the browser reads descriptor 3 and writes descriptor 4
-        flags = (
-            "--headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --no-first-run "
-            "--disable-background-networking --disable-component-update --disable-sync --disable-quic "
-            "--disable-renderer-backgrounding --disable-backgrounding-occluded-windows "
-            f"--hide-scrollbars --remote-debugging-pipe --user-data-dir={folder}"
-        ).split() + list(flags)
+        flags = [*FLAGS.split(), f"--user-data-dir={folder}"]
 
         def connect():
             read, write = fcntl.fcntl(here[0], fcntl.F_DUPFD, 10), fcntl.fcntl(there[1], fcntl.F_DUPFD, 10)
@@ -92,12 +92,11 @@ class Page:
         while b"\0" not in self.buffer:
             if not select.select([self.back], [], [], max(timeout, 0))[0]:
                 raise TimeoutError("Chromium does not answer")
-            self.buffer += os.read(self.back, 1 << 20) or self.lost()
+            if not (read := os.read(self.back, 1 << 20)):
+                raise OSError("Chromium has ended")
+            self.buffer += read
         message, _, self.buffer = self.buffer.partition(b"\0")
         return json.loads(message)
-
-    def lost(self):
-        raise OSError("Chromium has ended")
 
     def open(self, path, width=900, height=640, ratio=1, mobile=False, motion="reduce", address=""):
         """Loads a file or an http address; with reduced motion, as by default, it opens without a turn of the light."""

@@ -115,6 +115,5 @@ def test_a_photo_of_two_people_is_shown_as_the_photo_command_shows_it(page, tmp_
     with pytest.raises(UserError, match=r"order 2; .* has order 1"):
         CliRunner().invoke(web_app, ["build", "site", "b.exr"], catch_exceptions=False)
     monkeypatch.setitem(config["model"], "order", 2)
-    small = run(tmp_path / "me.png", "--size", 70, "-o", tmp_path / "small.html")
-    assert small.exit_code == 0
+    assert run(tmp_path / "me.png", "--size", 70, "-o", tmp_path / "small.html").exit_code == 0
     assert embedded(tmp_path / "small.html")[1][0]["width"] == 70

@@ -158,8 +158,7 @@ def test_fit_edge_is_that_of_python(size, kind):
     image = [LINEAR[pixels[..., channel]].ravel().tolist() for channel in range(3)]
     program = """const main = ({ image, mask, width }) =>
     $edges.fitEdge(image.map((plane) => Float32Array.from(plane)), Uint8Array.from(mask), width);"""
-    values = {"image": image, "mask": mask.ravel().tolist(), "width": mask.shape[1]}
-    found = node("edges", program, values)
+    found = node("edges", program, {"image": image, "mask": mask.ravel().tolist(), "width": mask.shape[1]})
     assert np.abs(found.reshape(mask.shape).astype(int) - expected).max() <= 1
 
 

@@ -100,8 +100,7 @@ def test_the_other_views_equal_python(balls, maps, lights):
     split = balls.pixels(**START | {"before": "open", "yaw": 30})
     light = turned(lights["Window"], 30, 0)
     left = np.arange(maps.mask.shape[1]) < maps.mask.shape[1] // 2
-    everywhere = maps.albedo * np.maximum(irradiance(light, maps.normal), 0)
-    assert farthest(split, codes(everywhere), maps.mask & left) <= 2
+    assert farthest(split, codes(maps.albedo * np.maximum(irradiance(light, maps.normal), 0)), maps.mask & left) <= 2
     assert farthest(split, codes(maps.albedo * relit_shading(maps, light)), maps.mask & ~left) <= 2
 
 
@@ -238,8 +237,7 @@ def test_a_view_is_not_compared_with_itself(page, photo_html):
 
 def test_a_panorama_is_seen_behind_the_figure(balls, maps, lights):
     """Sharp, turned with the light and at its brightness; compared where the blocks of the panorama are flat."""
-    generator = np.random.default_rng(4)
-    blocks = np.kron(generator.uniform(0.02, 0.2, (8, 16, 3)), np.ones((16, 16, 1))).astype(np.float32)
+    blocks = np.kron(np.random.default_rng(4).uniform(0.02, 0.2, (8, 16, 3)), np.ones((16, 16, 1))).astype(np.float32)
     balls.call("(bytes) => relight.openPanorama(new File([new Uint8Array(bytes)], 'blocks.hdr'))", list(hdr(blocks)))
     state = START | {"light": 3, "background": "light", "yaw": 40, "tilt": 20, "room": 0.5, "stops": 0.3}
     pixels = balls.pixels(**state)
@@ -319,8 +317,7 @@ def test_the_address_shows_the_same_picture(page, html):
     lamp = {"azimuth": 45, "elevation": 30, "color": "#ffaa66", "strength": 1.5, "softness": 12}
     state = START | dict(light=2, yaw=-35.5, tilt=10, view="shading", stops=0.5, lamps=[lamp], room=0.5)
     expected = page.pixels(**state)
-    address = page.run("relight.address()")
-    page.open(html, address="#" + address)
+    page.open(html, address="#" + page.run("relight.address()"))
     np.testing.assert_array_equal(page.pixels(), expected)
     page.open(html, address="#yaw=x&view=nothing&lamps=1,2;rubbish&figure=7&sh=1,2&light=none&split=9")
     page.run("relight.set({background: 'studio', split: 0.5})")
@@ -548,8 +545,7 @@ def test_a_place_lights_the_figure_before_its_picture_as_in_python(page, photo_h
     found = np.reshape(opened_place(page, street, False, alpha)["values"], (9, 3))
     np.testing.assert_allclose(found, half, rtol=1e-4, atol=1e-5 * half.max(), err_msg="what is transparent is white")
     assert opened_place(page, street, True)["background"] == "picture"
-    coverage = np.where(maps.mask, 255, 0).astype(np.uint8)
-    figure = inferred(photo, coverage, maps, own)
+    figure = inferred(photo, np.where(maps.mask, 255, 0).astype(np.uint8), maps, own)
     new = turned(light, 70, 0)
     behind = Background("picture", picture=street, shadow=False).matched(light, 1.0)
     for stops in (0, 1):

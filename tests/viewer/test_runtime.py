@@ -25,8 +25,7 @@ def test_a_package_is_kept_and_unpacked(package, tmp_path):
     assert kept == runtime.package_file() and kept.read_bytes() == package.read_bytes()
     package.unlink()
     (tmp_path / "site").mkdir()
-    files = runtime.unpack(tmp_path / "site")
-    assert [path.read_text() for path in files] == list(runtime.FILES)
+    assert [path.read_text() for path in runtime.unpack(tmp_path / "site")] == list(runtime.FILES)
     whole = kept.read_bytes()
     for damaged in (whole[:60], whole[:-60], whole[:40] + bytes(20) + whole[60:], gzip.compress(b""), b"no archive"):
         kept.write_bytes(damaged)

@@ -106,7 +106,6 @@ def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, ex
         "image.onerror = () => done('refused'); image.src = 'index.html?photo'; })"
     ) == "refused"  # fmt: skip
     assert server.asked == before
-
     by_python(page, tmp_path, exported, lights, pixels, alpha)
     for state, mine in zip(states, found):
         assert np.abs(mine.astype(int) - page.pixels(**state)).max() <= 2, state["view"]
@@ -131,7 +130,6 @@ def test_a_photo_is_saved_at_its_own_size(page, server, exported, lights, tmp_pa
     mine = saved(page)
     assert shown.shape[:2] == (1024, 256) and mine.shape[:2] == (1200, 300)
     assert np.array_equal(page.pixels(), shown), "the page shows what it showed"
-
     by_python(page, tmp_path, exported, lights, pixels, alpha)
     assert np.abs(mine.astype(int) - page.pixels(**STATE | {"mode": "ratio"})).max() <= 2
 
