@@ -49,6 +49,7 @@ def says(text: bytes, page: str) -> bytes:
     return text.decode("utf-8").encode(page)
 
 
+# Files by which the triangle is red.
 TEXTS = {
     "utf-8 mark in .obj": {"a.obj": codecs.BOM_UTF8 + used(b"A"), "a.mtl": RED % b"A"},
     "utf-16 .obj": {"a.obj": used(b"A").decode().encode("utf-16"), "a.mtl": RED % b"A"},
@@ -84,20 +85,6 @@ TEXTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", TEXTS)
-def test_obj_of_this_text_is_red(tmp_path, name):
-    mesh = read_mesh(write(tmp_path, TEXTS[name]))
-    np.testing.assert_allclose(albedo(mesh), [1, 0, 0], atol=1e-6)
-    assert not mesh.info["warnings"]
-
-
-def test_obj_names_that_differ_in_one_byte_are_two_materials(tmp_path):
-    text = b"mtllib a.mtl\n" + POINTS + b"v 1 1 0\nusemtl K\xf6rper\nf 1 2 3\nusemtl K\xe4rper\nf 2 4 3\n"
-    library = RED % b"K\xf6rper" + b"newmtl K\xe4rper\nKd 0 0 1\n"
-    mesh = read_mesh(write(tmp_path, {"a.obj": text, "a.mtl": library}))
-    np.testing.assert_allclose([albedo(mesh, face) for face in (0, 1)], [[1, 0, 0], [0, 0, 1]])
-
-
 COLORED = b"v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\n"
 SOME = b"v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0\n"
 FOUR = b"v 0 0 0 %s\nv 1 0 0 %s\nv 0 1 0 %s\n"
@@ -130,15 +117,6 @@ SYNTAX = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SYNTAX)
-def test_obj_of_this_syntax(tmp_path, name):
-    text, color, warned = SYNTAX[name]
-    library = RED % b"A" + b"newmtl B\nKd .1 .1 .1\nmap_Kd t.png\n"
-    mesh = read_mesh(write(tmp_path, {"a.obj": text, "a.mtl": library, "t.png": png((188, 188, 188))}))
-    np.testing.assert_allclose(albedo(mesh, len(mesh.faces) - 1), color, atol=1e-4)
-    assert warned in " ".join(mesh.info["warnings"]) and bool(warned) == bool(mesh.info["warnings"])
-
-
 # libraries of the material A -> its color, and what a warning says
 LIBRARIES = {
     "`Kd 1 .502 0`": ({"a.mtl": b"newmtl A\nKd 1 .50196 0\n"}, ORANGE, ""),
@@ -151,29 +129,6 @@ LIBRARIES = {
     "`Kd 0 0 1`, `map_Kd` of a red picture": (
         {"a.mtl": b"newmtl A\nKd 0 0 1\nmap_Kd -bm 1 -s 2 2 2 t.png # skin\n"}, (1, 0, 0), ""),
 }  # fmt: skip
-
-
-@pytest.mark.parametrize("name", LIBRARIES)
-def test_mtl_that_says_things_twice(tmp_path, name):
-    files, color, warned = LIBRARIES[name]
-    text = b"".join(b"mtllib %s\n" % file.encode() for file in files)
-    text += b"vt 0 0\n" + POINTS + b"usemtl A\nf 1/1 2/1 3/1\n"
-    mesh = read_mesh(write(tmp_path, {"a.obj": text, **files, "t.png": png((255, 0, 0))}))
-    np.testing.assert_allclose(albedo(mesh), color, atol=1e-4)
-    assert warned in " ".join(mesh.info["warnings"]) and bool(warned) == bool(mesh.info["warnings"])
-
-
-@pytest.mark.parametrize("text", [b"", b"1 0", b"1,0 0 0", b"xyz .4 .2 .02", b"spectral a.rfl", b"#ff0000"])
-def test_mtl_of_a_color_that_is_not_three_numbers_is_refused(tmp_path, text):
-    with pytest.raises(UserError, match=r"the color `Kd .*` is not three numbers"):
-        read_mesh(write(tmp_path, {"a.obj": used(b"A"), "a.mtl": b"newmtl A\nKd " + text + b"\n"}))
-
-
-def test_obj_with_a_texture_on_some_faces_keeps_vertex_colors_on_others(tmp_path):
-    text = b"mtllib a.mtl\nvt 0 0\n" + COLORED + b"usemtl A\nf 1/1 2/1 3/1\nusemtl B\nf 1 3 2\n"
-    library = b"newmtl A\nmap_Kd t.png\nnewmtl B\nKd 0 1 0\n"
-    mesh = read_mesh(write(tmp_path, {"a.obj": text, "a.mtl": library, "t.png": png((0, 0, 255))}))
-    np.testing.assert_allclose([albedo(mesh, face) for face in (0, 1)], [[0, 0, 1], [1, 0, 0]], atol=1e-6)
 
 
 def ply(rows, properties="", face="", form="ascii", comment="") -> bytes:
@@ -226,14 +181,6 @@ PLYS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", PLYS)
-def test_ply_whose_colors_are_written_so(tmp_path, name):
-    content, color, warned = PLYS[name]
-    mesh = read_mesh(write(tmp_path, {"a.ply": content, "t.png": png((255, 128, 0))}))
-    np.testing.assert_allclose(albedo(mesh), color, atol=1e-4)
-    assert warned in " ".join(mesh.info["warnings"]) and bool(warned) == bool(mesh.info["warnings"])
-
-
 @pytest.mark.parametrize(
     ("face", "values", "says"),
     [
@@ -270,13 +217,6 @@ def test_binary_ply_begins_after_its_own_line_end(tmp_path, end):
     body = points.tobytes() + struct.pack("<B3i", 3, 0, 1, 2)
     mesh = read_mesh(write(tmp_path, {"a.ply": head.replace(b"\n", end) + body}))
     np.testing.assert_array_equal(mesh.vertices, points)
-
-
-def test_ply_colors_of_faces_that_share_vertices(tmp_path):
-    text = ply(("", "255 0 0"), face=channels("uchar")).replace(b"face 1", b"face 2") + b"3 0 2 1 0 0 255\n"
-    mesh = read_mesh(write(tmp_path, {"a.ply": text}))
-    np.testing.assert_allclose([albedo(mesh, face) for face in (0, 1)], [[1, 0, 0], [0, 0, 1]])
-    assert len(mesh.vertices) == 3
 
 
 # Corners of polygons in a plane, and their area by the shoelace formula.
@@ -345,10 +285,6 @@ def glb(change=lambda scene: None, picture=DARK_RED, uv=(0.5, 0.5), color=b"", p
     return glb_of(scene, b"".join(parts), pad)
 
 
-def picture_of(kind: str) -> bytes:
-    return encoded(Image.new("RGB", (4, 4), (200, 0, 0)), kind)
-
-
 def legacy(scene):
     texture = scene["materials"][0].pop("pbrMetallicRoughness")["baseColorTexture"]
     extension = {"diffuseTexture": texture, "diffuseFactor": [1, 1, 1, 1]}
@@ -381,17 +317,12 @@ def test_gltf_may_require_what_is_read(tmp_path, name):
         change(scene)
         scene["extensionsRequired"] = [name]
 
-    mesh = read_mesh(write(tmp_path, {"a.glb": glb(require, picture_of(kind))}))
+    mesh = read_mesh(write(tmp_path, {"a.glb": glb(require, encoded(Image.new("RGB", (4, 4), (200, 0, 0)), kind))}))
     np.testing.assert_allclose(albedo(mesh), [0.578, 0, 0], atol=0.01)
 
 
 def test_gltf_each_extension_that_is_read_may_be_required():
     assert READ | WITHOUT_EFFECT == REQUIRED.keys()
-
-
-def test_gltf_of_a_texture_in_a_form_that_is_not_read(tmp_path):
-    with pytest.raises(UserError, match="given as KHR_texture_basisu only: save it as PNG"):
-        read_mesh(write(tmp_path, {"a.glb": glb(source_in("KHR_texture_basisu"))}))
 
 
 def node(**values):
@@ -412,7 +343,7 @@ def picture_at(uri):
 
 def two_meshes(scene):
     scene["meshes"].append({"primitives": [{"attributes": {"POSITION": 0}}]})
-    scene["nodes"].append({"mesh": 1})
+    scene["nodes"].insert(0, {"mesh": 1})
 
 
 def factor(*values):
@@ -445,6 +376,28 @@ def bare(material):
     return change
 
 
+def wrapped(wrap):
+    return lambda scene: wrap and scene.update(samplers=[{"wrapS": wrap}], textures=[{"source": 0, "sampler": 0}])
+
+
+def colored(component, normalized):
+    def change(scene):
+        scene["meshes"][0]["primitives"][0] = {"attributes": {"POSITION": 0, "COLOR_0": 2}}
+        accessor = {"bufferView": 3, "componentType": component, "count": 3, "type": "VEC3"}
+        scene["accessors"].append({**accessor, "normalized": normalized})
+
+    return change
+
+
+def text_of(content: bytes) -> str:
+    """A .glb as the text of a .gltf."""
+    end = 20 + struct.unpack_from("<I", content, 12)[0]
+    scene = json.loads(content[20:end])
+    data = base64.b64encode(content[end + 8 :]).decode()
+    scene["buffers"][0]["uri"] = "data:application/octet-stream;base64," + data
+    return json.dumps(scene, ensure_ascii=False)
+
+
 def tinted(scene):
     scene["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = [0.5, 0.5, 0.5, 1]
     scene["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 2
@@ -453,26 +406,26 @@ def tinted(scene):
 
 COPIES = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}
 CODED_PICTURE = base64.b64encode(DARK_RED).decode()
-DARK = (0.578, 0, 0)
+DARK = (0.5776, 0, 0)
 SLOT, BASE = {"diffuseTexture": {"index": 0}}, {"baseColorTexture": {"index": 0}}
-# what a description says -> albedo of the first face, and what a warning says
+# what a description says -> albedo of the last face, and what a warning says
 SCENES = {
     "factor 255 128 0": (factor(255, 128, 0, 255), (1, 1, 0), "outside 0 to 1: it is clipped"),
     "a factor": (factor(0.5, 0.2, 0, 1), (0.5, 0.2, 0), ""),
     "factor 0, `emissiveTexture` of 200 0 0": (emitting((0, 0, 0, 1)), DARK, "is black but for what it emits"),
-    "black that emits a texture by half": (emitting((0, 0, 0, 1), (0.5, 1, 1)), (0.289, 0, 0), "black but for"),
+    "black that emits a texture by half": (emitting((0, 0, 0, 1), (0.5, 1, 1)), (0.2888, 0, 0), "black but for"),
     "black that emits a texture by 0": (emitting((0, 0, 0, 1), (0, 0, 0)), DARK, "black but for"),
     "black that emits a color": (emitting((0, 0, 0, 1), (0.5, 0.2, 0), False), (0.5, 0.2, 0), "black but for"),
     "legacy black that emits a texture": (emitting((0, 0, 0, 1), legacy=True), DARK, "is black but for"),
     "a stand-in of red, legacy texture": (both(SLOT, {"baseColorFactor": [1, 0.5, 0, 1]}), DARK, ""),
     "a stand-in texture, legacy factor .2": (both({"diffuseFactor": [0.2, 0.2, 0.2, 1]}, BASE), (0.2, 0.2, 0.2), ""),
     "a stand-in of green, legacy texture and factor": (
-        both(SLOT | {"diffuseFactor": [0.5, 1, 1, 1]}, {"baseColorFactor": [0, 1, 0, 1]}), (0.289, 0, 0), ""),
+        both(SLOT | {"diffuseFactor": [0.5, 1, 1, 1]}, {"baseColorFactor": [0, 1, 0, 1]}), (0.2888, 0, 0), ""),
     "a color, legacy gloss alone": (both({"glossinessFactor": 0.1}, {"baseColorFactor": [0, 1, 0, 1]}), (0, 1, 0), ""),
     "a color that emits a texture": (emitting((0.5, 0.2, 0, 1)), (0.5, 0.2, 0), ""),
     "white that emits a little": (emitting((1, 1, 1, 1), (0.1, 0, 0), False), (1, 1, 1), "are all white"),
     "factor 0": (factor(0, 0, 0, 1), (0, 0, 0), "1 of 1 faces are black"),
-    "a texture of 200 0 0, factor .5, vertex colors .4": (tinted, (0.1156, 0, 0), ""),
+    "a texture of 200 0 0, factor .5, vertex colors .4": (tinted, (0.1155, 0, 0), ""),
     "no material, no colors": (bare(None), (1, 1, 1), "neither materials nor vertex colors"),
     "an empty material": (bare({}), (1, 1, 1), "neither materials nor vertex colors"),
     "morph targets at rest": (lambda scene: scene["meshes"][0].update(weights=[0, 0]), DARK, ""),
@@ -490,17 +443,6 @@ SCENES = {
     "a picture in lines": (picture_at("data:image/png;base64,\n" + CODED_PICTURE.replace("g", "g\r\n ")), DARK, ""),
     "a picture in a folder of Windows": (picture_at("textures\\T.PNG"), DARK, ""),
 }  # fmt: skip
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_gltf_of_this_scene(tmp_path, name):
-    change, color, warned = SCENES[name]
-    moved = color == BLUE_
-    further = b"\2\0\0\0" + np.full((3, 3), 0.4, "<f4").tobytes()
-    content = glb(change, STRIPES if moved else DARK_RED, (0.25, 0.5) if moved else (0.5, 0.5), further)
-    mesh = read_mesh(write(tmp_path, {"a.glb": content, "t.png": DARK_RED}))
-    np.testing.assert_allclose(albedo(mesh), color, atol=1e-3)
-    assert warned in " ".join(mesh.info["warnings"]) and bool(warned) == bool(mesh.info["warnings"])
 
 
 @pytest.mark.parametrize(
@@ -521,23 +463,6 @@ def test_gltf_node_turns_and_mirrors(tmp_path, values, corner, up):
     assert np.sign(np.cross(b - a, c - a)[2]) == up
 
 
-@pytest.mark.parametrize("code", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-32", "cp1252"])
-def test_gltf_text_of_every_code(tmp_path, code):
-    """Also under the name of a binary file's kind."""
-    content = glb(lambda scene: scene["asset"].update(generator="Müller"))
-    scene = json.loads(content[20 : 20 + struct.unpack_from("<I", content, 12)[0]])
-    data = base64.b64encode(content[28 + struct.unpack_from("<I", content, 12)[0] :]).decode()
-    scene["buffers"][0]["uri"] = "data:application/octet-stream;base64," + data
-    files = {"a.gltf": json.dumps(scene, ensure_ascii=False).encode(code), "b.gltf": content}
-    for name in files:
-        np.testing.assert_allclose(albedo(read_mesh(write(tmp_path, {name: files[name]}))), DARK, atol=1e-3)
-
-
-@pytest.mark.parametrize("pad", [b"\0", b" ", b"\n"])
-def test_glb_with_a_padded_description(tmp_path, pad):
-    assert len(read_mesh(write(tmp_path, {"a.glb": glb(pad=pad)})).faces) == 1
-
-
 WRAP = {"nothing": None, "`REPEAT`": 10497, "`CLAMP_TO_EDGE`": 33071, "`MIRRORED_REPEAT`": 33648}
 # how a texture, red on the left and blue on the right, is wrapped at u -> u, wrap, albedo, no warning
 WRAPS = {
@@ -549,20 +474,6 @@ WRAPS = {
         (2.25, "`MIRRORED_REPEAT`", RED_), (-1.25, "`MIRRORED_REPEAT`", BLUE_),
     )
 }  # fmt: skip
-
-
-@pytest.mark.parametrize("name", WRAPS)
-def test_gltf_sampler_wraps_u(tmp_path, name):
-    u, wrap, color, _ = WRAPS[name]
-
-    def change(scene):
-        if wrap:
-            scene["samplers"], scene["textures"][0]["sampler"] = [{"wrapS": wrap}], 0
-
-    mesh = read_mesh(write(tmp_path, {"a.glb": glb(change, STRIPES, (u, 0.5))}))
-    np.testing.assert_allclose(albedo(mesh), color, atol=1e-6)
-    mesh.save(tmp_path / "a.npz")
-    np.testing.assert_allclose(albedo(Mesh.load(tmp_path / "a.npz")), color, atol=1e-6)
 
 
 @pytest.mark.parametrize(("kind", "component"), [("<u1", 5121), ("<u2", 5123)])
@@ -604,28 +515,6 @@ STATEMENTS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("library", STATEMENTS)
-def test_mtl_of_these_statements(tmp_path, library):
-    color, warned = STATEMENTS[library]
-    files = {"a.obj": TEXTURED, "a.mtl": f"newmtl A\n{library}\n".encode(), "t.png": STRIPES,
-             "my skin.png": png((0, 0, 255)), "black.png": png((0, 0, 0))}  # fmt: skip
-    mesh = read_mesh(write(tmp_path, files))
-    np.testing.assert_allclose(albedo(mesh), color, atol=1e-6)
-    assert warned in " ".join(mesh.info["warnings"]) and bool(warned) == bool(mesh.info["warnings"])
-
-
-def test_colors_of_which_more_than_half_are_black_or_all_are_white(tmp_path):
-    faces = b"f 1 2 3\nf 1 2 3\nf 1 2 3\nusemtl B\nf 1 2 3\nf 1 2 3\n"
-    for a, b, says in ((b"0 0 0", b"1 0 0", "3 of 5 faces are black"), (b"1 0 0", b"0 0 0", ""),
-                       (b"1 1 1", b"1 1 .9", ""), (b"1 1 1", b"1 1 1", "all white")):  # fmt: skip
-        library = b"newmtl A\nKd " + a + b"\nnewmtl B\nKd " + b
-        mesh = read_mesh(write(tmp_path, {"a.obj": used(b"A").replace(FACE, faces), "a.mtl": library}))
-        assert says in " ".join(mesh.info["warnings"]) and bool(says) == bool(mesh.info["warnings"])
-    for color, says in ((b"0 0 0", "1 of 1 faces are black"), (b"1 1 1", "all white"), (b".5 .5 .5", "")):
-        mesh = read_mesh(write(tmp_path, {"a.obj": POINTS.replace(b"\n", b" " + color + b"\n") + FACE}))
-        assert says in " ".join(mesh.info["warnings"]) and bool(says) == bool(mesh.info["warnings"]), color
-
-
 TINT = (1, 0.2, 0)  # linear, by the standard
 # vertex colors -> type of numbers, its code, whether it is marked as normalised, values, albedo, no warning
 COLORS = {
@@ -638,18 +527,70 @@ COLORS = {
 }
 
 
-@pytest.mark.parametrize("name", COLORS)
-def test_gltf_vertex_colors_of_every_type(tmp_path, name):
-    kind, component, normalized, values, color, _ = COLORS[name]
+def black_or_white(first: bytes, second: bytes) -> dict:
+    """Three faces of a color, and two of another."""
+    faces = b"f 1 2 3\nf 1 2 3\nf 1 2 3\nusemtl B\nf 1 2 3\nf 1 2 3\n"
+    library = b"newmtl A\nKd " + first + b"\nnewmtl B\nKd " + second
+    return {"a.obj": used(b"A").replace(FACE, faces), "a.mtl": library}
 
-    def change(scene):
-        scene["meshes"][0]["primitives"][0] = {"attributes": {"POSITION": 0, "COLOR_0": 2}}
-        accessor = {"bufferView": 3, "componentType": component, "count": 3, "type": "VEC3"}
-        scene["accessors"].append({**accessor, "normalized": normalized})
 
-    data = np.array([values] * 3, kind).tobytes()
-    mesh = read_mesh(write(tmp_path, {"a.glb": glb(change, color=data)}))
-    np.testing.assert_allclose(albedo(mesh), color, atol=1e-6)
+FURTHER = b"\2\0\0\0" + np.full((3, 3), 0.4, "<f4").tobytes()
+NAMES = {"t%20#1.png": "t #1.png", "t #1.png": "t #1.png", "K%F6.png": "Kö.png", "K%C3%B6.png": "Kö.png"}
+AUTHOR = glb(lambda scene: scene["asset"].update(generator="Müller"))
+# name -> files of which the first is read; albedo of the last face, or of the last faces; what a warning says
+CASES = {
+    **{name: (files, RED_, "") for name, files in TEXTS.items()},
+    **{name: ({"a.obj": text, "a.mtl": RED % b"A" + b"newmtl B\nKd .1 .1 .1\nmap_Kd t.png\n",
+               "t.png": png((188, 188, 188))}, *rest) for name, (text, *rest) in SYNTAX.items()},
+    **{name: ({"a.obj": b"".join(b"mtllib %s\n" % file.encode() for file in files) + b"vt 0 0\n" + POINTS
+               + b"usemtl A\nf 1/1 2/1 3/1\n", **files, "t.png": png((255, 0, 0))}, *rest)
+       for name, (files, *rest) in LIBRARIES.items()},
+    **{name: ({"a.ply": content, "t.png": png((255, 128, 0))}, *rest) for name, (content, *rest) in PLYS.items()},
+    **{name: ({"a.glb": glb(change, STRIPES, (0.25, 0.5), FURTHER) if color == BLUE_ else
+               glb(change, DARK_RED, (0.5, 0.5), FURTHER), "t.png": DARK_RED}, color, warned)
+       for name, (change, color, warned) in SCENES.items()},
+    **{name: ({"a.glb": glb(wrapped(wrap), STRIPES, (u, 0.5))}, *rest) for name, (u, wrap, *rest) in WRAPS.items()},
+    **{name: ({"a.glb": glb(colored(component, normalized), color=np.array([values] * 3, kind).tobytes())}, *rest)
+       for name, (kind, component, normalized, values, *rest) in COLORS.items()},
+    **{library: ({"a.obj": TEXTURED, "a.mtl": f"newmtl A\n{library}\n".encode(), "t.png": STRIPES,
+                  "my skin.png": png((0, 0, 255)), "black.png": png((0, 0, 0))}, *rest)
+       for library, rest in STATEMENTS.items()},
+    **{f"a picture called {name}": ({"a.glb": glb(picture_at(name)), stored: png((255, 0, 0))}, RED_, "")
+       for name, stored in NAMES.items()},
+    **{f"a .gltf in {code}": ({"a.gltf": text_of(AUTHOR).encode(code)}, DARK, "")
+       for code in ("utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-32", "cp1252")},
+    "a binary file called .gltf": ({"a.gltf": AUTHOR}, DARK, ""),
+    **{f"a description padded with {pad}": ({"a.glb": glb(pad=pad)}, DARK, "") for pad in (b"\0", b" ", b"\n")},
+    "3 faces black, 2 red": (black_or_white(b"0 0 0", b"1 0 0"), RED_, "3 of 5 faces are black"),
+    "3 faces red, 2 black": (black_or_white(b"1 0 0", b"0 0 0"), (0, 0, 0), ""),
+    "3 faces white, 2 nearly": (black_or_white(b"1 1 1", b"1 1 .9"), (1, 1, 0.7874), ""),
+    "all faces white": (black_or_white(b"1 1 1", b"1 1 1"), (1, 1, 1), "all white"),
+    **{f"vertex colors {color}": ({"a.obj": POINTS.replace(b"\n", f" {color}\n".encode()) + FACE}, *rest)
+       for color, *rest in (("0 0 0", (0, 0, 0), "1 of 1 faces are black"), ("1 1 1", (1, 1, 1), "all white"),
+                            (".5 .5 .5", (0.2140, 0.2140, 0.2140), ""))},
+    "materials whose names differ in one byte": (
+        {"a.obj": b"mtllib a.mtl\n" + POINTS + b"v 1 1 0\nusemtl K\xf6rper\nf 1 2 3\nusemtl K\xe4rper\nf 2 4 3\n",
+         "a.mtl": RED % b"K\xf6rper" + b"newmtl K\xe4rper\nKd 0 0 1\n"}, [RED_, BLUE_], ""),
+    "a texture, and vertex colors of the face that has none": (
+        {"a.obj": b"mtllib a.mtl\nvt 0 0\n" + COLORED + b"usemtl A\nf 1/1 2/1 3/1\nusemtl B\nf 1 3 2\n",
+         "a.mtl": b"newmtl A\nmap_Kd t.png\nnewmtl B\nKd 0 1 0\n", "t.png": png((0, 0, 255))},
+        [BLUE_, RED_], "used on the 1 faces that have no texture"),
+    "colors of faces that share vertices": (
+        {"a.ply": ply(("", "255 0 0"), face=channels("uchar")).replace(b"face 1", b"face 2") + b"3 0 2 1 0 0 255\n"},
+        [RED_, BLUE_], ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_file_of_this_kind_has_this_albedo_and_warning_and_keeps_them_in_its_record(tmp_path, name):
+    files, color, warned = CASES[name]
+    mesh, colors = read_mesh(write(tmp_path, files)), np.atleast_2d(color)
+    assert warned in " ".join(mesh.info["warnings"]) and bool(warned) == bool(mesh.info["warnings"])
+    assert len(mesh.vertices) == 3 or name != "colors of faces that share vertices"
+    mesh.save(tmp_path / "a.npz")
+    for one in (mesh, Mesh.load(tmp_path / "a.npz")):
+        last = range(len(one.faces))[-len(colors) :]
+        np.testing.assert_allclose([albedo(one, face) for face in last], colors, atol=1e-4)
 
 
 def test_the_page_of_files_shows_kinds_of_these_tables(check_page):
@@ -660,16 +601,6 @@ def test_the_page_of_files_shows_kinds_of_these_tables(check_page):
     }
     obj = SYNTAX | LIBRARIES | statements
     check_page("Meshes", {"`.ply`": PLYS, "`.obj`": obj, "`.glb`": SCENES | WRAPS | COLORS})
-
-
-@pytest.mark.parametrize("name", ["t%20#1.png", "t #1.png", "K%F6.png", "K%C3%B6.png"])
-def test_gltf_names_of_files(tmp_path, name):
-    def change(scene):
-        scene["images"] = [{"uri": name}]
-
-    stored = {"t%20#1.png": "t #1.png", "K%F6.png": "Kö.png", "K%C3%B6.png": "Kö.png"}.get(name, name)
-    mesh = read_mesh(write(tmp_path, {"a.glb": glb(change), stored: png((255, 0, 0))}))
-    np.testing.assert_allclose(albedo(mesh), [1, 0, 0])
 
 
 # The bytes of scans.csv beside Zoë.obj, 人.obj and a,b.obj; the files that it chooses.

@@ -147,6 +147,9 @@ BROKEN = {
     "mtl naming a missing texture": (SKIN, "t.png"),
     "mtl whose only texture is missing": ({"a.obj": obj(*USE), "a.mtl": b"newmtl skin\nmap_Ka gone.png\n"}, "gone.png"),
     "mtl naming no texture": ({"a.obj": obj(*USE), "a.mtl": b"newmtl skin\nmap_Kd\n"}, "names no file"),
+    **{f"mtl of the color {color}": (
+        {"a.obj": obj(*USE), "a.mtl": f"newmtl skin\nKd {color}\n".encode()}, f"`Kd {color}` is not three numbers")
+       for color in ("", "1 0", "1,0 0 0", "xyz .4 .2 .02", "spectral a.rfl", "#ff0000")},
     "mtl naming a texture outside": (
         {"in/a.obj": obj(*USE), "in/a.mtl": MTL.format("../t.png").encode(), "t.png": picture()}, "outside the folder"),
     "texture that is a link out": (
@@ -182,6 +185,10 @@ BROKEN = {
         {"a.gltf": gltf(lambda s: s["accessors"][0].update(count=50_000_000) or s["accessors"][0].pop("bufferView"))},
          "without data"),
     "gltf accessor of negative offset": ({"a.gltf": gltf(setting("accessors", 0, "byteOffset", -8))}, "over the end"),
+    "gltf of a texture that is not read": (
+        {"a.gltf": gltf(lambda s: textured("t.png")(s) or s.update(
+            textures=[{"extensions": {"KHR_texture_basisu": {"source": 0}}}]))},
+        "given as KHR_texture_basisu only: save it as PNG"),
     "gltf with a sparse accessor": ({"a.gltf": gltf(setting("accessors", 0, "sparse", {}))}, "sparse"),
     "gltf with an index out of range": (
         {"a.gltf": gltf(binary=POINTS.tobytes() + np.full(12, 9, "<u2").tobytes())}, "names vertex 9"),
