@@ -30,21 +30,18 @@ def root(tmp_path, monkeypatch):
     code.code_hash.cache_clear()
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "differ"),
-    [
-        ("transport/baker.py", "def bake():\n    return 2\n", "transport.baker"),
-        ("transport/baker.py", '"""Bakes."""\n\ndef bake():\n    """Bakes."""\n    return (1)  # one\n', ""),
-        ("transport/__init__.py", "from relight.transport.baker import cook\n", "transport"),
-        ("transport/__init__.pyi", "from relight.transport.baker import cook\n", ""),
-        ("transport/table.csv", "2\n", "transport"),
-        ("transport/templates/page.md", "2\n", "transport"),
-        ("transport/.table.csv.swp", "2\n", ""),
-        ("transport/more/__init__.py", "", ""),
-        ("transport/more/table.csv", "2\n", "transport"),
-        ("weights/network.onnx", "2\n", ""),
-    ],
-)
+@pytest.mark.parametrize(("name", "text", "differ"), [
+    ("transport/baker.py", "def bake():\n    return 2\n", "transport.baker"),
+    ("transport/baker.py", '"""Bakes."""\n\ndef bake():\n    """Bakes."""\n    return (1)  # one\n', ""),
+    ("transport/__init__.py", "from relight.transport.baker import cook\n", "transport"),
+    ("transport/__init__.pyi", "from relight.transport.baker import cook\n", ""),
+    ("transport/table.csv", "2\n", "transport"),
+    ("transport/templates/page.md", "2\n", "transport"),
+    ("transport/.table.csv.swp", "2\n", ""),
+    ("transport/more/__init__.py", "", ""),
+    ("transport/more/table.csv", "2\n", "transport"),
+    ("weights/network.onnx", "2\n", ""),
+])  # fmt: skip
 def test_a_hash_is_of_code_and_of_the_data_beside_it(root, name, text, differ):
     modules = ("relight.transport", "relight.transport.baker")
 
@@ -94,23 +91,20 @@ def test_the_syntax_is_the_same_in_all_versions_of_python():
     assert hashlib.sha256(text.encode()).hexdigest()[:16] == "d64304b933c8f87c"
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "same"),
-    [
-        ("# one", "# 1", True),
-        ("of two lines", "of 2 lines", True),
-        ('"doc"', '"another"', True),
-        ("(1)  # three", "1\n\n\n", True),
-        ("not a docstring", "not a doc", False),
-        ("1e-3", "1e-4", False),
-        ("z{b:}", "{b:}", False),
-        ("B, metaclass", "metaclass", False),
-        ("async for", "for", False),
-        ("except*", "except", False),
-        ("-x[1:,", "x[1:,", False),
-        ("{**a}", "{**b}", False),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "same"), [
+    ("# one", "# 1", True),
+    ("of two lines", "of 2 lines", True),
+    ('"doc"', '"another"', True),
+    ("(1)  # three", "1\n\n\n", True),
+    ("not a docstring", "not a doc", False),
+    ("1e-3", "1e-4", False),
+    ("z{b:}", "{b:}", False),
+    ("B, metaclass", "metaclass", False),
+    ("async for", "for", False),
+    ("except*", "except", False),
+    ("-x[1:,", "x[1:,", False),
+    ("{**a}", "{**b}", False),
+])  # fmt: skip
 def test_only_what_a_result_can_depend_on_changes_the_syntax(old, new, same):
     assert old in SOURCE
     texts = [code.syntax(ast.parse(source)) for source in (SOURCE, SOURCE.replace(old, new))]

@@ -106,17 +106,14 @@ def test_tables_of_pages_have_a_line_below_the_head_and_as_many_cells_in_each_ro
             assert [row for row in (line, *rows) if row.count("|") != head.count("|")] == [], page.name
 
 
-@pytest.mark.parametrize(
-    ("says", "printed", "within", "agrees"),
-    [
-        ("had 29 % (19 to 39 %) less", "+29.4 %,+18.9 to +39 %", 0, True),
-        ("had 29 % (19 to 39 %) less", "+29.4 %,+18.9 to +40 %", 0, False),
-        ("had 29 % (19 to 39 %) less", "+29.4 %", 0, False),
-        ("an error of .173", "0.1734", 0, True),
-        ("an error of .173", "0.18", 0.05, True),
-        ("4,000 steps on AVX2", "steps: 4000", 0, True),
-    ],
-)
+@pytest.mark.parametrize(("says", "printed", "within", "agrees"), [
+    ("had 29 % (19 to 39 %) less", "+29.4 %,+18.9 to +39 %", 0, True),
+    ("had 29 % (19 to 39 %) less", "+29.4 %,+18.9 to +40 %", 0, False),
+    ("had 29 % (19 to 39 %) less", "+29.4 %", 0, False),
+    ("an error of .173", "0.1734", 0, True),
+    ("an error of .173", "0.18", 0.05, True),
+    ("4,000 steps on AVX2", "steps: 4000", 0, True),
+])  # fmt: skip
 def test_a_claim_agrees_up_to_its_last_digit_or_its_tolerance(says, printed, within, agrees):
     assert CLAIM_TOOL["agree"](says, CLAIM_TOOL["numbers"](printed), within) == agrees
 

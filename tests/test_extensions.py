@@ -126,15 +126,12 @@ def test_an_installed_package_offers_an_extension(tmp_path, monkeypatch):
         extensions.installed.cache_clear()
 
 
-@pytest.mark.parametrize(
-    ("word", "says"),
-    [
-        ("+loss.extra.mine=1", "loss.extra.mine: there is no file mine.py in relight/extensions"),
-        ("loss.extra.mine=1", r"nothing has this name yet; to add it, write \+loss\.extra\.mine=<value>"),
-        ("+loss.extra.half=-1", r"loss\.extra must be in \[0, 1000000\], not \{.*-1\.0\}"),
-        ("+loss.extra.half=nan", r"loss\.extra must be in \[0, 1000000\], not \{.*nan\}"),
-    ],
-)
+@pytest.mark.parametrize(("word", "says"), [
+    ("+loss.extra.mine=1", "loss.extra.mine: there is no file mine.py in relight/extensions"),
+    ("loss.extra.mine=1", r"nothing has this name yet; to add it, write \+loss\.extra\.mine=<value>"),
+    ("+loss.extra.half=-1", r"loss\.extra must be in \[0, 1000000\], not \{.*-1\.0\}"),
+    ("+loss.extra.half=nan", r"loss\.extra must be in \[0, 1000000\], not \{.*nan\}"),
+])  # fmt: skip
 def test_wrong_weights(word, says, tmp_path, monkeypatch):
     (tmp_path / "half.py").touch()
     monkeypatch.setattr(extensions, "__path__", [str(tmp_path)])

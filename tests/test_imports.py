@@ -60,16 +60,13 @@ def test_no_circular_imports():
     assert not graph, f"modules in circles, or that import such: {sorted(graph)}"
 
 
-@pytest.mark.parametrize(
-    ("package", "heading"),
-    [
-        ("relight", "* **Layers**"),
-        ("relight.figures", "`relight/figures`"),
-        ("relight.photos", "`relight/photos`"),
-        ("relight.pictures", "`relight/pictures`"),
-        ("relight.evaluation", "`relight/evaluation`:"),
-    ],
-)
+@pytest.mark.parametrize(("package", "heading"), [
+    ("relight", "* **Layers**"),
+    ("relight.figures", "`relight/figures`"),
+    ("relight.photos", "`relight/photos`"),
+    ("relight.pictures", "`relight/pictures`"),
+    ("relight.evaluation", "`relight/evaluation`:"),
+])  # fmt: skip
 def test_packages_import_only_from_lower_layers(package, heading):
     """Also inside functions, and as strings for import_module. The layers are those of CONTRIBUTING.md, which lists
     every part of a package."""

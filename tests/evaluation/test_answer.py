@@ -22,15 +22,12 @@ def answer(bar: Verdict, constant: Verdict = Verdict.BETTER, over_ao: Comparison
     return str(page.section("answer.md", name="claim", scored=scored, **told)).replace("\xa0", " ")
 
 
-@pytest.mark.parametrize(
-    ("bar", "says"),
-    [
-        (Verdict.BETTER, "Yes, knowing occlusion pays."),
-        (Verdict.WORSE, "has not learned enough to tell"),
-        (Verdict.OPEN, "This run is too small to decide."),
-        (Verdict.EQUIVALENT, "This run is too small to decide."),
-    ],
-)
+@pytest.mark.parametrize(("bar", "says"), [
+    (Verdict.BETTER, "Yes, knowing occlusion pays."),
+    (Verdict.WORSE, "has not learned enough to tell"),
+    (Verdict.OPEN, "This run is too small to decide."),
+    (Verdict.EQUIVALENT, "This run is too small to decide."),
+])  # fmt: skip
 def test_answer_says_what_the_comparison_with_true_normals_says(bar, says):
     text = answer(bar)
     assert says in text and "25 % (interval 15 to 35 %)" in text and "ambient-occlusion" not in text

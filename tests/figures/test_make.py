@@ -88,16 +88,13 @@ def test_make_figure_outfits_are_other_fabrics_on_the_same_figure(figure):
     )
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((1, "huge", 128), "huge"),
-        ((-1, "draft", 128), "-1"),
-        ((1, "draft", 8), "8"),
-        ((0, "draft", 128, 0), "per_subject"),
-        ((0, "draft", 128, 1, 0), "outfits"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    ((1, "huge", 128), "huge"),
+    ((-1, "draft", 128), "-1"),
+    ((1, "draft", 8), "8"),
+    ((0, "draft", 128, 0), "per_subject"),
+    ((0, "draft", 128, 1, 0), "outfits"),
+])  # fmt: skip
 def test_make_figure_bad_arguments_are_one_sentence(arguments, message):
     with pytest.raises(UserError, match=message):
         make_figure(*arguments)
@@ -150,18 +147,15 @@ def lifted(x, pattern):
     return x
 
 
-@pytest.mark.parametrize(
-    ("spoil", "message"),
-    [
-        (lambda x, strain, pattern: (x, strain), None),
-        (lambda x, strain, pattern: (np.where(np.arange(len(x))[:, None] == 5, np.nan, x), strain), "finite"),
-        (lambda x, strain, pattern: (x, strain * 1.5), "stretched"),
-        (lambda x, strain, pattern: (x, np.where(np.arange(1000) < 5, 4.0, strain)), "torn"),
-        (lambda x, strain, pattern: (x + [2.0, 0, 0], strain), "flew"),
-        (lambda x, strain, pattern: (x - [0, 0.3, 0], strain), "slid|inside"),
-        (lambda x, strain, pattern: (x * [0.6, 1, 0.6], strain), "inside"),
-    ],
-)
+@pytest.mark.parametrize(("spoil", "message"), [
+    (lambda x, strain, pattern: (x, strain), None),
+    (lambda x, strain, pattern: (np.where(np.arange(len(x))[:, None] == 5, np.nan, x), strain), "finite"),
+    (lambda x, strain, pattern: (x, strain * 1.5), "stretched"),
+    (lambda x, strain, pattern: (x, np.where(np.arange(1000) < 5, 4.0, strain)), "torn"),
+    (lambda x, strain, pattern: (x + [2.0, 0, 0], strain), "flew"),
+    (lambda x, strain, pattern: (x - [0, 0.3, 0], strain), "slid|inside"),
+    (lambda x, strain, pattern: (x * [0.6, 1, 0.6], strain), "inside"),
+])  # fmt: skip
 @pytest.mark.slow
 def test_check_garment_rejects_what_is_spoilt(snug, spoil, message):
     _, motion, pattern, x, strain = snug
@@ -187,16 +181,12 @@ def test_hem_swept_finds_a_swept_hem_and_no_leaning_one(snug):
     assert "swept" in checks.check_garment(pattern, DrapeResult(swept, [], np.ones(1000)), motion)
 
 
-@pytest.mark.parametrize(
-    ("garment", "limb", "root", "tip", "middle"),
-    [
-        (wardrobe()["long sleeve"], "arm", "upperarm01", "lowerarm01", 0.5),
-        (wardrobe()["long sleeve"], "arm", "lowerarm01", "wrist", 1.5),
-        (wardrobe()["jeans"], "leg", "upperleg01", "lowerleg01", 0.55),
-        (wardrobe()["jeans"], "leg", "lowerleg01", "foot", 1.5),
-    ],
-    ids=["upper arm", "forearm", "thigh", "shin"],
-)
+@pytest.mark.parametrize(("garment", "limb", "root", "tip", "middle"), [
+    (wardrobe()["long sleeve"], "arm", "upperarm01", "lowerarm01", 0.5),
+    (wardrobe()["long sleeve"], "arm", "lowerarm01", "wrist", 1.5),
+    (wardrobe()["jeans"], "leg", "upperleg01", "lowerleg01", 0.55),
+    (wardrobe()["jeans"], "leg", "lowerleg01", "foot", 1.5),
+], ids=["upper arm", "forearm", "thigh", "shin"])  # fmt: skip
 @pytest.mark.parametrize("turned", [False, True])
 def test_lost_rings_finds_a_limb_that_left_and_none_that_twists(
     snug, monkeypatch, garment, limb, root, tip, middle, turned
@@ -354,16 +344,12 @@ def test_write_table_lists_all_figures_of_the_folder(tmp_path):
     ]
 
 
-@pytest.mark.parametrize(
-    "fixed",
-    [
-        {"garments": ("waistcoat",)},
-        {"garments": ("coat", "scarf"), "hair": ("bald", "afro"), "sitting": 0.5},
-        {"garments": ("pleated skirt",), "poses": ("sitting", "waving")},
-        {"hair": ("beanie",), "sitting": 1.0},
-    ],
-    ids=lambda fixed: " ".join(fixed),
-)
+@pytest.mark.parametrize("fixed", [
+    {"garments": ("waistcoat",)},
+    {"garments": ("coat", "scarf"), "hair": ("bald", "afro"), "sitting": 0.5},
+    {"garments": ("pleated skirt",), "poses": ("sitting", "waving")},
+    {"hair": ("beanie",), "sitting": 1.0},
+], ids=lambda fixed: " ".join(fixed))  # fmt: skip
 @pytest.mark.slow
 def test_sample_satisfies_the_constraints(fixed):
     constraints = Constraints(**fixed)
@@ -386,29 +372,23 @@ def test_figures_command_names_are_options_to_copy():
         Constraints(**{field: tuple(names)})
 
 
-@pytest.mark.parametrize(
-    ("fixed", "message"),
-    [
-        ({"poses": ("wavin",)}, "did you mean 'waving'"),
-        ({"garments": ("toga",)}, "no garment is called 'toga'; .*robe"),
-        ({"hair": ("bob", "bald ")}, "'bald'"),
-        ({"sitting": 1.1}, "1.1"),
-        ({"sitting": 1, "poses": ("waving",)}, "sitting=1 contradicts poses 'waving'"),
-    ],
-)
+@pytest.mark.parametrize(("fixed", "message"), [
+    ({"poses": ("wavin",)}, "did you mean 'waving'"),
+    ({"garments": ("toga",)}, "no garment is called 'toga'; .*robe"),
+    ({"hair": ("bob", "bald ")}, "'bald'"),
+    ({"sitting": 1.1}, "1.1"),
+    ({"sitting": 1, "poses": ("waving",)}, "sitting=1 contradicts poses 'waving'"),
+])  # fmt: skip
 def test_constraints_refuse_unknown_names_in_one_sentence(fixed, message):
     with pytest.raises(UserError, match=message):
         Constraints(**fixed)
 
 
-@pytest.mark.parametrize(
-    ("fixed", "message"),
-    [
-        ({"garments": ("jeans", "dress")}, "would have jeans and dress"),
-        ({"garments": ("coat",), "sitting": 1.0}, "can be taken in coat"),
-        ({"garments": ("dress",), "hair": ("bald",)}, "dress and bald hair"),
-    ],
-)
+@pytest.mark.parametrize(("fixed", "message"), [
+    ({"garments": ("jeans", "dress")}, "would have jeans and dress"),
+    ({"garments": ("coat",), "sitting": 1.0}, "can be taken in coat"),
+    ({"garments": ("dress",), "hair": ("bald",)}, "dress and bald hair"),
+])  # fmt: skip
 @pytest.mark.slow
 def test_constraints_that_nobody_satisfies_are_one_sentence(monkeypatch, fixed, message):
     for name in ("PEOPLE", "OUTFITS"):

@@ -161,13 +161,10 @@ def test_what_a_locked_store_missed_is_there_at_the_end(training, capsys, monkey
     assert run.info.status == "FINISHED" and training.logged(run) == curve()
 
 
-@pytest.mark.parametrize(
-    ("function", "count", "left"),
-    [
-        ("mlflow.MlflowClient.log_batch", 3, 4),
-        ("mlflow.MlflowClient.set_terminated", 1, 8),
-    ],
-)
+@pytest.mark.parametrize(("function", "count", "left"), [
+    ("mlflow.MlflowClient.log_batch", 3, 4),
+    ("mlflow.MlflowClient.set_terminated", 1, 8),
+])  # fmt: skip
 def test_killed_anywhere_it_goes_on_in_its_own_run(training, capsys, function, count, left):
     """Snakemake deletes what a killed job had written; the state stays, and each step is logged once."""
     training.killed(function, count)

@@ -24,14 +24,11 @@ def maps_of(network: nn.Module, size: int) -> dict[str, tuple[int, int]]:
     return found
 
 
-@pytest.mark.parametrize(
-    "name, decoders, millions, giga",
-    [
-        ("ours", {"transport": 9, "albedo": 3}, 72.06, 164.1),
-        ("sfsnet", {"normal": 3, "albedo": 3}, 72.04, 160.8),
-        ("sfsnet_ao", {"normal": 3, "ao": 1, "albedo": 3}, 99.05, 224.1),
-    ],
-)
+@pytest.mark.parametrize("name, decoders, millions, giga", [
+    ("ours", {"transport": 9, "albedo": 3}, 72.06, 164.1),
+    ("sfsnet", {"normal": 3, "albedo": 3}, 72.04, 160.8),
+    ("sfsnet_ao", {"normal": 3, "ao": 1, "albedo": 3}, 99.05, 224.1),
+])  # fmt: skip
 def test_layers_of_the_paper_at_full_size(model, name, decoders, millions, giga):
     with torch.device("meta"):
         network = build(model(name=name, width=1.0, norm="instance"), 1024)

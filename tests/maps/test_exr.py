@@ -74,16 +74,13 @@ def test_foreign_and_broken_files_are_refused(tmp_path):
             read_maps(tmp_path / f"{name}.exr")
 
 
-@pytest.mark.parametrize(
-    ("rows", "columns", "place", "says"),
-    [
-        (slice(40), slice(12, 31), (12, 0), r"19 x 40 at \(12, 0\) of a picture of 40 x 40"),
-        (slice(5, 30), slice(40), (0, 5), r"40 x 25 at \(0, 5\) of"),
-        (slice(5, 30), slice(12, 31), (0, 0), r"19 x 25 at \(0, 0\) of"),
-        (slice(40), slice(40), (5, 0), r"40 x 40 at \(5, 0\) of a picture of 40 x 40, but its maps fill one"),
-        (slice(40), slice(40), (0, 0), None),
-    ],
-)
+@pytest.mark.parametrize(("rows", "columns", "place", "says"), [
+    (slice(40), slice(12, 31), (12, 0), r"19 x 40 at \(12, 0\) of a picture of 40 x 40"),
+    (slice(5, 30), slice(40), (0, 5), r"40 x 25 at \(0, 5\) of"),
+    (slice(5, 30), slice(12, 31), (0, 0), r"19 x 25 at \(0, 0\) of"),
+    (slice(40), slice(40), (5, 0), r"40 x 40 at \(5, 0\) of a picture of 40 x 40, but its maps fill one"),
+    (slice(40), slice(40), (0, 0), None),
+])  # fmt: skip
 def test_maps_that_another_program_cropped_or_moved_are_refused(tmp_path, rows, columns, place, says):
     write_maps(tmp_path / "a.exr", random_maps(size=40))
     file = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True)

@@ -103,14 +103,10 @@ def test_arms_in_the_air_are_no_legs_and_layers_of_hair_no_soles(person, name):
     assert find_axes(person(**UPRIGHT[name]))[0] == "+y"
 
 
-@pytest.mark.parametrize(
-    ("vertices", "front"),
-    [
-        ([[0, 0, 0], [1, 3, 0], [-1, 3, 1], [-1, 3, -1]], None),  # on its tip: no face lies at the lowest point
-        ([[0, 0, 0], [0, 0, 9], [1e-9, 0, 9], [0, 1e-9, 9]], "+z"),  # no height where up may be
-    ],
-    ids=["tip", "needle"],
-)
+@pytest.mark.parametrize(("vertices", "front"), [
+    ([[0, 0, 0], [1, 3, 0], [-1, 3, 1], [-1, 3, -1]], None),  # on its tip: no face lies at the lowest point
+    ([[0, 0, 0], [0, 0, 9], [1e-9, 0, 9], [0, 1e-9, 9]], "+z"),  # no height where up may be
+], ids=["tip", "needle"])  # fmt: skip
 def test_other_shapes_get_axes_too(vertices, front):
     up, front, _ = find_axes(mesh_of(vertices, [[0, 1, 2], [0, 2, 3], [0, 3, 1]]), front=front)
     assert up in AXES and front in AXES and up[1] != front[1]
@@ -164,16 +160,13 @@ def test_a_table_overrides_single_figures(tmp_path, person):
         np.testing.assert_allclose(align(mesh, settings).vertices, want[:, [2, 1, 0]] * [1, 1, -1], atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "text, says",
-    [
-        ("up,front\n+y,+z\n", "no column `name`"),
-        ("name,up\na,+y\na,+z\n", "twice"),
-        ("name,up\na,upward\n", "upward"),
-        ("name,turn\na,left\n", "turn of a is 'left': it must be a finite number"),
-        ("name,turn\na,-inf\n", "turn of a is '-inf'"),
-    ],
-)
+@pytest.mark.parametrize("text, says", [
+    ("up,front\n+y,+z\n", "no column `name`"),
+    ("name,up\na,+y\na,+z\n", "twice"),
+    ("name,up\na,upward\n", "upward"),
+    ("name,turn\na,left\n", "turn of a is 'left': it must be a finite number"),
+    ("name,turn\na,-inf\n", "turn of a is '-inf'"),
+])  # fmt: skip
 def test_malformed_tables_are_refused(tmp_path, text, says):
     (tmp_path / "t.csv").write_text(text)
     with pytest.raises(UserError, match=says):

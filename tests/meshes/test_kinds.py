@@ -181,14 +181,11 @@ PLYS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("face", "values", "says"),
-    [
-        ("list uchar float texcoord", "6 0 0 0 0 0 0", "names 2 textures, but its faces have no `texnumber`"),
-        ("list uchar float texcoord, int texnumber", "6 0 0 0 0 0 0 2", r"has texture 2 \(counted from 0\), but there"),
-        ("list uchar float texcoord, int texnumber", "6 0 0 0 0 0 0 -2", "has texture -2"),
-    ],
-)
+@pytest.mark.parametrize(("face", "values", "says"), [
+    ("list uchar float texcoord", "6 0 0 0 0 0 0", "names 2 textures, but its faces have no `texnumber`"),
+    ("list uchar float texcoord, int texnumber", "6 0 0 0 0 0 0 2", r"has texture 2 \(counted from 0\), but there"),
+    ("list uchar float texcoord, int texnumber", "6 0 0 0 0 0 0 -2", "has texture -2"),
+])  # fmt: skip
 def test_ply_of_several_textures_that_does_not_say_which_is_refused(tmp_path, face, values, says):
     text = ply(("", values), face=face, comment="comment TextureFile t.png\n" * 2)
     with pytest.raises(UserError, match=says):
@@ -445,16 +442,13 @@ SCENES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("values", "corner", "up"),
-    [
-        ({"rotation": [0, 0, 2, 2]}, (0, 1, 0), 1),  # a quaternion that is not of length 1
-        ({"rotation": [0, 0, 0, 0]}, (1, 0, 0), 1),
-        ({"scale": [-1, 1, 1]}, (-1, 0, 0), 1),
-        ({"scale": [-1, -1, 1]}, (-1, 0, 0), 1),
-        ({"matrix": [-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}, (-1, 0, 0), 1),
-    ],
-)
+@pytest.mark.parametrize(("values", "corner", "up"), [
+    ({"rotation": [0, 0, 2, 2]}, (0, 1, 0), 1),  # a quaternion that is not of length 1
+    ({"rotation": [0, 0, 0, 0]}, (1, 0, 0), 1),
+    ({"scale": [-1, 1, 1]}, (-1, 0, 0), 1),
+    ({"scale": [-1, -1, 1]}, (-1, 0, 0), 1),
+    ({"matrix": [-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}, (-1, 0, 0), 1),
+])  # fmt: skip
 def test_gltf_node_turns_and_mirrors(tmp_path, values, corner, up):
     """The second corner, and the side that the triangle shows, which a mirror image keeps."""
     mesh = read_mesh(write(tmp_path, {"a.glb": glb(node(**values))}))
@@ -629,18 +623,15 @@ def test_scans_table_of_every_spelling(tmp_path, name):
     assert [scan.path.name for scan in list_scans(tmp_path).values()] == chosen
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        (b"use;path\n1;\n", "has a row without a path"),
-        (b"file\na.obj\n", "no column `path`"),
-        (b"path|use\na.obj|1\n", "no column `path`"),
-        (b"", "no column `path`"),
-        (b"path\na%20b.obj\n", "names a%20b.obj, which is not there"),
-        (b"use,path\nmaybe,a.obj\n", "use is 'maybe' for a.obj; give 1 or 0, yes or no"),
-        (b"use,path\n2,a.obj\n", "use is '2' for a.obj"),
-    ],
-)
+@pytest.mark.parametrize(("text", "says"), [
+    (b"use;path\n1;\n", "has a row without a path"),
+    (b"file\na.obj\n", "no column `path`"),
+    (b"path|use\na.obj|1\n", "no column `path`"),
+    (b"", "no column `path`"),
+    (b"path\na%20b.obj\n", "names a%20b.obj, which is not there"),
+    (b"use,path\nmaybe,a.obj\n", "use is 'maybe' for a.obj; give 1 or 0, yes or no"),
+    (b"use,path\n2,a.obj\n", "use is '2' for a.obj"),
+])  # fmt: skip
 def test_scans_table_without_paths_or_a_use_is_refused(tmp_path, text, says):
     write(tmp_path, {"scans.csv": text, "a.obj": b"", "a b.obj": b""})
     with pytest.raises(UserError, match=says):

@@ -143,17 +143,14 @@ def test_obj_of_several_materials(tmp_path):
     np.testing.assert_array_equal(mesh.uv[0], [[0.5, 0], [2.5, 0], [2.5, 3]])
 
 
-@pytest.mark.parametrize(
-    "faces",
-    [
-        ("f 1 2 3 4", "f 5 6 7 8"),
-        ("f 1//1 2//1 3//1 4//1", "f 5//1 6//1 7//1 8//1"),
-        ("f 1/1/1 2/2/1 3/3/1 4/4/1", "f 5/1/1 6/2/1 7/3/1 8/4/1"),
-        ("f 1/1 2/2 3/3 4/4", "f 5//1 6//1 7//1 8//1"),
-        ("f -8 -7 -6 -5", "f -4/-4 -3/-3 -2/-2 -1/-1"),
-        ("f 1 2 \\\n 3 4", "f  5/  6/\t7/ 8/ # the last"),
-    ],
-)
+@pytest.mark.parametrize("faces", [
+    ("f 1 2 3 4", "f 5 6 7 8"),
+    ("f 1//1 2//1 3//1 4//1", "f 5//1 6//1 7//1 8//1"),
+    ("f 1/1/1 2/2/1 3/3/1 4/4/1", "f 5/1/1 6/2/1 7/3/1 8/4/1"),
+    ("f 1/1 2/2 3/3 4/4", "f 5//1 6//1 7//1 8//1"),
+    ("f -8 -7 -6 -5", "f -4/-4 -3/-3 -2/-2 -1/-1"),
+    ("f 1 2 \\\n 3 4", "f  5/  6/\t7/ 8/ # the last"),
+])  # fmt: skip
 def test_obj_corners_in_every_form(tmp_path, faces):
     mesh = read_mesh(quad_obj(tmp_path / "a.obj", "none", "none", faces=faces, extra="vn 0 0 1"))
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])

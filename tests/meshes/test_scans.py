@@ -63,16 +63,13 @@ def test_the_layouts_of_renderpeople_thuman_buff_and_own_folders(tmp_path):
     assert {scan.subject for scan in list_scans(tmp_path / "one").values()} == {"sequences"}
 
 
-@pytest.mark.parametrize(
-    ("files", "people"),
-    [
-        (("model/0000/0000.obj", "model/0001/0001.obj", "smplx/0001/mesh_smplx.obj"), {"0000", "0001"}),  # THuman 2.1
-        (("mesh/eve.obj", "smplx/eve_smplx.obj", "scans/adam.ply", "SMPL-X/adam.obj"), {"eve", "adam"}),
-        (("train/meshes/eve/a.obj", "test/scans/eve/b.obj", "eve/mesh/c.obj", "eve/smpl/c.obj"), {"eve"}),
-        (("eve/0000/0000.obj", "eve/0001/0001.obj"), {"eve"}),  # not told from two people: the run says so
-        (("mesh/mesh.obj",), {"mesh"}),
-    ],
-)
+@pytest.mark.parametrize(("files", "people"), [
+    (("model/0000/0000.obj", "model/0001/0001.obj", "smplx/0001/mesh_smplx.obj"), {"0000", "0001"}),  # THuman 2.1
+    (("mesh/eve.obj", "smplx/eve_smplx.obj", "scans/adam.ply", "SMPL-X/adam.obj"), {"eve", "adam"}),
+    (("train/meshes/eve/a.obj", "test/scans/eve/b.obj", "eve/mesh/c.obj", "eve/smpl/c.obj"), {"eve"}),
+    (("eve/0000/0000.obj", "eve/0001/0001.obj"), {"eve"}),  # not told from two people: the run says so
+    (("mesh/mesh.obj",), {"mesh"}),
+])  # fmt: skip
 def test_a_folder_of_a_kind_of_files_is_nobody(tmp_path, files, people):
     touch(tmp_path, *files)
     scans = list_scans(tmp_path)

@@ -245,14 +245,11 @@ def test_another_workflow_takes_it_as_a_module(done, tmp_path):
     ).read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        ("all --cache bake", "--cache knows no code of relight"),
-        ("all --config scale=smoke --config name=x", "Snakemake drops one of two --config"),
-        ("evaluate --config scale=smoke", "evaluate has several jobs: snakemake --until evaluate"),
-    ],
-)
+@pytest.mark.parametrize(("words", "told"), [
+    ("all --cache bake", "--cache knows no code of relight"),
+    ("all --config scale=smoke --config name=x", "Snakemake drops one of two --config"),
+    ("evaluate --config scale=smoke", "evaluate has several jobs: snakemake --until evaluate"),
+])  # fmt: skip
 def test_what_snakemake_would_take_otherwise_is_refused(done, words, told):
     run = output(done, [sys.executable, "-m", "snakemake", "-n", *words.split()])
     assert run.returncode == 1 and told in run.stdout and "Traceback" not in run.stdout

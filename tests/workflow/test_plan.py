@@ -32,16 +32,13 @@ def plan_of(words: str, **rows: list[str]) -> Plan:
     return Plan(compose_run(words.split(), rows or None))
 
 
-@pytest.mark.parametrize(
-    ("config", "overrides"),
-    [
-        ({"hydra": "scale=smoke figures.count=3"}, ["scale=smoke", "figures.count=3"]),
-        ({"hydra": ["scale=smoke", "figures.count=3"]}, ["scale=smoke", "figures.count=3"]),
-        ({"scale": "smoke", "hydra": "figures.count=3"}, ["scale=smoke", "figures.count=3"]),
-        ({"scale": "smoke", "figures": {"count": 3}}, ["scale=smoke", "figures.count=3"]),
-        ({"scale": "smoke", "experiment": ["one"], "align": {"table": None}, "figures.count": 3}, None),
-    ],
-)
+@pytest.mark.parametrize(("config", "overrides"), [
+    ({"hydra": "scale=smoke figures.count=3"}, ["scale=smoke", "figures.count=3"]),
+    ({"hydra": ["scale=smoke", "figures.count=3"]}, ["scale=smoke", "figures.count=3"]),
+    ({"scale": "smoke", "hydra": "figures.count=3"}, ["scale=smoke", "figures.count=3"]),
+    ({"scale": "smoke", "figures": {"count": 3}}, ["scale=smoke", "figures.count=3"]),
+    ({"scale": "smoke", "experiment": ["one"], "align": {"table": None}, "figures.count": 3}, None),
+])  # fmt: skip
 def test_snakemake_config_is_overrides(config, overrides):
     record = from_config(config)
     assert overrides is None or record["overrides"] == overrides
@@ -148,18 +145,15 @@ def test_the_weights_for_photos_are_trained_at_half_the_size_and_then_at_the_ful
     assert last == pytest.approx(first, rel=1e-3) and learning_rate(full, full.steps - 1) < 0.03 * full.lr
 
 
-@pytest.mark.parametrize(
-    ("hydra", "message"),
-    [
-        ("sweep.only=[nobody]", "no row nobody"),
-        ("sweep.only=[wide]", r'wide is in no experiment: "\+\+experiments=.*" makes one of it'),
-        ("+sweep.rows.wide=['bake.rays=9']", "changes bake"),
-        ("+sweep.rows.wide=['train.start=wide']", "is the row itself"),
-        ("+sweep.rows.wide=['split.test=.5']", "changes split"),
-        ("+sweep.rows.wide=['train.seed=1']", r"sweep.seeds=\[1\]"),
-        ("train.seed=1", r"sweep.seeds=\[1\]"),
-    ],
-)
+@pytest.mark.parametrize(("hydra", "message"), [
+    ("sweep.only=[nobody]", "no row nobody"),
+    ("sweep.only=[wide]", r'wide is in no experiment: "\+\+experiments=.*" makes one of it'),
+    ("+sweep.rows.wide=['bake.rays=9']", "changes bake"),
+    ("+sweep.rows.wide=['train.start=wide']", "is the row itself"),
+    ("+sweep.rows.wide=['split.test=.5']", "changes split"),
+    ("+sweep.rows.wide=['train.seed=1']", r"sweep.seeds=\[1\]"),
+    ("train.seed=1", r"sweep.seeds=\[1\]"),
+])  # fmt: skip
 def test_impossible_plans(hydra, message):
     words = ["scale=smoke", "+sweep.rows.wide=[]", hydra.replace("+sweep", "sweep")]
     with pytest.raises(UserError, match=message) as error:
@@ -168,17 +162,14 @@ def test_impossible_plans(hydra, message):
         assert list(Plan(compose_run([*words, advice[1]])).experiments) == ["wide"]
 
 
-@pytest.mark.parametrize(
-    ("words", "names"),
-    [
-        (["train.lr=1,2", "loss=min,full"], ["lr_1-loss_min", "lr_1-loss_full", "lr_2-loss_min", "lr_2-loss_full"]),
-        (["model=glob(*)"], ["model_ours", "model_ours_plus", "model_sfsnet", "model_sfsnet_ao", "model_unet"]),
-        (["loss=glob(no_*,exclude=*tv)"], ["loss_no_reconstruction", "loss_no_shading"]),
-        (["train.epoch=range(1,3)"], ["epoch_1", "epoch_2"]),
-        (["train.start=a/b,a.b,a_b"], ["start_a_b", "start_a.b", None]),
-        (["train.start=" + 150 * "x" + ",y"], [None, "start_y"]),
-    ],
-)
+@pytest.mark.parametrize(("words", "names"), [
+    (["train.lr=1,2", "loss=min,full"], ["lr_1-loss_min", "lr_1-loss_full", "lr_2-loss_min", "lr_2-loss_full"]),
+    (["model=glob(*)"], ["model_ours", "model_ours_plus", "model_sfsnet", "model_sfsnet_ao", "model_unet"]),
+    (["loss=glob(no_*,exclude=*tv)"], ["loss_no_reconstruction", "loss_no_shading"]),
+    (["train.epoch=range(1,3)"], ["epoch_1", "epoch_2"]),
+    (["train.start=a/b,a.b,a_b"], ["start_a_b", "start_a.b", None]),
+    (["train.start=" + 150 * "x" + ",y"], [None, "start_y"]),
+])  # fmt: skip
 def test_sweeps_are_named(words, names):
     runs = expand_sweep(words)[1]
     assert len(runs) == len(names)
@@ -187,18 +178,15 @@ def test_sweeps_are_named(words, names):
     Plan(compose_run(["scale=smoke"], runs))
 
 
-@pytest.mark.parametrize(
-    ("words", "row", "message"),
-    [
-        ("align.table=no.csv", None, "align.table: there is no file no.csv"),
-        ("train.start=no.onnx", None, "row sfsnet_ao: train.start: there is no file no.onnx"),
-        (f"train.start={ROOT}/README.md", None, "README.md is not a safetensors file"),
-        ("model.order=3", None, "row sfsnet_ao has model.order=3, and the maps have bake.order=2"),
-        ("", "train.color=photo", "row b has train.color=photo, and the baselines paper"),
-        ("experiment=light_transfer ++sweep.rows.ours_full=['train.color=photo']", None, "row ours_full has"),
-        ("train.color=photo bake.size=128", "train.size=64", "row b has train.size=64, .* bake.size=128"),
-    ],
-)
+@pytest.mark.parametrize(("words", "row", "message"), [
+    ("align.table=no.csv", None, "align.table: there is no file no.csv"),
+    ("train.start=no.onnx", None, "row sfsnet_ao: train.start: there is no file no.onnx"),
+    (f"train.start={ROOT}/README.md", None, "README.md is not a safetensors file"),
+    ("model.order=3", None, "row sfsnet_ao has model.order=3, and the maps have bake.order=2"),
+    ("", "train.color=photo", "row b has train.color=photo, and the baselines paper"),
+    ("experiment=light_transfer ++sweep.rows.ours_full=['train.color=photo']", None, "row ours_full has"),
+    ("train.color=photo bake.size=128", "train.size=64", "row b has train.size=64, .* bake.size=128"),
+])  # fmt: skip
 @pytest.mark.slow
 def test_what_a_run_would_miss_later_is_told_before(words, row, message):
     with pytest.raises(UserError, match=message):

@@ -116,16 +116,13 @@ print("after")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("last", "code", "told"),
-    [
-        ("", 0, ""),
-        ("raise UserError('it is too wide')", 1, "it is too wide\n"),
-        ("raise MemoryError", 1, "there is not enough memory"),
-        ("raise KeyboardInterrupt", 130, ""),
-        ("1 / 0", 1, "ZeroDivisionError: division by zero\n"),
-    ],
-)
+@pytest.mark.parametrize(("last", "code", "told"), [
+    ("", 0, ""),
+    ("raise UserError('it is too wide')", 1, "it is too wide\n"),
+    ("raise MemoryError", 1, "there is not enough memory"),
+    ("raise KeyboardInterrupt", 130, ""),
+    ("1 / 0", 1, "ZeroDivisionError: division by zero\n"),
+])  # fmt: skip
 def test_what_a_job_prints_is_in_its_log_and_behind_its_name_on_the_console(tmp_path, last, code, told):
     (tmp_path / "bake.py").write_text(SCRIPT.replace("{}", last))
     job = subprocess.run([sys.executable, "bake.py"], cwd=tmp_path, capture_output=True, text=True)
