@@ -127,8 +127,7 @@ def test_commands_of_the_core_run(core, photo):
 
 @pytest.mark.slow
 def test_python_interface_of_the_core(core, photo):
-    program = f"import relight; print(relight.load().relight({str(photo)!r}, light='room:12').shape)"
-    done = core(program=program)
+    done = core(program=f"import relight; print(relight.load().relight({str(photo)!r}, light='room:12').shape)")
     assert done.stdout.strip() == "(256, 256, 3)", done.stderr
 
 
@@ -168,10 +167,9 @@ def test_every_extra_that_is_named_exists():
 
 
 def test_no_module_of_the_core_imports_more(core):
-    packages = ("lights", "panoramas", "photos", "sh", "viewer")
     names = [
         ".".join(path.relative_to(ROOT).with_suffix("").parts)
-        for package in packages
+        for package in ("lights", "panoramas", "photos", "sh", "viewer")
         for path in sorted(Path(ROOT / "relight" / package).rglob("*.py"))
         if path.stem != "__init__"
     ]

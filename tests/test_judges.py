@@ -69,8 +69,7 @@ def test_the_validator_of_gltf_finds_no_error(tmp_path, name):
 
 
 def test_the_checker_of_the_w3c_finds_no_error(tmp_path):
-    light = np.eye(9, 3)
-    build_viewer(tmp_path / "a.html", [Figure("Balls", snowman(64, 0))], {"Even": light})
+    build_viewer(tmp_path / "a.html", [Figure("Balls", snowman(64, 0))], {"Even": np.eye(9, 3)})
     jars = [Path(folder, "vnu-jar/build/dist/vnu.jar") for folder in os.environ.get("NODE_PATH", "").split(os.pathsep)]
     if not (jar := next(filter(Path.is_file, jars), None)):
         pytest.skip("no vnu on this machine")

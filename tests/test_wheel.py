@@ -45,10 +45,9 @@ def test_the_tools_work_from_a_wheel(installed, tmp_path):
     trimesh.creation.icosphere(2, radius=0.9).export(tmp_path / "ball.obj")
     commands = ["bake ball.obj --size 32 --rays 16", "view ball.exr -l room:1", "scans check ball.obj"]
     commands.append("light numbers key:#ffeedd@45,30 --out light.json")
-    environment = {**os.environ, "PYTHONPATH": str(installed)}
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, str(installed), *commands],
-        cwd=tmp_path, env=environment, capture_output=True, text=True,
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(installed)}, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert {"ball.exr", "ball.html", "light.json"} <= {path.name for path in tmp_path.iterdir()}

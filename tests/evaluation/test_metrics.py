@@ -115,8 +115,7 @@ def test_compare_relit_takes_the_next_light(truth):
 
 def test_contrast_and_explained_variance_of_a_collapse(truth):
     truth, _, _ = truth
-    picture = truth.maps["reconstruction"]
-    found = truth.score(Inferred(albedo=picture, transport=np.zeros_like(truth.transport)))
+    found = truth.score(Inferred(albedo=truth.maps["reconstruction"], transport=np.zeros_like(truth.transport)))
     np.testing.assert_allclose(found["shading_contrast"], 0, atol=1e-6)
     np.testing.assert_allclose(found["albedo_share"], 1, atol=1e-6)
     uniform = truth.score(Inferred(albedo=np.ones_like(truth.maps["albedo"])))

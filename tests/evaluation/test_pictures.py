@@ -52,8 +52,7 @@ def test_contact_sheet_shows_every_figure_that_is_not_left_out(world, tmp_path):
 
 def test_light_sheet_shows_every_light(tmp_path):
     reason = np.array([""] * 12 + ["bright back-lit"] * 2)
-    lights = lights_of(["train"] * 11 + ["test"] + ["unusual"] * 2, reason=reason)
-    light_sheet(lights, tmp_path / "lights.png")
+    light_sheet(lights_of(["train"] * 11 + ["test"] + ["unusual"] * 2, reason=reason), tmp_path / "lights.png")
     sheet = np.asarray(Image.open(tmp_path / "lights.png"))
     assert sheet.shape[:2] == (3 * 48 + 4 * 162, 10 * 162)  # rows of ten
     cells = (sheet == (243, 243, 240)).all(-1)

@@ -85,14 +85,12 @@ def numbers(folder, preset: str, errors: dict[str, dict[str, float]], **options)
 
 def verdicts(made: dict) -> dict[tuple[str, str], Verdict]:
     """What is compared, and in which column -> verdict."""
-    frame = made["comparisons"].frame
-    return {(what, row["in"]): row["the first is"] for what, row in frame.iterrows()}
+    return {(what, row["in"]): row["the first is"] for what, row in made["comparisons"].frame.iterrows()}
 
 
 def test_section_without_such_figures(tmp_path):
     made = results(tmp_path, "sitting", {}, sitting=[])
-    section = build.experiment(made, "sitting")
-    assert "<table" not in section.html and made.table("sitting").rows == {}
+    assert "<table" not in build.experiment(made, "sitting").html and made.table("sitting").rows == {}
     sections.write_score_table(made.table("sitting"), "Sitting", tmp_path / "sitting")
     assert (tmp_path / "sitting.md").stat().st_size > 50
 
@@ -110,8 +108,7 @@ def test_experiment_compares_its_pairs_in_its_words(tmp_path):
 
 
 def test_experiment_on_other_figures_or_lights_is_compared_with_the_usual_ones(tmp_path):
-    worse = {"ours_full": {"shading_rmse": 0.5}}
-    found = verdicts(numbers(tmp_path / "a", "sitting", worse, usual={"x": {}}))
+    found = verdicts(numbers(tmp_path / "a", "sitting", {"ours_full": {"shading_rmse": 0.5}}, usual={"x": {}}))
     assert found["Ours (full), sitting figures against usual ones", "shading RMSE"] is Verdict.WORSE
     same = found["Ours plus, sitting figures against usual ones", "shading RMSE"]
     assert same not in (Verdict.BETTER, Verdict.WORSE)

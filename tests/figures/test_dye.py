@@ -39,14 +39,15 @@ def test_lay_out_panels_do_not_overlap_and_uv_finds_the_paint():
         owner[y : y + h, x : x + w] += 1
     assert owner.max() == 1
     assert laid.uv.min() >= 0 and laid.uv.max() <= 1
-    picture = panels.draw(
-        laid,
-        lambda name, u, v, place: np.stack([u / 10 + 0.3, v / 10 + 0.3, np.full_like(u, "abcd".index(name) / 4)], -1),
-    )
+
+    def color(u, v, k):
+        return np.stack([u / 10 + 0.3, v / 10 + 0.3, k / 4 + 0 * u], -1)
+
+    picture = panels.draw(laid, lambda name, u, v, place: color(u, v, "abcd".index(name)))
     at = laid.uv.mean(1)
     seen = picture[(256 * (1 - at[:, 1])).astype(int), (256 * at[:, 0]).astype(int)]
     middle = cloth.mean(1)
-    want = texture.coded(np.stack([middle[:, 0] / 10 + 0.3, middle[:, 1] / 10 + 0.3, panel / 4], -1))
+    want = texture.coded(color(*middle.T, panel))
     assert np.abs(seen.astype(int) - want.astype(int)).max() <= 3
 
 
@@ -73,10 +74,8 @@ def test_emblem_is_on_a_panel_of_each_garment_with_a_logo(body, name):
 
 
 def test_images_show_marks_in_the_atlas():
-    a = np.linspace(0, 0.4, 65)
-    x, y = np.meshgrid(a, a)
     faces = grid_faces(65, 65)[:, ::-1]
-    cloth = np.stack([x, y], -1).reshape(-1, 2)[faces]
+    cloth = np.stack(np.meshgrid(a := np.linspace(0, 0.4, 65), a), -1).reshape(-1, 2)[faces]
     laid = panels.lay_out(["front"], np.zeros(len(faces), int), cloth, 256)
     far = np.abs(cloth[..., 0] - 0.2)
     found = marks.images(laid, {"seam": far, "edge": far / 2, "rub": 0 * far, "bend": 0 * far})

@@ -16,7 +16,6 @@ from relight.meshes.geometry import edges
 
 
 def motion_in(shoe, body, pose="relaxed"):
-    """The motion of a body that wears a shoe, into a pose."""
     return build_motion(body, replace(poses()[pose], heels=footwear.heel_pitch(body, shoe)), 1)
 
 
@@ -25,22 +24,19 @@ def test_build_shoes_has_its_pieces_around_the_foot(body, shoe):
     motion = motion_in(shoe, body)
     skin = motion.posed_skin
     parts = footwear.build_shoes(motion, shoe)
-    names = {part.name for part in parts}
-    expected = {"upper", "sole"} | ({"cap"} if shoe.cap else set()) | ({"lace"} if shoe.laces else set())
-    assert names == expected
+    assert {part.name for part in parts} == {"upper", "sole"} | ({"cap"} if shoe.cap else set()) | (
+        {"lace"} if shoe.laces else set()
+    )
+    weights = np.eye(len(motion.bones))[[motion.bones["foot.L"]]]
+    foot = motion.skin(weights, body.joints["foot.L"][None])[0, 1]
     for part in parts:
         assert len(part.faces) and np.isfinite(part.vertices).all() and part.faces.max() < len(part.vertices)
         assert part.name != "lace" or (edges(part.faces)[2] == 2).all(), "closed"
         used = part.vertices[np.unique(part.faces)]
         assert np.abs(used[:, 0]).max() < np.abs(skin[skin[:, 1] < 0.1, 0]).max() + 0.03
-        top = (
-            used[:, 1].max()
-            - motion.skin(np.eye(len(motion.bones))[[motion.bones["foot.L"]]], body.joints["foot.L"][None])[0, 1]
-        )
-        assert top < max(shoe.top, 0) + 0.06
+        assert used[:, 1].max() - foot < max(shoe.top, 0) + 0.06
     soles = np.concatenate([part.vertices for part in parts if part.name == "sole"])
-    lowest = skin[:, 1].min()
-    assert soles[:, 1].min() == pytest.approx(lowest - shoe.sole, abs=0.006)  # the foot is lowest at its ball
+    assert soles[:, 1].min() == pytest.approx(skin[:, 1].min() - shoe.sole, abs=0.006)  # the ball is the lowest
     ankle = body.joints["foot.L"]
     heel = skin[(body.skin[:, 1] < ankle[1]) & (body.skin[:, 2] < ankle[2]), 1].min()
     assert soles[:, 1].min() == pytest.approx(heel - shoe.heel, abs=0.006)
@@ -64,9 +60,8 @@ def test_build_shoes_stand_on_heel_and_ball_as_the_feet_do_in_them(person, shoe)
         behind = body.skin[:, 2] - body.skin[is_foot, 2].min()  # metres from the heel's end
         for near in (behind < 0.05, np.abs(body.skin[:, 2] - toe[2]) < 0.025, body.skin[:, 2] > toe[2] + 0.025):
             skin = motion.posed_skin[is_foot & near]
-            face, depth = Collider.at_rest(sole.vertices, sole.faces).raycast(
-                skin + [0, 0.1, 0], np.array([0.0, -1.0, 0.0])
-            )
+            below = Collider.at_rest(sole.vertices, sole.faces)
+            face, depth = below.raycast(skin + [0, 0.1, 0], np.array([0.0, -1.0, 0.0]))
             above = depth[face >= 0] - 0.1  # metres of the skin over the sole
             assert -0.002 < above.min() < 0.002
             ahead = sole.vertices[:, 2]

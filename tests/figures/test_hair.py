@@ -31,8 +31,7 @@ def head(body):
 
 
 def grown(head, name: str, fine: bool = False) -> list[HairPart]:
-    style = hairstyles.styles()[name]
-    return build_hair(Head(head[1], colliders.Collider.at_rest(*head[2]), 5, fine), style, 0.8)
+    return build_hair(Head(head[1], colliders.Collider.at_rest(*head[2]), 5, fine), hairstyles.styles()[name], 0.8)
 
 
 def strips(parts: list[HairPart], *kinds: str) -> list[strands.Strip]:
@@ -41,7 +40,6 @@ def strips(parts: list[HairPart], *kinds: str) -> list[strands.Strip]:
 
 @pytest.fixture(scope="module")
 def heads(head):
-    """Each style's parts, grown once."""
     return {style.name: grown(head, style.name) for style in hairstyles.styles().values()}
 
 
@@ -52,8 +50,7 @@ def test_build_body_expression_moves_the_face_and_keeps_the_mouth_closed(body, n
     gap = face[skin.UPPER_LIP, 1] - face[skin.LOWER_LIP, 1]
     assert gap < calm[skin.UPPER_LIP, 1] - calm[skin.LOWER_LIP, 1] + 0.001
     moved = np.linalg.norm(face - calm, axis=1)
-    neck = makehuman.base().vertices[:, 1] < 0.5
-    assert moved[neck].max() == 0
+    assert moved[makehuman.base().vertices[:, 1] < 0.5].max() == 0
     assert moved.max() == 0 if name == "calm" else 0.002 < moved.max() < 0.03
 
 
@@ -93,11 +90,9 @@ def test_grow_locks_fall_and_lie_on_the_shoulders(head, heads):
     "name", [style.name for style in hairstyles.styles().values() if style.comb and style.hat == "none"]
 )
 def test_build_hair_shows_little_scalp_from_any_side(head, name):
-    """Rays from all around toward the scalp inside the hairline meet hair first."""
     _, _, (posed, faces) = head
     hair = stacked([(vertices, faces) for vertices, faces, _ in strips(grown(head, name, fine=True), "hair")])
-    base = makehuman.base().vertices[makehuman.BODY]
-    inside = skin.above_hairline(base) > 0.12
+    inside = skin.above_hairline(makehuman.base().vertices[makehuman.BODY]) > 0.12
     out = normals(posed, faces)
     cover = colliders.Collider.at_rest(*hair)
     seen = total = 0
@@ -113,12 +108,10 @@ def test_build_hair_shows_little_scalp_from_any_side(head, name):
 def test_beard_grows_on_jaw_and_lip_only(head, heads):
     _, motion, below = head
     base = makehuman.base().vertices[makehuman.BODY]
-    share = skin.beard_share(base)
-    eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
-    assert share.max() > 0.9 and (share[base[:, 1] > eye[1] - 0.02] == 0).all()
-    assert (share[base[:, 2] < eye[2] - 0.1] == 0).all()  # not on the nape
-    lips = base[[skin.UPPER_LIP, skin.LOWER_LIP]]
-    assert (skin.beard_share(lips) == 0).all()
+    share, eye = skin.beard_share(base), makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
+    assert share.max() > 0.9 and not share[base[:, 1] > eye[1] - 0.02].any()
+    assert not share[base[:, 2] < eye[2] - 0.1].any()  # not on the nape
+    assert (skin.beard_share(base[[skin.UPPER_LIP, skin.LOWER_LIP]]) == 0).all()
     assert facial.beard(Head(motion, None, 5, False), facial.STUBBLE) is None
     surface = colliders.Collider(below[0], *below)
     _, distance, _ = colliders.signed_distance(strips(heads["bald"], "beard")[0][0], surface, 0.1)
@@ -126,17 +119,15 @@ def test_beard_grows_on_jaw_and_lip_only(head, heads):
 
 
 def test_add_hair_hats_change_with_the_outfit_and_hair_does_not(head):
-    style = hairstyles.styles()["cap"]
-    outfit = replace(sample_outfit(np.random.default_rng(3), head[0].person), hair=style, beard=0.8)
+    outfit = sample_outfit(np.random.default_rng(3), head[0].person)
+    outfit = replace(outfit, hair=hairstyles.styles()["cap"], beard=0.8)
     outfit = replace(outfit, hat=outfit.garments[0].fabric)
     looks = [outfit, in_other_fabrics(outfit, np.random.default_rng(4))]
     builder = Builder()
-    detail = replace(details()["draft"], texture=64)
-    Assembly(builder, head[1], outfit, [], detail, 5).add_hair(head[2])
+    Assembly(builder, head[1], outfit, [], replace(details()["draft"], texture=64), 5).add_hair(head[2])
     mesh = builder.mesh({}, looks)
     assert len(builder.vertices) == len(mesh.materials) + 1, "a part for each material, but two of the hat"
     assert sorted(material.name for material in mesh.materials) == ["beard", "brows", "hair", "hat", "lashes"]
     hats = [number for number, material in enumerate(mesh.materials) if material.name == "hat"]
     assert sorted(mesh.outfits[0]) == hats
-    for number in hats:
-        assert (mesh.outfits[0][number].texture != mesh.materials[number].texture).any()
+    assert all((mesh.outfits[0][hat].texture != mesh.materials[hat].texture).any() for hat in hats)

@@ -38,25 +38,23 @@ SEED, SUBJECT = 5005, 3  # the second of three figures of one person
 
 @pytest.mark.slow
 def test_make_figure_record_is_complete(figure):
-    mesh = figure
-    assert mesh.vertices.dtype == np.float32 and mesh.vertices.shape[1] == 3 and np.isfinite(mesh.vertices).all()
-    assert mesh.vertices[:, 1].min() == 0 and 1.3 < mesh.vertices[:, 1].max() < 2.6
-    assert mesh.faces.max() == len(mesh.vertices) - 1 and len(np.unique(mesh.faces)) == len(mesh.vertices)
-    assert mesh.material.max() == len(mesh.materials) - 1
-    assert mesh.uv.shape == (*mesh.faces.shape, 2) and mesh.uv.min() >= 0 and mesh.uv.max() <= 1
+    assert figure.vertices.dtype == np.float32 and figure.vertices.shape[1] == 3 and np.isfinite(figure.vertices).all()
+    assert figure.vertices[:, 1].min() == 0 and 1.3 < figure.vertices[:, 1].max() < 2.6
+    assert figure.faces.max() == len(figure.vertices) - 1 and len(np.unique(figure.faces)) == len(figure.vertices)
+    assert figure.material.max() == len(figure.materials) - 1
+    assert figure.uv.shape == (*figure.faces.shape, 2) and figure.uv.min() >= 0 and figure.uv.max() <= 1
     keys = "name subject source seed generator garments pose hair skin age build redrawn crossing covered"
-    assert {*keys.split()} <= mesh.info.keys()
-    assert mesh.info["name"] == f"g{SEED:04d}" and mesh.info["subject"] == "s1668"
-    assert len(mesh.info["garments"]) >= 1
+    assert {*keys.split()} <= figure.info.keys()
+    assert figure.info["name"] == f"g{SEED:04d}" and figure.info["subject"] == "s1668"
+    assert len(figure.info["garments"]) >= 1
 
 
 @pytest.mark.slow
 def test_make_figure_faces_forward(figure):
-    mesh = figure
-    face, _ = checks.first_seen(mesh.vertices, mesh.faces)
+    face, _ = checks.first_seen(figure.vertices, figure.faces)
     rows = np.flatnonzero((face >= 0).any(1))
     upper = face[rows[: len(rows) // 3]]
-    assert (np.isin(mesh.material[upper[upper >= 0]], [1, 2])).sum() >= 4  # eyes are seen from +z
+    assert (np.isin(figure.material[upper[upper >= 0]], [1, 2])).sum() >= 4  # eyes are seen from +z
 
 
 def test_sample_per_subject_is_one_person_in_other_poses():
@@ -72,20 +70,15 @@ def test_sample_per_subject_is_one_person_in_other_poses():
 
 @pytest.mark.slow
 def test_make_figure_outfits_are_other_fabrics_on_the_same_figure(figure):
-    mesh = figure
-    assert len(mesh.outfits) == 2 and len(mesh.info["outfits"]) == 3
-    assert mesh.info["outfits"][0] == mesh.info["fabrics"]
-    for outfit in mesh.outfits:
-        assert len(outfit) >= len(mesh.info["garments"]) and 0 not in outfit, "the skin stays"
-        assert all(
-            material.texture is None or (material.texture != mesh.materials[number].texture).any()
-            for number, material in outfit.items()
-        )
-    assert all(
-        (mesh.outfits[0][k].texture != mesh.outfits[1][k].texture).any()
-        for k in mesh.outfits[0]
-        if mesh.outfits[0][k].texture is not None
-    )
+    assert len(figure.outfits) == 2 and len(figure.info["outfits"]) == 3
+    assert figure.info["outfits"][0] == figure.info["fabrics"]
+    assert any(material.texture is not None for material in figure.outfits[0].values())
+    for outfit in figure.outfits:
+        assert len(outfit) >= len(figure.info["garments"]) and 0 not in outfit, "the skin stays"
+        for number, material in outfit.items():
+            if material.texture is not None:
+                assert (material.texture != figure.materials[number].texture).any()
+                assert (figure.outfits[0][number].texture != figure.outfits[1][number].texture).any()
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
@@ -137,8 +130,7 @@ def snug(body):
     motion = make.build_motion(body, poses()["straight"], 4)
     pattern = patterns.build_pattern(body, wardrobe()["dress"], 0)
     level = pattern.levels[0]
-    x = motion.skin(level.weights, level.rest_shape)
-    return body, motion, pattern, x, np.ones(1000)
+    return body, motion, pattern, motion.skin(level.weights, level.rest_shape), np.ones(1000)
 
 
 def lifted(x, pattern):
@@ -188,15 +180,13 @@ def test_hem_swept_finds_a_swept_hem_and_no_leaning_one(snug):
     (wardrobe()["jeans"], "leg", "lowerleg01", "foot", 1.5),
 ], ids=["upper arm", "forearm", "thigh", "shin"])  # fmt: skip
 @pytest.mark.parametrize("turned", [False, True])
-def test_lost_rings_finds_a_limb_that_left_and_none_that_twists(
-    snug, monkeypatch, garment, limb, root, tip, middle, turned
-):
+def test_lost_rings_finds_a_limb_that_left(snug, monkeypatch, garment, limb, root, tip, middle, turned):
+    """And none that twists."""
     body, motion = snug[:2]
     pattern = patterns.build_pattern(body, garment, 0)
     level = pattern.levels[0]
     x = motion.skin(level.weights, level.rest_shape)
-    rings = lost_rings(pattern, x, motion)
-    assert set(rings) == {f"left {limb}", f"right {limb}"}
+    assert {*(rings := lost_rings(pattern, x, motion))} == {f"left {limb}", f"right {limb}"}
     assert all(lost == 0 and found > 25 for lost, found in rings.values())
     bone = motion.transforms[-1][motion.bones[f"{root}.L"]]
     upper, lower = (body.joints[f"{name}.L"] @ bone[:, :3].T + bone[:, 3] for name in (root, tip))
@@ -230,30 +220,26 @@ def test_check_outfit_bounds_cloth_through_cloth(snug, monkeypatch, share, stand
 
 def two_walls(hole: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A wall of cloth (layer 1) a centimetre in front of skin (layer 0) that bulges through it in a small square."""
-    a = np.arange(-0.3, 0.3001, 0.01)
-    x, y = np.meshgrid(a, a)
+    x, y = np.meshgrid(a := np.arange(-0.3, 0.3001, 0.01), a)
     n = len(a)
     back = np.stack([x, y, np.where((np.abs(x) < hole) & (np.abs(y) < hole), 0.02, -0.01)], -1).reshape(-1, 3)
     front = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
     faces = grid_faces(n, n)[:, ::-1]
-    layer = np.repeat([0, 1], len(faces))
-    return np.concatenate([back, front]), np.concatenate([faces, faces + n * n]), layer
+    return np.concatenate([back, front]), np.concatenate([faces, faces + n * n]), np.repeat([0, 1], len(faces))
 
 
 def test_poke_through_counts_specks_and_no_openings():
     assert checks.poke_through(*two_walls(0.0)) == 0
-    found = checks.poke_through(*two_walls(0.0051))
-    assert 4 <= found <= checks.MAX_PATCH
+    assert 4 <= checks.poke_through(*two_walls(0.0051)) <= checks.MAX_PATCH
     assert checks.poke_through(*two_walls(0.2)) == 0  # a large opening is no speck
 
 
 @pytest.mark.slow
 def test_export_glb_has_the_content_of_the_mesh(figure, tmp_path):
-    mesh = figure
-    write_glb(mesh, tmp_path / "f.glb")
+    write_glb(mesh := figure, tmp_path / "f.glb")
     scene = trimesh.load(tmp_path / "f.glb", process=False)
-    assert set(scene.geometry) == {material.name for material in mesh.materials}
-    assert len(scene.geometry) == len(mesh.materials) and {"skin", "eyes", *mesh.info["garments"]} < set(scene.geometry)
+    assert sorted(scene.geometry) == sorted(material.name for material in mesh.materials)
+    assert {"skin", "eyes", *mesh.info["garments"]} < set(scene.geometry)
     assert sum(len(part.faces) for part in scene.geometry.values()) == len(mesh.faces)
     np.testing.assert_allclose(scene.bounds, [mesh.vertices.min(0), mesh.vertices.max(0)], atol=1e-6)
     for number, material in enumerate(mesh.materials):
@@ -267,7 +253,6 @@ def test_export_glb_has_the_content_of_the_mesh(figure, tmp_path):
 
 
 def document_of(path: Path) -> dict:
-    """The JSON of a .glb."""
     data = path.read_bytes()
     return json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
 
@@ -275,11 +260,8 @@ def document_of(path: Path) -> dict:
 def test_export_glb_holds_its_licence_and_each_texture_once(tmp_path):
     vertices, faces = np.eye(3, dtype=np.float32), np.array([[0, 1, 2], [0, 1, 2], [2, 1, 0]], np.int32)
     pattern = np.random.default_rng(0).integers(0, 256, (4, 4, 3)).astype(np.uint8)
-    left, right = (
-        Material(np.ones(3, np.float32), pattern, "left", 0.25, 0.5),
-        Material(texture=pattern.copy(), name="right"),
-    )
-    materials = [left, right, Material()]
+    left = Material(np.ones(3, np.float32), pattern, "left", 0.25, 0.5)
+    materials = [left, Material(texture=pattern.copy(), name="right"), Material()]
     uv, info = np.zeros((3, 3, 2), np.float32), {"name": "g7", "seed": 7, "licence": "CC0-1.0"}
     mesh = Mesh(vertices, faces, uv, np.arange(3, dtype=np.int16), materials, None, info)
     write_glb(mesh, tmp_path / "f.glb")
@@ -314,11 +296,8 @@ def test_clean_of_an_exported_figure_repairs_next_to_nothing(figure, tmp_path):
     repairs = clean(read_mesh(tmp_path / "f.glb")).info["repairs"]
     assert repairs["merged vertices"] > 500
     # collars touch the edge that they are sewn to; specks of skin and cloth are left under other clothes
-    counts = {
-        what: count
-        for what, count in repairs.items()
-        if what not in ("merged vertices", "holes", "boundary edges", "parts")
-    }
+    usual = ("merged vertices", "holes", "boundary edges", "parts")
+    counts = {what: count for what, count in repairs.items() if what not in usual}
     assert counts.pop("floating parts", 0) < 10 and not counts
 
 
@@ -364,8 +343,7 @@ def test_sample_satisfies_the_constraints(fixed):
 
 def test_figures_command_names_are_options_to_copy():
     """A name of several words, or with a comma, is one argument of a shell, and a known name."""
-    lines = CliRunner().invoke(app, ["--names"]).output.splitlines()
-    arguments = [shlex.split(line) for line in lines]
+    arguments = [shlex.split(line) for line in CliRunner().invoke(app, ["--names"]).output.splitlines()]
     for option, field in (("--pose", "poses"), ("--garment", "garments"), ("--hair", "hair")):
         names = [name for given, name in arguments if given == option]
         assert len(names) > 10
@@ -401,10 +379,11 @@ def test_constraints_that_nobody_satisfies_are_one_sentence(monkeypatch, fixed, 
 @pytest.mark.slow
 def test_worker_ends_quietly_when_a_destructor_swallows_the_end():
     program = "import os, signal, time; from relight.figures.commands import start_worker; start_worker()\n"
-    program += "class Array:\n    def __del__(self):\n        os.kill(os.getpid(), signal.SIGTERM); time.sleep(0.1)\n"
-    run = subprocess.run(
-        [sys.executable, "-c", program + "Array(); time.sleep(60)"], capture_output=True, text=True, timeout=50
+    program += (
+        "class Array:\n    def __del__(self):\n        os.kill(os.getpid(), signal.SIGTERM); time.sleep(0.1)\nArray()\n"
     )
+    command = [sys.executable, "-c", program + "time.sleep(60)"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=50)
     assert run.returncode == -signal.SIGALRM and not run.stderr
 
 
@@ -412,9 +391,8 @@ def test_figures_command_ends_quietly_when_terminated(tmp_path):
     """Its workers end with it, and no part of a figure is left."""
     command = [sys.executable, "-m", "relight.cli", "figures", "--seeds", "0-9"]
     command += ["--detail", "draft", "--texture", "128", "--out", str(tmp_path), "--jobs", "2"]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen(command, start_new_session=True, **pipes)
     while process.poll() is None and not list(tmp_path.glob("*.json")):  # by then both workers are at work
         time.sleep(0.1)
     process.terminate()

@@ -17,11 +17,9 @@ CRIMP = Crimp(0.024, 0.0, 3.0, 0.08)
 
 
 def sheet(side=0.5, step=0.0062, columns=None):
-    n = round(side / step) + 1
-    a = np.linspace(-side / 2, side / 2, n)
+    a = np.linspace(-side / 2, side / 2, round(side / step) + 1)
     x, y = np.meshgrid(a if columns is None else columns, a)
-    faces = grid_faces(*x.shape)[:, ::-1]
-    return np.stack([x, y, 0 * x], -1).reshape(-1, 3), faces
+    return np.stack([x, y, 0 * x], -1).reshape(-1, 3), grid_faces(*x.shape)[:, ::-1]
 
 
 def heights(x, crimp=CRIMP, pinned=0.0, seed=4):

@@ -72,14 +72,13 @@ def tiny_world(tmp_path_factory):
 @pytest.fixture(scope="session")
 def model():
     """Model settings: the demo's, an eighth as wide."""
-    settings = dict(name="ours", width=0.125, norm="batch", dropout=0.5, order=2, albedo="clip", light_head="strided")
-    settings |= dict(refine=False, sees="image")
+    settings = dict(name="ours", width=0.125, norm="batch", dropout=0.5, order=2, albedo="clip")
+    settings |= dict(light_head="strided", refine=False, sees="image")
     return lambda **changes: Model(**{**settings, **changes})
 
 
 @pytest.fixture(scope="session")
 def loss():
-    """Loss settings: `full`."""
     names = "albedo transport light tv_albedo tv_transport shading reconstruction reconstruction_full".split()
     return lambda **changes: Loss(**{**dict.fromkeys(names, 1.0), **changes})
 
@@ -95,5 +94,4 @@ def schedule():
 
 @pytest.fixture(scope="session")
 def augment():
-    """Settings of augmentation: none of it."""
     return lambda **changes: replace(NO_AUGMENTATION, **changes)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from samples import encoded
 
 from relight.learning.augment import RED_PER_BLUE, _reframed, augment_batch, specular_reflection
 from relight.learning.camera import compress_jpeg
@@ -23,8 +24,8 @@ def data(world):
     return RelitSet(world["packed"], world["lights"], 2, "photo")
 
 
-def batch_of(data, figures=(0, 1, 2, 3)):
-    return data.batch(np.array(figures), np.arange(len(figures)))
+def batch_of(data):
+    return data.batch(np.arange(4), np.arange(4))
 
 
 def generators(count, seed=0):
@@ -38,10 +39,9 @@ def test_nothing_asked_for_changes_nothing(data, augment):
 
 def test_a_picture_does_not_depend_on_those_beside_it(data, augment):
     together = augment_batch(batch_of(data), augment(**ALL), generators(4), data.size)
-    alone = augment_batch(batch_of(data, [0, 1, 2, 3]), augment(**ALL), generators(4), data.size)
-    assert torch.equal(together.image, alone.image)
-    last = data.batch(np.array([3]), np.array([3]))
-    single = augment_batch(last, augment(**ALL), generators(4)[3:], data.size)
+    again = augment_batch(batch_of(data), augment(**ALL), generators(4), data.size)
+    assert torch.equal(together.image, again.image)
+    single = augment_batch(data.batch(np.array([3]), np.array([3])), augment(**ALL), generators(4)[3:], data.size)
     torch.testing.assert_close(together.image[3:], single.image, atol=0.01, rtol=0)
     torch.testing.assert_close(together.light[3:], single.light)
 
@@ -53,14 +53,12 @@ def test_truth_still_explains_the_picture_after_framing_tint_recoloring_and_expo
     seen = photograph(batch.relit * batch.exposure[:, None, None], "photo")
     torch.testing.assert_close(batch.gather(batch.image), seen * batch.inside, atol=0.02, rtol=0)
     assert batch.mask.sum() == batch.inside.sum()
-    lengths = batch.normal.norm(dim=-1, keepdim=True)
-    torch.testing.assert_close(lengths, batch.inside)
+    torch.testing.assert_close(batch.normal.norm(dim=-1, keepdim=True), batch.inside)
     rows_below = (batch.pixel[batch.below] - batch.pixel)[batch.interior.flatten() > 0]
     assert rows_below.unique().tolist() == [data.size], "a row further, in the same picture"
 
 
 def framed(monkeypatch, cut: float = 0.0, zoom: tuple[float, float] = (1.0, 1.0)) -> None:
-    """Sets what a new framing may do."""
     for name, value in {"CUT_SHARE": cut, "ZOOM": zoom, "SHIFT": 0.0}.items():
         monkeypatch.setattr(f"relight.learning.augment.{name}", value)
 
@@ -110,8 +108,7 @@ def test_a_figure_whose_legs_lie_to_one_side_is_never_cut_away(augment, monkeypa
 def test_half_the_size_is_the_mean_of_four_pixels(augment):
     maps = torch.rand(1, 2, 16, 16)
     small, mask = _reframed(maps, torch.ones(1, 1, 16, 16), augment(), generators(1), 8)
-    expected = torch.nn.functional.avg_pool2d(maps, 2)
-    torch.testing.assert_close(small[..., 1:], expected[..., 1:])
+    torch.testing.assert_close(small[..., 1:], torch.nn.functional.avg_pool2d(maps, 2)[..., 1:])
     assert mask.sum() == 63, "one pixel stays outside for the padding of compact maps"
 
 
@@ -141,11 +138,9 @@ def test_prints_change_the_albedo_of_garments_and_nothing_else(data, augment):
     for name in ("light", "shading", "transport", "normal"):
         torch.testing.assert_close(getattr(new, name), getattr(batch, name), atol=1e-3, rtol=0)
     torch.testing.assert_close(new.relit, new.albedo * new.shading)
-    changed = (new.albedo - batch.albedo).abs().amax((1, 2))
-    assert (changed > 0.05).any()
+    assert ((new.albedo - batch.albedo).abs().amax((1, 2)) > 0.05).any()
     edges = [variation(one.albedo, one).sum((1, 2)) for one in (batch, new)]
     assert (edges[1] > 1.1 * edges[0]).any(), "a print has edges of its own"
-
     skin = torch.tensor([0.6, 0.4, 0.3]).expand_as(batch.albedo) * batch.inside
     kept = augment_batch(replace(batch, albedo=skin), augment(prints=1.0, recolor=1.0), generators(4, 2), data.size)
     torch.testing.assert_close(kept.albedo, skin)
@@ -199,8 +194,7 @@ def test_reflection_of_light_from_everywhere():
     """A surface that faces the camera reflects its reflectance, one seen along itself all there is."""
     light = torch.zeros(9, 3)
     light[0] = float(np.sqrt(4 * np.pi)) * torch.tensor([1.0, 2.0, 3.0])  # radiance 1, 2, 3
-    normals = torch.tensor([[0.0, 0.0, 1.0], [1.0, 0.0, 1e-6]])
-    found = specular_reflection(normals, light, 0.5, 0.04)
+    found = specular_reflection(torch.tensor([[0.0, 0.0, 1.0], [1.0, 0.0, 1e-6]]), light, 0.5, 0.04)
     radiance = torch.tensor([1.0, 2.0, 3.0]) * np.pi
     torch.testing.assert_close(found, torch.stack([0.04 * radiance, radiance]), rtol=1e-4, atol=0)
 
@@ -239,9 +233,8 @@ def test_jpeg_is_that_of_a_library(quality):
     image = torch.nn.functional.interpolate(smooth, (64, 64), mode="bicubic")[0].clamp(0, 1)
     image = (image + 0.03 * torch.tensor(rng.normal(size=(3, 64, 64)), dtype=torch.float32)).clamp(0, 1)
     coded = (image * 255).round() / 255
-    file = io.BytesIO()
-    pixels = (coded.permute(1, 2, 0).numpy() * 255).astype(np.uint8)
-    Image.fromarray(pixels).save(file, "JPEG", quality=quality, subsampling=0)
+    pixels = Image.fromarray((coded.permute(1, 2, 0).numpy() * 255).astype(np.uint8))
+    file = io.BytesIO(encoded(pixels, "JPEG", quality=quality, subsampling=0))
     expected = torch.tensor(np.asarray(Image.open(file))).permute(2, 0, 1) / 255
     found = compress_jpeg(coded, quality)
     assert (found - expected).abs().mean() < 0.008

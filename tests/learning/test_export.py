@@ -28,7 +28,6 @@ from relight.photos.network import read_network
 
 @pytest.fixture(scope="module")
 def exported(exported_network):
-    """A network, its checkpoint, and its .onnx file."""
     checkpoint = exported_network / "a.safetensors"
     return load_network(checkpoint)[0], checkpoint, exported_network / "a.onnx"
 
@@ -48,9 +47,8 @@ def test_layers_that_are_replaced_for_the_file_compute_the_same(model, name):
 
 @pytest.mark.slow
 def test_export_runs_at_other_batches_and_sizes(exported):
-    _, _, path = exported
     image, mask = sample_inputs(4, 256, 192)
-    albedo, transport, light = read_network(path).run(image.numpy(), mask.numpy())
+    albedo, transport, light = read_network(exported[2]).run(image.numpy(), mask.numpy())
     assert albedo.shape == (4, 3, 256, 192) and transport.shape == (4, 9, 256, 192) and light.shape == (4, 9, 3)
     assert (transport[:, :, :8] == 0).all()
 
@@ -70,8 +68,8 @@ def test_the_file_infers_the_mean_over_the_mirror_image(exported):
     inside = binary_erosion(mask > 0)
     graph = read_network(path)
     albedo, transport, light = graph.infer(image, mask)
-    assert np.abs(albedo - expected["albedo"])[inside].max() < 2e-3
-    assert np.abs(transport - expected["transport"])[inside].max() < 2e-3
+    for name, values in (("albedo", albedo), ("transport", transport)):
+        assert np.abs(values - expected[name])[inside].max() < 2e-3
     assert np.abs(light - expected["light"]).max() < 2e-3
     assert graph.size == 128 and graph.order == 2 and graph.config["train"] == {"color": "photo"}
 
@@ -125,7 +123,7 @@ def test_read_network_refuses_other_files(content, tmp_path):
 def clamped(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Twin of `clamp_rim` by scipy's filters: maps (H,W,C), mask (H,W) bool."""
     inside = binary_erosion(mask)
-    size = (NEIGHBOURHOOD, NEIGHBOURHOOD, 1)
+    size = NEIGHBOURHOOD, NEIGHBOURHOOD, 1
     low = minimum_filter(np.where(inside[..., None], maps, np.inf), size, mode="nearest")
     high = maximum_filter(np.where(inside[..., None], maps, -np.inf), size, mode="nearest")
     rim = (mask & ~inside & (low[..., 0] < np.inf))[..., None]
@@ -142,5 +140,4 @@ def test_clamp_rim_is_that_of_plain_filters(seed):
     mask[20:, 40:] = True  # reaches the border
     maps = rng.normal(0, 0.5, (40, 48, 3)).astype(np.float32)
     tensors = torch.from_numpy(maps).permute(2, 0, 1)[None], torch.from_numpy(mask)[None, None].float()
-    result = clamp_rim(*tensors)[0].permute(1, 2, 0).numpy()
-    np.testing.assert_allclose(result, clamped(maps, mask), atol=1e-5)
+    np.testing.assert_allclose(clamp_rim(*tensors)[0].permute(1, 2, 0).numpy(), clamped(maps, mask), atol=1e-5)

@@ -58,8 +58,7 @@ def test_loss_is_the_fifteen_of_the_package(minimal, world, folder, loss):
     inferred = [x + 0.1 * torch.randn_like(x) for x in truth]
     inferred = [inferred[0] * mask[[0, 2]], inferred[1] * mask[[0, 2]], inferred[2]]
     # The package shades with the bands beyond order 2, too: its truth is made that of the example.
-    shading = minimal.shade(*truth[1:])
-    batch = type(batch)(**{**vars(batch), "shading": batch.gather(shading)})
+    batch = type(batch)(**{**vars(batch), "shading": batch.gather(minimal.shade(*truth[1:]))})
     batch = type(batch)(**{**vars(batch), "relit": batch.albedo * batch.shading})
     expected, values = losses(dict(zip(("albedo", "transport", "light"), inferred)), batch, loss())
     assert len(values) == 15

@@ -18,7 +18,7 @@ def test_muon_has_the_weights_whose_scale_has_no_effect(model, schedule, name):
     image, mask = torch.rand(4, 3, 64, 64).double(), torch.ones(4, 1, 64, 64).double()
 
     def changes(weights) -> list[bool]:
-        """Returns for each weight whether outputs change when it is doubled."""
+        """For each weight: whether outputs change when it is doubled."""
         found = []
         for weight in weights:
             before = network(image, mask)

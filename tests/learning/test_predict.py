@@ -18,10 +18,8 @@ def test_maps_of_one_and_of_several_images(model, name):
     images, masks = rng.random((2, 64, 64, 3)), rng.random((2, 64, 64)) > 0.4
     several = predict(network, images, masks)
     shapes = {"albedo": (64, 64, 3), "transport": (64, 64, 9), "light": (9, 3), "shading": (64, 64, 3)}
-    if name != "ours":
-        shapes["normal"] = (64, 64, 3)
-    if name == "sfsnet_ao":
-        shapes["ao"] = (64, 64, 1)
+    shapes |= {"normal": (64, 64, 3)} if name != "ours" else {}
+    shapes |= {"ao": (64, 64, 1)} if name == "sfsnet_ao" else {}
     assert {key: value.shape[1:] for key, value in several.items()} == shapes
     assert all(value.dtype == np.float32 for value in several.values())
     for key, value in several.items():
@@ -30,8 +28,7 @@ def test_maps_of_one_and_of_several_images(model, name):
     one = predict(network, images[1], masks[1].astype(float))
     for key, value in one.items():
         np.testing.assert_allclose(value, several[key][1], atol=1e-5)
-    shading = np.clip(one["transport"] @ one["light"], 0, 10)
-    np.testing.assert_allclose(one["shading"], shading, atol=1e-5)
+    np.testing.assert_allclose(one["shading"], np.clip(one["transport"] @ one["light"], 0, 10), atol=1e-5)
     if name != "ours":
         inside = masks[1]
         expected = unoccluded(one["normal"][inside], 2) * (one["ao"][inside] if "ao" in one else 1)

@@ -66,6 +66,20 @@ def run(tmp_path, world, model, loss, schedule, augment):
     return make
 
 
+class Killed(Exception):
+    pass
+
+
+def killed_at(last: int):
+    """A logger that ends the training at a step."""
+
+    def log(values, step, picture):
+        if step == last:
+            raise Killed
+
+    return log
+
+
 PLUS = dict(optimizer="muon", average=0.9, mirror=True, color="photo", pairs="rows")
 PHOTO = {
     "model_changes": dict(name="unet", light_head="pooled", refine=True),
@@ -81,18 +95,10 @@ def test_the_same_again_and_the_same_after_any_interruption(run, changes):
     whole = undisturbed()
     assert changes or run("seed", seed=1)() != whole
 
-    class Killed(Exception):
-        pass
-
     broken = run("broken", **changes)
     for stop in (8, 4):  # before the last state is saved, and, in the next run, before any is
-
-        def log(values, step, picture, stop=stop):
-            if step == stop:
-                raise Killed
-
         with pytest.raises(Killed):
-            broken(log)
+            broken(killed_at(stop))
         assert not broken.out.exists() and broken.state.exists() == (stop == 8)
         if stop == 8:
             torch.manual_seed(12345)
@@ -105,19 +111,13 @@ def test_the_same_again_and_the_same_after_any_interruption(run, changes):
 @pytest.mark.slow
 def test_a_state_of_other_settings_or_data_is_ignored(run, world, tmp_path, capsys):
     first = run()
-
-    def stop(values, step, picture):
-        if step == 8:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        first(stop)
+    with pytest.raises(Killed):
+        first(killed_at(8))
     kept = first.state.read_bytes()
     other = run(lr=1e-3)
     assert other() == run("fresh", lr=1e-3)()
     assert "other settings or data: starting from the beginning" in capsys.readouterr().err
     assert [step for step, _ in other.logged] == [4, 8]
-
     first.state.write_bytes(kept)
     table = dict(np.load(world["lights"]))
     table["coefficients"] = table["coefficients"] * 1.1
@@ -129,8 +129,7 @@ def test_a_state_of_other_settings_or_data_is_ignored(run, world, tmp_path, caps
 
 @pytest.mark.slow
 def test_one_figure_under_one_light_is_learned_by_heart(run, world, tmp_path):
-    split = tmp_path / "one.json"
-    split.write_text('{"train": ["figure2"], "test": []}')
+    (split := tmp_path / "one.json").write_text('{"train": ["figure2"], "test": []}')
     table = dict(np.load(world["lights"]))
     table["split"] = np.where(np.arange(6) == 3, "train", "test")
     np.savez(tmp_path / "one.npz", **table)
@@ -139,8 +138,7 @@ def test_one_figure_under_one_light_is_learned_by_heart(run, world, tmp_path):
     heart.inputs = replace(heart.inputs, lights=tmp_path / "one.npz", split=split)
     heart()
     network, _ = load_network(heart.out)
-    data = RelitSet(world["packed"], world["lights"], 2, "paper")
-    batch = data.batch(np.array([2]), np.array([3]))
+    batch = RelitSet(world["packed"], world["lights"], 2, "paper").batch(np.array([2]), np.array([3]))
     with torch.no_grad():
         outputs = network(batch.image, batch.mask)
 
@@ -222,8 +220,7 @@ def test_the_moving_average_is_what_is_kept(run):
 def test_going_on_from_another_network_with_its_decoders_frozen(run):
     first = run("first")
     first()
-    others = "albedo transport light tv_albedo tv_transport shading reconstruction"
-    alone = dict.fromkeys(others.split(), 0.0)
+    alone = dict.fromkeys("albedo transport light tv_albedo tv_transport shading reconstruction".split(), 0.0)
     tuned = run("tuned", None, alone, start=str(first.out), only="encoder", lr=1e-4)
     tuned()
     losses = {"loss", "reconstruction_full"}
@@ -318,8 +315,7 @@ def test_two_processes_train_the_network_that_one_does(run, tmp_path):
     changes = {"norm": "instance", "dropout": 0.0}, loss, {"framing": 1.0}
     alone, pair = (run(name, *changes, steps=4, color="photo", optimizer="muon") for name in ("alone", "pair"))
     alone()
-    script = tmp_path / "pair.py"
-    script.write_text(pair.program())
+    (script := tmp_path / "pair.py").write_text(pair.program())
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2", str(script)]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)

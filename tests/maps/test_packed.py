@@ -88,8 +88,7 @@ def test_too_few_usable_figures_are_refused(folder):
 
 
 def test_octahedral_normals():
-    rng = np.random.default_rng(0)
-    normals = rng.normal(size=(20000, 3)).astype(np.float32)
+    normals = np.random.default_rng(0).normal(size=(20000, 3)).astype(np.float32)
     normals = np.concatenate([normals, np.eye(3, dtype=np.float32), -np.eye(3, dtype=np.float32)])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     back = decode_normals(encode_normals(normals))

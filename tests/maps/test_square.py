@@ -45,11 +45,9 @@ def test_back_to_the_pixel():
     """What the network puts at a place of its square lands on that place of the photo, and crop looks at it there."""
     size = 64
     for height, width, *box in cases():
-        coverage = figure(height, width, *box)
-        f = crop_around(coverage, size)
+        f = crop_around(figure(height, width, *box), size)
         assert f.rows == (box[0], box[2]) and f.columns == (box[1], box[3])
-        placed = f.place(network_coordinates(f))
-        error = np.abs(placed - coordinates(height, width)[f.window]).max()
+        error = np.abs(f.place(network_coordinates(f)) - coordinates(height, width)[f.window]).max()
         assert error < (1e-3 * f.side / size if f.side > size else 0.1), (height, width, box)
         inside = f.extract(np.ones((height, width), np.float32)) > 0.999
         seen = f.extract(coordinates(height, width))[inside]
@@ -65,8 +63,7 @@ def test_centred_and_padded_as_in_training():
 
 def test_equal_scale_is_the_identity():
     """Where the network's pixels are the photo's own, crop and place change nothing at all."""
-    rng = np.random.default_rng(1)
-    photo = rng.random((300, 260, 3)).astype(np.float32)
+    photo = np.random.default_rng(1).random((300, 260, 3)).astype(np.float32)
     f = Crop(top=-5, left=30, side=256, rows=(0, 240), columns=(40, 250), size=256)
     seen = f.extract(photo)
     assert np.array_equal(seen, np.pad(photo[:251, 30:], ((5, 0), (0, 26), (0, 0))))
@@ -138,11 +135,9 @@ def test_empty_mask_is_said():
 def test_figure_means_of_one_channel_and_of_three_are_averages_over_the_figure():
     coverage = np.zeros((64, 48), np.float32)
     coverage[8:56, 12:36] = 1
-    box = crop_around(np.uint8(255 * coverage), 20)
-    inside, mean = figure_means(coverage, coverage > 0, box)
+    inside, mean = figure_means(coverage, coverage > 0, crop_around(np.uint8(255 * coverage), 20))
     assert inside.shape == (20, 20) and 0.2 < inside.mean() < 0.6
     for channels in (1, 3):
-        values = np.full((64, 48, channels), 7.0) * coverage[..., None] - 9 * (coverage[..., None] == 0)
-        means = mean(values)
+        means = mean(np.full((64, 48, channels), 7.0) * coverage[..., None] - 9 * (coverage[..., None] == 0))
         assert means.shape == (20, 20, channels)
         assert np.allclose(means[inside], 7, atol=1e-4) and not means[~inside].any()

@@ -129,8 +129,7 @@ def test_given_axes_are_used(person, up, front):
     mesh = person()
     want = align(mesh, Align(up="+y", front="+z"), 0.1).vertices
     mesh.vertices = (mesh.vertices @ axes_rotation(up, front)).astype(np.float32)
-    got = align(mesh, Align(up=up, front=front), 0.1)
-    np.testing.assert_allclose(got.vertices, want, atol=1e-6)
+    np.testing.assert_allclose(align(mesh, Align(up=up, front=front), 0.1).vertices, want, atol=1e-6)
     assert np.linalg.det(axes_rotation(up, front)) == pytest.approx(1)
 
 
@@ -218,8 +217,7 @@ def test_align_warns_of_a_piece_of_floor(person, size, up):
     found = align(mesh, Align(up="auto", front="auto"))
     told = [line for line in found.info.get("warnings", []) if f"its -{up} side is flat, as a floor" in line]
     assert bool(told) == bool(size)
-    given = align(mesh, Align(up=f"+{up}", front="+z" if up == "y" else "+x"))
-    assert given.info["warnings"] == told
+    assert align(mesh, Align(up=f"+{up}", front="+z" if up == "y" else "+x")).info["warnings"] == told
 
 
 def test_align_warns_of_what_a_plinth_stands_on(person):

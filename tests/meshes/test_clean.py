@@ -45,8 +45,7 @@ def add_ball(mesh: Mesh, ball) -> Mesh:
 
 
 def test_a_clean_figure_is_unchanged(person):
-    mesh = person()
-    result = clean(mesh)
+    result = clean(person())
     np.testing.assert_array_equal(corners(result), corners(person()))
     assert result.info["repairs"] == {"parts": 10} and result.info["name"] == "person"
     assert result.faces.dtype == np.int32 and result.vertices.dtype == np.float32 and result.uv.dtype == np.float32
@@ -57,8 +56,7 @@ def test_colors_of_faces_survive_the_merging_of_their_vertices():
     box = trimesh.creation.box()
     side = np.abs(box.face_normals).argmax(1) + 3 * (box.face_normals.sum(1) > 0)
     color = np.eye(6, 3, dtype=np.float32)[side] + np.float32(side[:, None] / 8)
-    mesh = mesh_of(box.triangles.reshape(-1, 3), np.arange(36), color=color[:, None].repeat(3, 1))
-    result = clean(mesh)
+    result = clean(mesh_of(box.triangles.reshape(-1, 3), np.arange(36), color=color[:, None].repeat(3, 1)))
     assert len(result.vertices) == 8 and result.info["repairs"] == {"merged vertices": 28, "parts": 1}
     normal = np.cross(*(np.diff(result.vertices[result.faces], axis=1).swapaxes(0, 1)))
     side = np.abs(normal).argmax(1) + 3 * (normal.sum(1) > 0)
@@ -76,8 +74,7 @@ def test_duplicate_faces_are_dropped_in_either_orientation(person):
 
 
 def test_faces_without_area_and_unused_vertices_are_dropped(person):
-    mesh = with_vertices(person(), [[5, 5, 5], [6, 6, 6]])
-    result = clean(with_faces(mesh, [[0, 0, 1], [2, 2, 2]]))
+    result = clean(with_faces(with_vertices(person(), [[5, 5, 5], [6, 6, 6]]), [[0, 0, 1], [2, 2, 2]]))
     assert result.info["repairs"]["faces without area"] == 2
     assert result.info["repairs"]["unused vertices"] == 2
     np.testing.assert_array_equal(corners(result), corners(person()))
@@ -109,8 +106,7 @@ def test_linings_face_inward_and_an_open_scan_is_flipped(person, ellipsoid):
     cut = faces[vertices[faces][..., 1].min(axis=1) > 0.2]  # open at the feet
     nothing = {"uv": np.zeros((0, 3, 2)), "material": np.zeros(0, np.int16), "color": np.zeros((0, 3, 3))}
     points = with_vertices(replace(person(), faces=np.zeros((0, 3), np.int32), **nothing), vertices)
-    scan = with_faces(points, cut[:, ::-1] + 2660)
-    result = clean(scan)
+    result = clean(with_faces(points, cut[:, ::-1] + 2660))
     assert result.info["repairs"]["faces turned"] == len(cut)
     band = cut[(np.abs(vertices[cut][..., 1] - 1) < 0.15).all(axis=1)]
     lining, lined = band[:, ::-1], with_vertices(person(), vertices * [0.3, 1, 0.3])
@@ -167,8 +163,7 @@ def test_faces_keep_their_uv_at_non_manifold_edges(monkeypatch):
     tips = vertices[faces[chosen]].mean(1) * 1.01  # near enough not to count as floating
     fins = np.concatenate([faces[chosen][:, :2], len(vertices) + np.arange(300)[:, None]], 1)
     faces, vertices = rng.permutation(np.concatenate([faces, fins])), np.concatenate([vertices, tips])
-    uv = rng.random((len(faces), 3, 2)).astype(np.float32)
-    mesh = mesh_of(vertices, faces, uv=uv)
+    mesh = mesh_of(vertices, faces, uv=rng.random((len(faces), 3, 2)).astype(np.float32))
     monkeypatch.setattr("relight.meshes.cleaning.MAX_FACES", 0.0)  # no part is dropped
     cleaned = clean(mesh)
     assert cleaned.info["repairs"]["non-manifold edges"] >= 290
@@ -198,8 +193,7 @@ def test_faces_turned_both_ways_are_counted(person):
 def test_a_mesh_of_which_repairs_leave_little_is_warned_of(person):
     """Coordinates rounded to a coarse grid, as single precision far from the origin does."""
     mesh = person()
-    coarse = replace(mesh, vertices=np.round(mesh.vertices * 16).astype(np.float32) / 16)
-    result = clean(coarse)
+    result = clean(replace(mesh, vertices=np.round(mesh.vertices * 16).astype(np.float32) / 16))
     assert len(result.faces) < 0.9 * len(mesh.faces)
     (warning,) = result.info["warnings"]
     assert f"of its {len(mesh.faces)} faces have no area" in warning

@@ -21,8 +21,7 @@ def test_list_and_check(tmp_path, person):
     assert "5280 faces" in checked.output and "+y up, facing +z" in checked.output and "parts: 10" in checked.output
     assert "eve.ply --up +y --front +z --out eve_maps.png --rays 16" in checked.output  # not over a texture eve.png
     (tmp_path / "scans.csv").write_text("path,name,front,turn\neve.ply,Eva,-z,90\n")
-    turned = CliRunner().invoke(app, ["check", str(tmp_path)])
-    assert "--front -z --yaw 90" in turned.output
+    assert "--front -z --yaw 90" in CliRunner().invoke(app, ["check", str(tmp_path)]).output
 
 
 def test_a_damaged_scan_does_not_end_the_check_of_its_folder(tmp_path, person):

@@ -25,8 +25,7 @@ ORANGE = (1, 0.2159, 0)  # 255 128 0
 def write(folder, files):
     """Writes files by name, str or bytes; returns the first."""
     for name, content in files.items():
-        path = bytes(folder) + b"/" + (name if isinstance(name, bytes) else name.encode())
-        with open(path, "wb") as file:
+        with open(bytes(folder) + b"/" + (name if isinstance(name, bytes) else name.encode()), "wb") as file:
             file.write(content)
     first = next(iter(files))
     return folder / (first if isinstance(first, str) else first.decode())

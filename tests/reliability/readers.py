@@ -87,8 +87,7 @@ def textured(path: str) -> None:
 
 
 def pixels(mode: str = "RGB") -> Image.Image:
-    rng = np.random.default_rng(0)
-    return Image.fromarray(rng.integers(0, 256, (12, 16, 3), np.uint8)).convert(mode)
+    return Image.fromarray(np.random.default_rng(0).integers(0, 256, (12, 16, 3), np.uint8)).convert(mode)
 
 
 def panoramas(rng: np.random.Generator) -> dict[str, bytes]:
@@ -159,8 +158,7 @@ def write_whole(folder: Path) -> dict[str, list[Path]]:
     write_left_out(add("maps", "left_out.exr"), {"name": "b"}, "torn")
     pack_maps([folder / "whole.maps.exr"], add("packed", "packed.safetensors"))
     for suffix in ("ply", "glb", "obj", "stl"):
-        box = trimesh.creation.box().export(file_type=suffix)
-        add("mesh", f"box.{suffix}", box)
+        add("mesh", f"box.{suffix}", trimesh.creation.box().export(file_type=suffix))
     materials = [Material(texture=np.zeros((2, 2, 3), np.uint8))]
     mesh_of(np.eye(3), [0, 1, 2], materials=materials, info={"name": "a"}).save(add("record", "record.npz"))
     model = Model(name="unet", width=0.1, norm="batch", dropout=0.0, order=1, albedo="clip", light_head="pooled",

@@ -38,8 +38,7 @@ def body() -> list[float]:
 def maps() -> list[float]:
     """A person of capsules at 64 px: pixels, mean AO, mean transport."""
     solid = person(0)
-    aligned = align(mesh_of(solid.vertices, solid.faces), Align(up="+y", front="+z"))
-    found = bake(aligned, 64, 64)
+    found = bake(align(mesh_of(solid.vertices, solid.faces), Align(up="+y", front="+z")), 64, 64)
     return [int(found.mask.sum()), found.ao[found.mask].mean(), *found.transport[found.mask].mean(axis=0)]
 
 

@@ -64,8 +64,7 @@ def ball(center, radius):
 
 def well(angle):
     pipe = trimesh.creation.cylinder(radius=1, height=1 / np.tan(angle), sections=1024)
-    side = np.abs(pipe.face_normals[:, 2]) < 0.5
-    return pipe.vertices - [0, 0, pipe.vertices[:, 2].min()], pipe.faces[side]
+    return pipe.vertices - [0, 0, pipe.vertices[:, 2].min()], pipe.faces[np.abs(pipe.face_normals[:, 2]) < 0.5]
 
 
 FLOOR = quad([-FAR, -FAR, 0], [FAR, -FAR, 0], [FAR, FAR, 0], [-FAR, FAR, 0])

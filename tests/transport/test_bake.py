@@ -120,8 +120,7 @@ def test_supersampling():
     assert ((smooth.coverage > 0) & (smooth.coverage < 1)).sum() > 50
     np.testing.assert_allclose(smooth.albedo[smooth.mask], 0.5, atol=1e-6)  # not darkened at the edge
     checker = (np.indices((64, 64)).sum(0) % 2 * 255).astype(np.uint8)[..., None].repeat(3, 2)
-    mean = bake(screen(checker), 16, 16, supersample=4).albedo
-    np.testing.assert_allclose(mean, 0.5, atol=1e-5)
+    np.testing.assert_allclose(bake(screen(checker), 16, 16, supersample=4).albedo, 0.5, atol=1e-5)
 
 
 @pytest.mark.slow
@@ -249,14 +248,13 @@ def test_bad_meshes_are_named():
     good = ball(0.5, subdivisions=2)
     poisoned = good.vertices.copy()
     poisoned[3] = np.nan
-    off_palette = np.full(len(good.faces), 3, np.int16)
     cases = [
         (mesh_of(np.zeros((0, 3)), np.zeros((0, 3))), "no faces"),
         (broken(vertices=poisoned), "not finite"),
         (broken(vertices=np.zeros_like(good.vertices)), "degenerate"),
         (broken(faces=good.faces + 10), "162 vertices but its faces use 10 to 171"),
         (broken(vertices=good.vertices + np.float32([5, 0, 0])), "sees nothing.*x 4.5 to 5.5"),
-        (broken(material=off_palette), "1 materials"),
+        (broken(material=np.full(len(good.faces), 3, np.int16)), "1 materials"),
         (broken(color=np.full((len(good.faces), 3, 3), np.nan, np.float32)), "colors that are not finite"),
     ]
     for mesh, words in cases:
@@ -278,11 +276,9 @@ def test_bad_parts_of_a_mesh_are_ignored():
     """Unused NaN vertices, some degenerate faces, faces outside the image and holes: baked, by the stated rules."""
     good = ball(0.5, subdivisions=4)
     expected = bake(good, 32, 64)
-    extra = np.concatenate([good.vertices, np.full((1, 3), np.nan, np.float32)])
-    maps = bake(mesh_of(extra, good.faces), 32, 64)
+    maps = bake(mesh_of(np.concatenate([good.vertices, np.full((1, 3), np.nan, np.float32)]), good.faces), 32, 64)
     np.testing.assert_array_equal(maps.transport, expected.transport)
-    flat = np.concatenate([good.faces, [[0, 0, 1], [5, 5, 5]]])
-    maps = bake(mesh_of(good.vertices, flat), 32, 64)
+    maps = bake(mesh_of(good.vertices, np.concatenate([good.faces, [[0, 0, 1], [5, 5, 5]]])), 32, 64)
     np.testing.assert_array_equal(maps.transport, expected.transport)
     assert np.isfinite(maps.transport).all() and np.isfinite(maps.normal).all()
     half_out = bake(mesh_of(good.vertices + np.float32([1, 0, 0]), good.faces), 32, 16)
@@ -296,8 +292,7 @@ def test_bad_normals_fall_back_to_the_face():
     """Randomly wound faces of a scan: vertex normals that mean nothing never turn a pixel away from its own face."""
     good = ball(0.5, subdivisions=4)
     flip = np.random.default_rng(0).random(len(good.faces)) < 0.5
-    faces = np.where(flip[:, None], good.faces[:, ::-1], good.faces)
-    maps = bake(mesh_of(good.vertices, faces), 48, 64)
+    maps = bake(mesh_of(good.vertices, np.where(flip[:, None], good.faces[:, ::-1], good.faces)), 48, 64)
     expected = bake(good, 48, 64)
     inner = maps.mask & (expected.normal[..., 2] > 0.2)
     assert np.isfinite(maps.transport).all() and maps.transport[..., 0].max() < 0.8863

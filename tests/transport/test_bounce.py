@@ -32,8 +32,7 @@ def test_integrating_sphere(bounces):
     maps = bake(mesh, 48, 256, bounces=bounces)
     opening = 4 * wall * (1 - wall)  # sin^2 of the port's half-angle, by its solid angle
     entered = opening / 4 * unoccluded(np.array([0.0, 0.0, 1.0]))
-    series = sum(ALBEDO * (ALBEDO * wall) ** k for k in range(bounces))
-    expected = entered[:, None] * series
+    expected = entered[:, None] * sum(ALBEDO * (ALBEDO * wall) ** k for k in range(bounces))
     inside = maps.mask & (np.hypot(*np.meshgrid(*[(2 * np.arange(48) + 1) / 48 - 1] * 2)) < 0.6)
     bounced = maps.bounced[inside]
     np.testing.assert_allclose(bounced.mean(0), expected, atol=6e-3 * expected.max())

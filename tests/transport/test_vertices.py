@@ -136,8 +136,7 @@ def test_shared_vertices_stay_on_their_side(sign, seed):
 
 def separate_triangles():
     """A ball whose faces have vertices of their own, with the smooth normals of the ball; three point inward."""
-    ball = trimesh.creation.icosphere(subdivisions=3)
-    points = ball.triangles.reshape(-1, 3)
+    points = trimesh.creation.icosphere(subdivisions=3).triangles.reshape(-1, 3)
     normals = points.copy()
     normals[:3] *= -1
     faces = np.arange(len(points)).reshape(-1, 3)

@@ -89,8 +89,7 @@ def seen(baker, view, size):
 def test_transport_is_the_frontal_one_turned(view):
     """The same rays cast from the same points in the mesh's frame, their coefficients turned by the view's rotation."""
     size, rays, order = 40, 64, 3
-    mesh = balls()
-    baker = Baker(mesh, replace(read_preset("bake"), size=size, rays=rays, order=order), seed=3)
+    baker = Baker(balls(), replace(read_preset("bake"), size=size, rays=rays, order=order), seed=3)
     maps = baker.maps(view)
     pixel, points, geometric, normals = seen(baker, view, size)
     np.testing.assert_array_equal(pixel, np.flatnonzero(maps.mask))
@@ -130,8 +129,7 @@ def shown(mesh, view):
 @pytest.mark.parametrize("offset", [(0, 0, 0), (30, -20, 50)])
 def test_the_figure_fills_the_picture_from_everywhere(offset):
     """Its box is centred, and the longer side that of the frontal view, whatever the lens."""
-    rng = np.random.default_rng(2)
-    vertices = rng.uniform(-1, 1, (198, 3)) ** 3 * [0.5, 0.9, 0.4]
+    vertices = np.random.default_rng(2).uniform(-1, 1, (198, 3)) ** 3 * [0.5, 0.9, 0.4]
     mesh = mesh_of(vertices + offset, np.arange(198).reshape(-1, 3))
     long = np.ptp(mesh.vertices.astype(float), axis=0)[:2].max()
     others = View(90, 15, 18), View(180, -15, 10000), View(20, 90), *(random_view(f"a{i}") for i in range(9))

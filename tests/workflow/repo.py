@@ -81,8 +81,7 @@ for words, edit in runs:
 
 def planned(repo: Path, *runs: Sequence[str], edits: Sequence[tuple[str, str] | None] = ()) -> list[dict[str, int]]:
     """What dry runs would do, by their words: {rule: jobs} of each; `edits` of a file are there during one of them."""
-    pairs = [*zip_longest(runs, edits)]
-    run = output(repo, [sys.executable, "-c", DRY_RUNS, json.dumps(pairs)])
+    run = output(repo, [sys.executable, "-c", DRY_RUNS, json.dumps([*zip_longest(runs, edits)])])
     assert run.returncode == 0, run.stdout
     tables = [re.findall(r"^(\w+) +(\d+)$", text, re.M) for text in run.stdout.split("END\n")[:-1]]
     return [{rule: int(jobs) for rule, jobs in table if rule not in ("total", "all")} for table in tables]

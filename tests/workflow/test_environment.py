@@ -55,8 +55,7 @@ def test_pythons_are_the_same_everywhere():
 
 
 def test_lock_names_only_the_public_index_and_hashes_every_file():
-    addresses = re.findall(r"https?://([^/\"]+)", LOCK)
-    assert set(addresses) == {"pypi.org", "files.pythonhosted.org"}
+    assert set(re.findall(r"https?://([^/\"]+)", LOCK)) == {"pypi.org", "files.pythonhosted.org"}
     files = re.findall(r"url = .*", LOCK)
     assert len(files) > 1000 and all(re.search(r'hash = "sha256:[0-9a-f]{64}"', line) for line in files)
 

@@ -109,8 +109,7 @@ def test_a_file_is_made_again_for_other_inputs_params_code_or_content(tmp_path):
     scan.write_text("1")
 
     def pack(**params: object) -> bool:
-        record = describe("pack", params, [FIGURES, str(scan)], PACKED)
-        return work(PACKED, record, {}, "") is not None
+        return work(PACKED, describe("pack", params, [FIGURES, str(scan)], PACKED), {}, "") is not None
 
     write(PACKED, "1")
     assert pack(size=1, scale=0.1) and not pack(size=1, scale=0.1) and pack(size=2, scale=0.1)

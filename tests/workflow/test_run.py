@@ -183,8 +183,7 @@ def test_a_name_remembers_its_run(calls, capsys):
     module.run([*WORDS, "name=mine", "panoramas.count=25"], False, None, False, ["all"], [])
     capsys.readouterr()
     module.run(["name=mine", "train.lr=0.1"], False, None, False, ["all"], [])
-    out = capsys.readouterr().out
-    assert out.startswith("goes on with scale=smoke experiment=one panoramas.count=25\n")
+    assert capsys.readouterr().out.startswith("goes on with scale=smoke experiment=one panoramas.count=25\n")
     settings = calls[-1][1]["settings"]
     assert (settings["panoramas"]["count"], settings["train"]["lr"], settings["train"]["steps"]) == (25, 0.1, 24)
     module.run(["name=mine", "panoramas.count=26"], False, None, False, ["all"], [])

@@ -37,8 +37,7 @@ def test_three_meshes_and_two_panoramas_give_a_data_set(tmp_path):
     assert set(record["left_out"]) == {"broken"} and "broken is left out" in run.stdout
     assert read_info(repo / "results/mine/maps/plain/plain.v1.exr")["figure"] == "plain"
 
-    moved = shutil.copytree(repo, tmp_path / "moved")
-    (jobs,) = planned(moved, words)
+    (jobs,) = planned(shutil.copytree(repo, tmp_path / "moved"), words)
     assert not {"scan", "align", "bake", "lights"} & jobs.keys()
     shutil.copy(scans / "colored.ply", scans / "another.ply")
     table.write_text("name,turn\nplain,9\n")

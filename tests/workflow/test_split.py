@@ -46,8 +46,7 @@ def test_the_validation_has_few_figures_and_changes_no_test(monkeypatch):
     names = [f"f{i:03d}" for i in range(345)]
     parts = split_figures(names, names, split("subject"))
     assert len(parts["validation"]) == 8 and len(parts["train"]) == 345 - 8 - len(parts["test"])
-    more = split_figures(names, names, split("subject", seed=1))
-    assert set(parts["validation"]) != set(more["validation"])
+    assert set(parts["validation"]) != set(split_figures(names, names, split("subject", seed=1))["validation"])
     monkeypatch.setattr("relight.learning.split.MAX_VALIDATION", 20)
     larger = split_figures(names, names, split("subject"))
     assert len(larger["validation"]) == 20 and larger["test"] == parts["test"]
@@ -60,8 +59,7 @@ def test_few_people_of_many_figures_are_mostly_for_training(sizes, test):
     names = [f"f{i:02d}" for i in range(len(subjects))]
     for seed in range(4):
         parts = split_figures(names, subjects, split("subject", test=0.2, seed=seed))
-        wanted = round(0.1 * (len(names) - test))
-        assert (len(parts["test"]), len(parts["validation"])) == (test, wanted)
+        assert (len(parts["test"]), len(parts["validation"])) == (test, round(0.1 * (len(names) - test)))
 
 
 def test_too_few_subjects():

@@ -146,8 +146,7 @@ def record(uri: str, losses: dict[str, float]) -> None:
                 write_scores(shading)
                 log_scores(tracking(uri), network, condition, SCORES)
     Path("run.yaml").write_text("track: {uri: 'postgresql://me:secret@host/runs'}\n")
-    left = TrainingRun(tracking(uri), "left.s0", "1" * 64, {})
-    left.open()
+    TrainingRun(tracking(uri), "left.s0", "1" * 64, {}).open()
     mlflow.end_run("RUNNING")  # as a kill leaves it
     for _ in range(2):
         log_report(tracking(uri), [Path(f"{name}.safetensors") for name in losses], [curve], Path("run.yaml"))
@@ -167,8 +166,7 @@ def check_record(address: str) -> None:
     for run in trainings:
         assert run.data.tags["mlflow.parentRunId"] == report.info.run_id
         assert run.info.status == "FINISHED" and run.data.params == {"train.color": "paper"}
-        scores = {name for name in run.data.metrics if name.startswith("test")}
-        assert scores == {"test_shading_rmse"}
+        assert {name for name in run.data.metrics if name.startswith("test")} == {"test_shading_rmse"}
         assert run.data.metrics["test_shading_rmse"] == pytest.approx(0.5 - LOSSES[run.info.run_name])
         assert len(client.get_metric_history(run.info.run_id, "test_shading_rmse")) == 2
         points = client.get_metric_history(run.info.run_id, "loss/train")
@@ -304,5 +302,4 @@ def test_serve_is_one_server_that_ends_with_it_and_takes_runs(tmp_path):
     finally:
         server.send_signal(signal.SIGTERM)
         server.wait(timeout=60)
-    left = psutil.wait_procs([psutil.Process(pid) for pid in family if psutil.pid_exists(pid)], timeout=30)[1]
-    assert not left
+    assert not psutil.wait_procs([psutil.Process(pid) for pid in family if psutil.pid_exists(pid)], timeout=30)[1]

@@ -28,8 +28,7 @@ FIGURES = ("ann", "bob", "eve")
 
 @pytest.fixture(scope="module")
 def settings():
-    words = ["scale=smoke", "bake.views=2", "bake.rays=4", "figures.count=1"]
-    return OmegaConf.to_object(composed(words))
+    return OmegaConf.to_object(composed(["scale=smoke", "bake.views=2", "bake.rays=4", "figures.count=1"]))
 
 
 @pytest.fixture(scope="module")
