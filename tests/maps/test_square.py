@@ -71,8 +71,7 @@ def test_equal_scale_is_the_identity():
 
 
 def test_parts_equal_the_whole():
-    rng = np.random.default_rng(2)
-    f = crop_around(figure(777, 500, 13, 30, 765, 420), 64)
+    rng, f = np.random.default_rng(2), crop_around(figure(777, 500, 13, 30, 765, 420), 64)
     maps = rng.random((64, 64, 2)).astype(np.float32)
     whole = f.place(maps)
     for rows, columns in tiles(f.rows, f.columns):

@@ -17,8 +17,7 @@ from relight.meshes.polygons import triangulate
 from relight.transport.surface import sample_albedo
 
 POINTS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
-FACE = b"f 1 2 3\n"
-RED = b"newmtl %s\nKd 1 0 0\n"
+FACE, RED = b"f 1 2 3\n", b"newmtl %s\nKd 1 0 0\n"
 ORANGE = (1, 0.2159, 0)  # 255 128 0
 
 
@@ -85,8 +84,7 @@ TEXTS = {
 
 
 COLORED = b"v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\n"
-SOME = b"v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0\n"
-FOUR = b"v 0 0 0 %s\nv 1 0 0 %s\nv 0 1 0 %s\n"
+SOME, FOUR = b"v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0\n", b"v 0 0 0 %s\nv 1 0 0 %s\nv 0 1 0 %s\n"
 TWICE = b"vt 0 0\nv 0 0 0 %s\nv 1 0 0 %s\nv 0 1 0 %s\nusemtl B\nf 1/1 2/1 3/1\n"
 # The text of an .obj beside a red material A and a textured B; the albedo of its last face, and what a warning says.
 SYNTAX = {
@@ -388,8 +386,7 @@ def colored(component, normalized):
 def text_of(content: bytes) -> str:
     """A .glb as the text of a .gltf."""
     end = 20 + struct.unpack_from("<I", content, 12)[0]
-    scene = json.loads(content[20:end])
-    data = base64.b64encode(content[end + 8 :]).decode()
+    scene, data = json.loads(content[20:end]), base64.b64encode(content[end + 8 :]).decode()
     scene["buffers"][0]["uri"] = "data:application/octet-stream;base64," + data
     return json.dumps(scene, ensure_ascii=False)
 

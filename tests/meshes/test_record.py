@@ -17,8 +17,7 @@ def test_round_trip(tmp_path, person):
         value = getattr(again, field)
         np.testing.assert_array_equal(value, getattr(mesh, field))
         assert value.dtype == getattr(mesh, field).dtype
-    assert again.info == mesh.info
-    assert again.materials[0].texture is None
+    assert again.info == mesh.info and again.materials[0].texture is None
     np.testing.assert_array_equal(again.materials[1].texture, mesh.materials[1].texture)
 
 

@@ -10,8 +10,7 @@ from relight.meshes import read_mesh
 COMPONENTS = {"|u1": 5121, "<u2": 5123, "<f4": 5126}
 SHAPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
-ONE_JOINT = np.array([[0, 0, 0, 0]] * 3, "u1")
-WHOLE = np.array([[1, 0, 0, 0]] * 3, "<f4")
+ONE_JOINT, WHOLE = np.array([[0, 0, 0, 0]] * 3, "u1"), np.array([[1, 0, 0, 0]] * 3, "<f4")
 MOVED = {"translation": [0, 5, 0], "rotation": [0, 0, 0.6, 0.8], "scale": [0.01, 0.01, 0.01]}
 
 
@@ -77,14 +76,9 @@ def test_the_node_of_a_skinned_mesh_and_its_parents_do_not_move_it(tmp_path, par
 def posed(file, seed=0, count=40):
     """A chain of five joints under a moved root, posed away from its bind pose; what it does to a cloud."""
     generator = np.random.default_rng(seed)
-    poses = [
-        {
-            "translation": generator.normal(size=3).tolist(),
-            "rotation": Rotation.random(rng=generator).as_quat().tolist(),
-            "scale": generator.uniform(0.5, 2, 3).tolist(),
-        }
-        for _ in range(6)
-    ]
+    places, scales = generator.normal(size=(6, 3)).tolist(), generator.uniform(0.5, 2, (6, 3)).tolist()
+    turns = Rotation.random(6, rng=generator).as_quat().tolist()
+    poses = [dict(zip(("translation", "rotation", "scale"), parts)) for parts in zip(places, turns, scales)]
     file.scene["nodes"] = [{**pose, "children": [i + 1]} for i, pose in enumerate(poses[:5])] + [poses[5]]
     file.scene["scenes"] = [{"nodes": [0]}]
     world = np.eye(4)

@@ -78,17 +78,13 @@ def shadow(n, center, radius):
     return unoccluded(n) - cap(n, center / distance, np.arcsin(radius / distance))
 
 
+BETWEEN = wedge(np.arctan(2.0), np.pi - np.arctan(0.7))
 # name: (parts, normal, answer, RMSE at 64, 256, 1024, 4096 rays)
 SCENES = {
     "plane": ([FLOOR], UP, unoccluded(UP), (1e-7, 1e-7, 1e-7, 1e-7)),
     "infinite wall": ([FLOOR, wall(-0.01, FAR)], UP, wedge(0, np.pi / 2), (1.1e-2, 2.9e-3, 7.5e-4, 2.1e-4)),
     "finite wall": ([FLOOR, wall(-1, 0.7)], UP, wedge(0, np.pi - np.arctan(0.7)), (1.3e-2, 3.8e-3, 1.1e-3, 5.4e-4)),
-    "two walls": (
-        [FLOOR, wall(-1, 0.7), wall(1, 2.0)],
-        UP,
-        wedge(np.arctan(2.0), np.pi - np.arctan(0.7)),
-        (2.0e-2, 5.8e-3, 2.2e-3, 7.4e-4),
-    ),
+    "two walls": ([FLOOR, wall(-1, 0.7), wall(1, 2.0)], UP, BETWEEN, (2.0e-2, 5.8e-3, 2.2e-3, 7.4e-4)),
     "sphere overhead": ([FLOOR, ball(UP, 0.5)], UP, shadow(UP, UP, 0.5), (4.5e-3, 1.3e-3, 3.1e-4, 7.7e-5)),
     "sphere oblique": ([FLOOR, ball(OVER, 0.4)], UP, shadow(UP, OVER, 0.4), (1.5e-2, 3.5e-3, 1.9e-3, 4.1e-4)),
     "tilted normal": ([ball(BESIDE, 0.3)], TILT, shadow(TILT, BESIDE, 0.3), (1.2e-2, 3.6e-3, 1.4e-3, 4.2e-4)),

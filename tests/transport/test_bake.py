@@ -29,12 +29,12 @@ def ball(radius=0.5, center=(0, 0, 0), subdivisions=5):
     return mesh_of(sphere.vertices * radius + center, sphere.faces)
 
 
-def screen(texture=None, z=0.0, uv=((0, 0), (1, 0), (1, 1), (0, 1)), color=None):
+def screen(texture=None, z=0.0, color=None):
     """The square that fills the image, its texture upright."""
     corners = [[-1, -1, z], [1, -1, z], [1, 1, z], [-1, 1, z]]
     quad = np.array([[0, 1, 2], [0, 2, 3]])
+    uv = np.float32([(0, 0), (1, 0), (1, 1), (0, 1)])[quad]
     color = None if color is None else color[quad]
-    uv = np.array(uv, np.float32)[quad]
     return mesh_of(corners, quad, [Material(np.ones(3, np.float32), texture)], uv=uv, color=color)
 
 
@@ -67,8 +67,7 @@ def test_ball():
 def test_a_slow_twin_agrees():
     """Every ray by hand: float64 Moeller-Trumbore against all triangles, the basis in world directions."""
     vertices, faces = random_mesh()
-    caster = RayCaster(vertices, faces, threads=1)
-    rng = np.random.default_rng(1)
+    caster, rng = RayCaster(vertices, faces, threads=1), np.random.default_rng(1)
     points, normals = rng.uniform(-0.5, 0.5, (30, 3)), rng.normal(size=(30, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     fast, _ = integrate(caster, points, normals, normals, 64, order=3, seed=7)
@@ -80,12 +79,9 @@ def test_a_slow_twin_agrees():
         w, start = world[p], point + caster.offset * normal
         assert (w @ normal > 0).all()
         q = np.cross(w[:, None], (c - a)[None])
-        det = np.einsum("fx,nfx->nf", b - a, q)
-        s = start - a
-        u = np.einsum("fx,nfx->nf", s, q) / det
-        r = np.cross(s, b - a)
-        v = np.einsum("nx,fx->nf", w, r) / det
-        t = np.einsum("fx,fx->f", c - a, r)[None] / det
+        det, s = np.einsum("fx,nfx->nf", b - a, q), start - a
+        u, r = np.einsum("fx,nfx->nf", s, q) / det, np.cross(s, b - a)
+        v, t = np.einsum("nx,fx->nf", w, r) / det, np.einsum("fx,fx->f", c - a, r)[None] / det
         seen = ~((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)).any(1)
         open_part = np.pi / 64 * (basis(w, 3) * seen[:, None]).sum(0)
         # The control variate: what the same rays give with nothing in the way, against the exact integral.
@@ -98,8 +94,7 @@ def test_texture_is_upright_decoded_and_bilinear():
     texture = np.random.default_rng(0).integers(0, 256, (8, 8, 3)).astype(np.uint8)
     maps = bake(screen(texture), 8, 1)
     np.testing.assert_allclose(maps.albedo, LINEAR[texture], atol=1e-5)  # texel centres are pixel centres
-    doubled = bake(screen(texture), 16, 1).albedo
-    a = LINEAR[texture]
+    doubled, a = bake(screen(texture), 16, 1).albedo, LINEAR[texture]
     expected = (0.75 * a[3, 4] + 0.25 * a[2, 4]) * 0.75 + (0.75 * a[3, 5] + 0.25 * a[2, 5]) * 0.25
     np.testing.assert_allclose(doubled[6, 9], expected, atol=1e-5)
 
@@ -167,8 +162,8 @@ def test_backs_are_surfaces():
     """An open bowl seen from inside has the same maps whichever way its faces are wound."""
     bowl = trimesh.creation.icosphere(subdivisions=4)
     lower = bowl.triangles_center[:, 2] < 0
-    right = bake(mesh_of(bowl.vertices * 0.8, bowl.faces[lower][:, ::-1]), 48, 64)
-    wrong = bake(mesh_of(bowl.vertices * 0.8, bowl.faces[lower]), 48, 64)
+    faces = bowl.faces[lower][:, ::-1], bowl.faces[lower]
+    right, wrong = (bake(mesh_of(bowl.vertices * 0.8, each), 48, 64) for each in faces)
     assert right.info["backs"] < 0.01 and wrong.info["backs"] > 0.99
     np.testing.assert_allclose(wrong.normal, right.normal, atol=1e-6)
     np.testing.assert_allclose(wrong.transport, right.transport, atol=1e-5)
@@ -246,7 +241,7 @@ def broken(**changes):
 
 def test_bad_meshes_are_named():
     good = ball(0.5, subdivisions=2)
-    poisoned = good.vertices.copy()
+    poisoned, texture = good.vertices.copy(), np.zeros((2, 2, 3), np.uint8)
     poisoned[3] = np.nan
     cases = [
         (mesh_of(np.zeros((0, 3)), np.zeros((0, 3))), "no faces"),
@@ -256,16 +251,12 @@ def test_bad_meshes_are_named():
         (broken(vertices=good.vertices + np.float32([5, 0, 0])), "sees nothing.*x 4.5 to 5.5"),
         (broken(material=np.full(len(good.faces), 3, np.int16)), "1 materials"),
         (broken(color=np.full((len(good.faces), 3, 3), np.nan, np.float32)), "colors that are not finite"),
+        (broken(materials=[Material(texture=texture)], uv=good.uv + np.float32(np.inf)), "texture coordinates"),
     ]
     for mesh, words in cases:
         with pytest.raises(UserError, match=words):
             bake(mesh, 16, 4)
-    textured = broken(materials=[Material(np.ones(3, np.float32), np.zeros((2, 2, 3), np.uint8))])
-    textured.uv[:] = np.inf
-    with pytest.raises(UserError, match="texture coordinates"):
-        bake(textured, 16, 4)
-    settings = ({"rays": 0}, {"order": -1}, {"supersample": 0}, {"bounces": -1}, {"size": 0})
-    for setting in settings:
+    for setting in ({"rays": 0}, {"order": -1}, {"supersample": 0}, {"bounces": -1}, {"size": 0}):
         with pytest.raises(UserError, match="at least"):
             bake(good, **{"size": 8, "rays": 4, **setting})
     with pytest.raises(ValueError, match="finite"):

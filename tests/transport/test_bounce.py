@@ -44,8 +44,7 @@ def test_integrating_sphere(bounces):
 def corner(times):
     """A white floor and a red wall at its right that looks left, two triangles each, cut into four `times` times."""
     floor = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
-    wall = [[1, -1, 0], [1, -1, 1], [1, 1, 1], [1, 1, 0]]
-    quad = np.array([[0, 1, 2], [0, 2, 3]])
+    wall, quad = [[1, -1, 0], [1, -1, 1], [1, 1, 1], [1, 1, 0]], np.array([[0, 1, 2], [0, 2, 3]])
     vertices, faces = np.array(floor + wall, float), np.concatenate([quad, quad + 4])
     for _ in range(times):
         vertices, faces = trimesh.remesh.subdivide(vertices, faces)

@@ -18,35 +18,28 @@ def mesh(tmp_path, monkeypatch):
     nose = trimesh.creation.icosphere(subdivisions=2, radius=80)
     nose.apply_translation([0, -190, 1150])
     monkeypatch.chdir(tmp_path)
-    path = tmp_path / "thing.obj"
-    trimesh.util.concatenate([body, nose]).export(path)
-    return path
+    trimesh.util.concatenate([body, nose]).export("thing.obj")
+    return tmp_path / "thing.obj"
 
 
 def run(*arguments):
     return CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
 
 
-def test_maps_and_vertices(mesh, tmp_path):
+def test_maps_and_vertices_are_where_asked_for_or_else_beside_the_user(mesh, tmp_path):
     outs = [tmp_path / f"out/a{suffix}" for suffix in (".exr", ".png", ".ply", ".npz")]
     options = ["--size", 64, "--rays", 32, "--order", 1, "--up", "+z", "--front=-y"]
     result = run(mesh, *options, *[word for out in outs for word in ("--out", out)])
-    assert result.exit_code == 0, result.output
-    assert result.stdout.split() == [str(out) for out in outs]
+    assert result.exit_code == 0 and result.stdout.split() == [str(out) for out in outs], result.output
     maps = read_maps(outs[0])
     assert maps.transport.shape == (64, 64, 4) and maps.info["name"] == "thing"
     rows = np.flatnonzero(maps.mask.any(1))
     assert (rows[0], rows[-1]) == (3, 60)  # 5 % of 64 pixels above and below
     nose = np.unravel_index(np.argmin(np.where(maps.mask, maps.depth, 9)), maps.mask.shape)
     assert 3 < nose[0] < 20 and abs(nose[1] - 32) < 3  # in front, near the top, in the middle
-    assert Image.open(outs[1]).size[0] > 50
-    assert np.load(outs[3])["transport"].shape[1] == 4
+    assert Image.open(outs[1]).size[0] > 50 and np.load(outs[3])["transport"].shape[1] == 4
     assert len(trimesh.load(outs[2], process=False).vertices) == len(np.load(outs[3])["vertices"])
-
-
-def test_the_default_output_is_beside_the_user(mesh, tmp_path):
-    result = run(mesh, "--size", 16, "--rays", 4)
-    assert result.stdout.split() == ["thing.exr"] and (tmp_path / "thing.exr").exists()
+    assert run(mesh, "--size", 16, "--rays", 4).stdout.split() == ["thing.exr"] and (tmp_path / "thing.exr").exists()
 
 
 def test_a_view(mesh, tmp_path):
@@ -56,8 +49,7 @@ def test_a_view(mesh, tmp_path):
     assert run(mesh, "-o", out, *options).exit_code == 0
     maps = read_maps(out)
     rows, columns = np.nonzero(maps.mask)
-    assert (rows.min(), rows.max()) == (3, 60)
-    assert 3 < rows[columns == columns.max()].mean() < 20
+    assert (rows.min(), rows.max()) == (3, 60) and 3 < rows[columns == columns.max()].mean() < 20
     assert maps.info["camera"] == "perspective" and maps.info["view"]["pitch"] == -8
 
 
@@ -92,9 +84,8 @@ def test_errors_name_their_cause(mesh, tmp_path):
 
 
 def test_faces_turned_both_ways_are_told_of(tmp_path):
-    box = trimesh.creation.box()
+    box, path = trimesh.creation.box(), tmp_path / "box.ply"
     box.faces = np.concatenate([box.faces, box.faces[:2, ::-1]])
-    path = tmp_path / "box.ply"
     path.write_bytes(trimesh.exchange.ply.export_ply(box))
     options = ["-o", tmp_path / "a.exr", "--size", 16, "--rays", 1]
     told = "2 faces coincide with faces of opposite orientation, so vertex normals cancel; "

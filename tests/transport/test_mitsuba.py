@@ -59,8 +59,8 @@ def test_every_coefficient(knot):
 
 def test_a_bounce_in_color(knot):
     maps = bake(knot, 128, 256, bounces=1)
-    direct, where = block_means(maps.transport, 4), interior_blocks(maps.mask, 4)
-    bounced = block_means(maps.bounced, 4)
+    direct, bounced = block_means(maps.transport, 4), block_means(maps.bounced, 4)
+    where = interior_blocks(maps.mask, 4)
     light = np.zeros((9, 3))
     light[:3] = [[4.0] * 3, [1.5] * 3, [1.0] * 3]
     traced = PathTracer(knot, 32).radiance(basis(sky_directions()) @ light, 144, bounces=1)[where]
@@ -76,9 +76,8 @@ def plate():
     """A square that faces the camera and fills its picture, with a texture of 16 x 16 random colors."""
     corners = np.float32([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     faces = np.int32([[0, 1, 2], [0, 2, 3]])
-    uv = ((corners[:, :2] + 1) / 2)[faces]
     texture = np.random.default_rng(4).integers(60, 250, (16, 16, 3)).astype(np.uint8)
-    return mesh_of(corners, faces, uv=uv.astype(np.float32), materials=[Material(texture=texture)])
+    return mesh_of(corners, faces, uv=((corners[:, :2] + 1) / 2)[faces], materials=[Material(texture=texture)])
 
 
 def test_textures_are_those_that_are_baked(plate):

@@ -86,31 +86,23 @@ def seen(baker, view, size):
 
 
 @pytest.mark.parametrize("view", VIEWS[:3])
-def test_transport_is_the_frontal_one_turned(view):
+def test_transport_and_what_is_bounced_are_the_frontal_ones_turned(view):
     """The same rays cast from the same points in the mesh's frame, their coefficients turned by the view's rotation."""
     size, rays, order = 40, 64, 3
-    baker = Baker(balls(), replace(read_preset("bake"), size=size, rays=rays, order=order), seed=3)
+    baker = Baker(balls(), replace(read_preset("bake"), size=size, rays=rays, order=order, bounces=1), seed=3)
     maps = baker.maps(view)
     pixel, points, geometric, normals = seen(baker, view, size)
     np.testing.assert_array_equal(pixel, np.flatnonzero(maps.mask))
     rotation = np.array(maps.info["view"]["rotation"])
     np.testing.assert_allclose(maps.normal[maps.mask], normals @ rotation.T, atol=1e-6)
-
-    found = maps.transport[maps.mask]
+    found, turn = maps.transport[maps.mask], rotation_matrix(rotation, order)
     assert 0.5 < (found[:, 0] / unoccluded(normals, 0)[:, 0]).mean() < 0.95  # balls shade each other: a real test
-    there, _ = integrate(baker.caster, points, normals, geometric, rays, order, azimuth=random_azimuths(len(pixel), 3))
-    np.testing.assert_allclose(found, there @ rotation_matrix(rotation, order).T, atol=1e-5)
-
-
-def test_bounced_transport_is_rotated_too():
-    baker = Baker(balls(3), replace(read_preset("bake"), size=24, rays=32, bounces=1))
-    view = View(-120, 10)
-    maps = baker.maps(view)
-    pixel, points, geometric, normals = seen(baker, view, 24)
-    options = {"radiosity": baker.radiosity, "azimuth": random_azimuths(len(pixel), 0)}
-    _, gathered = integrate(baker.gather_caster, points, normals, geometric, 32, **options)
-    expected = np.einsum("jk,pkc->pjc", rotation_matrix(view.rotation), gathered)
-    np.testing.assert_allclose(maps.bounced[maps.mask], expected, atol=1e-6)
+    given = points, normals, geometric, rays, order
+    azimuth = random_azimuths(len(pixel), 3)
+    there, _ = integrate(baker.caster, *given, azimuth=azimuth)
+    np.testing.assert_allclose(found, there @ turn.T, atol=1e-5)
+    _, bounced = integrate(baker.gather_caster, *given, azimuth=azimuth, radiosity=baker.radiosity)
+    np.testing.assert_allclose(maps.bounced[maps.mask], np.einsum("jk,pkc->pjc", turn, bounced), atol=1e-5)
     assert maps.bounced[..., 0, 0].max() > 0.1
 
 
@@ -169,12 +161,8 @@ def test_random_views():
 
 
 def test_invalid_views_are_refused():
-    for view, words in (
-        ((181,), "yaw is 181"),
-        ((float("nan"),), "yaw is nan"),
-        ((0, 91), "pitch is 91"),
-        ((0, 0, 9), "from 10 to 10000"),
-    ):
+    for view, words in (((181,), "yaw is 181"), ((float("nan"),), "yaw is nan"), ((0, 91), "pitch is 91"),
+                        ((0, 0, 9), "from 10 to 10000")):  # fmt: skip
         with pytest.raises(UserError, match=words):
             View(*view)
     line = mesh_of([[0, 0, 0], [0, 0, 1], [0, 0, 2]], [[0, 1, 2]])
