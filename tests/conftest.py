@@ -126,8 +126,7 @@ def tiny_network(tmp_path_factory) -> Path:
     surface, so that shadings are positive; enough for all that is not about quality."""
     import onnx
 
-    rng = np.random.default_rng(3)
-    light = np.zeros((9, 3), np.float32)
+    rng, light = np.random.default_rng(3), np.zeros((9, 3), np.float32)
     light[:4] = np.array([[0.8], [0.15], [0.2], [-0.1]]) * rng.uniform(0.8, 1.2, (4, 3))
     constants = {
         "weight": rng.normal(0, 0.1, (12, 3, 5, 5)).astype(np.float32),

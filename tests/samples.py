@@ -169,8 +169,7 @@ def random_maps(name: str = "figure ü", size: int = 9, order: int = 2, bounced:
 
 def snowman(size: int, seed: int) -> Maps:
     """Body and head, colored stripes, darker toward the neck; transport = AO * T(normal) exactly."""
-    rng = np.random.default_rng(seed)
-    x = (2 * np.arange(size) + 1) / size - 1
+    rng, x = np.random.default_rng(seed), (2 * np.arange(size) + 1) / size - 1
     x, y = np.meshgrid(x, -x)
     mask, normal, depth = np.zeros(x.shape, bool), np.zeros((*x.shape, 3)), np.zeros(x.shape)
     body, head = rng.uniform(0.28, 0.45), rng.uniform(0.16, 0.22)

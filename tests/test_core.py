@@ -8,7 +8,6 @@ import sys
 import tomllib
 from functools import cache
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires
-from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
@@ -57,12 +56,8 @@ def core_packages() -> set[str]:
 @pytest.fixture(scope="module")
 def core(tmp_path_factory):
     """The function that runs `relight` as where the core alone is installed, and returns the finished process."""
-    allowed = core_packages()
-    hidden = [
-        module
-        for module, owners in distributions().items()
-        if not {canonicalize_name(owner) for owner in owners} & {*allowed, "relight", "coverage"}
-    ]
+    allowed = {*core_packages(), "relight", "coverage"}
+    hidden = [name for name, owners in distributions().items() if not {*map(canonicalize_name, owners)} & allowed]
     folder = tmp_path_factory.mktemp("core")
     (folder / "guard.py").write_text(GUARD.format(hidden=json.dumps(hidden)))
     environment = {**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}", "RELIGHT_DATA": str(folder / "data")}
@@ -113,15 +108,10 @@ def ends(done) -> list[tuple[int, str]]:
 
 @pytest.mark.slow
 def test_commands_of_the_core_run(core, photo):
-    commands = [
-        ["photo", photo, "--light", "lamps:5", "--out", "relit", "--maps"],
-        ["photo", photo, "--light", photo, "--out", "relit"],
-        ["view", photo, "--out", "me.html"],
-        ["light", "room:7", "--out", "room.json"],
-        ["photo", "--help"],
-        ["--help"],
-    ]
-    found = ends(core(json.dumps(commands, default=str), program=COMMANDS))
+    lines = "photo PHOTO --light lamps:5 --out relit --maps", "photo PHOTO --light PHOTO --out relit"
+    lines += "view PHOTO --out me.html", "light room:7 --out room.json", "photo --help", "--help"
+    commands = [line.replace("PHOTO", str(photo)).split() for line in lines]
+    found = ends(core(json.dumps(commands), program=COMMANDS))
     assert [code for code, _ in found] == [0] * len(commands), found
 
 
@@ -143,7 +133,6 @@ LACKING = {  # command -> the extra that it lacks
 
 @pytest.fixture(scope="module")
 def lacking(core, photo, tmp_path_factory):
-    """How each of the commands of LACKING ends."""
     folder = tmp_path_factory.mktemp("lacking")
     (folder / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     files = {"PHOTO": str(photo), "MESH": str(folder / "a.obj")}
@@ -167,11 +156,8 @@ def test_every_extra_that_is_named_exists():
 
 
 def test_no_module_of_the_core_imports_more(core):
-    names = [
-        ".".join(path.relative_to(ROOT).with_suffix("").parts)
-        for package in ("lights", "panoramas", "photos", "sh", "viewer")
-        for path in sorted(Path(ROOT / "relight" / package).rglob("*.py"))
-        if path.stem != "__init__"
-    ]
+    packages = ("lights", "panoramas", "photos", "sh", "viewer")
+    files = [path for package in packages for path in sorted((ROOT / "relight" / package).rglob("*.py"))]
+    names = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in files if path.stem != "__init__"]
     done = core(program="; ".join(f"import {name}" for name in [*names, "relight.cli", "relight.core.npz"]))
     assert done.returncode == 0, done.stderr

@@ -63,10 +63,9 @@ assert len(mesh.faces) == 4 and (mesh.info["name"], mesh.info["subject"]) == ("g
 @pytest.mark.slow
 def test_the_file_of_the_docs_works(tmp_path):
     """In a process of its own, since choices of settings are made when they are imported."""
-    (tmp_path / "files").mkdir()
-    (tmp_path / "files" / "mine.py").write_text(EXAMPLE[1])
-    (tmp_path / "people").mkdir()
-    (tmp_path / "people" / "0007.obj").write_text(TETRAHEDRON)
+    for name, text in {"files/mine.py": EXAMPLE[1], "people/0007.obj": TETRAHEDRON}.items():
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text(text)
     command = [sys.executable, "-c", USE, str(tmp_path / "files")]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]
@@ -96,24 +95,25 @@ def test_a_changed_file_makes_again_what_was_made_of_it(tmp_path):
 def test_what_is_not_there_is_named(tmp_path, monkeypatch):
     (tmp_path / "half.py").write_text("def loss(outputs, batch): return 0\n")
     monkeypatch.setattr(extensions, "__path__", [*extensions.__path__, str(tmp_path)])
-    assert extensions.names() == ("half",)
-    assert extensions.extension("half", "loss")(None, None) == 0
-    with pytest.raises(UserError, match=r"relight\.extensions\.half defines no `network`"):
-        extensions.extension("half", "network")
-    with pytest.raises(UserError, match=r"no file os\.py in relight/extensions"):
-        extensions.extension("os", "network")
-    with pytest.raises(UserError, match=r"half defines no `light`"):
-        load_light("half:3")
+    assert extensions.names() == ("half",) and extensions.extension("half", "loss")(None, None) == 0
+    for name, says in (
+        ("half", r"relight\.extensions\.half defines no `network`"),
+        ("os", r"no file os\.py in relight/"),
+    ):
+        with pytest.raises(UserError, match=says):
+            extensions.extension(name, "network")
     (tmp_path / "broken.py").write_text("def light(text, order) return None\n")
-    with pytest.raises(UserError, match=r"the extension broken cannot be imported: .*\(broken\.py, line 1\)"):
-        load_light("broken:3")
+    broken = r"the extension broken cannot be imported: .*\(broken\.py, line 1\)"
+    for name, says in (("half", "half defines no `light`"), ("broken", broken)):
+        with pytest.raises(UserError, match=says):
+            load_light(f"{name}:3")
 
 
 def test_an_installed_package_offers_an_extension(tmp_path, monkeypatch):
     (tmp_path / "guest.py").write_text("def loss(outputs, batch): return 7\n")
-    (tmp_path / "guest-1.dist-info").mkdir()
-    (tmp_path / "guest-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: guest\nVersion: 1\n")
-    (tmp_path / "guest-1.dist-info" / "entry_points.txt").write_text("[relight.extensions]\nguest_loss = guest\n")
+    (about := tmp_path / "guest-1.dist-info").mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: guest\nVersion: 1\n")
+    (about / "entry_points.txt").write_text("[relight.extensions]\nguest_loss = guest\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     extensions.installed.cache_clear()
     try:
@@ -141,11 +141,8 @@ def test_wrong_weights(word, says, tmp_path, monkeypatch):
 
 def test_a_light_with_a_panorama_is_turned_whole(tmp_path, monkeypatch):
     """What stands behind a figure turns with the light."""
-    (tmp_path / "probe1.py").write_text(
-        "from relight.lights import load_light\ndef light(text, order):\n    return load_light(text, order)\n"
-    )
+    (tmp_path / "probe1.py").write_text("from relight.lights import load_light as light\n")
     monkeypatch.setattr(extensions, "__path__", [*extensions.__path__, str(tmp_path)])
-    options = {"yaw": 30.0, "flip": True}
-    light = load_light("probe1:room:7:20", **options)
+    light = load_light("probe1:room:7:20", yaw=30.0, flip=True)
     np.testing.assert_allclose(project(light.panorama, 2), light.coefficients, atol=1e-5 * light.coefficients.max())
     assert np.abs(light.coefficients - load_light("room:7:20").coefficients).max() > 0.1

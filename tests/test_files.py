@@ -50,10 +50,9 @@ def test_nothing_is_written_below_a_file(tmp_path):
 
 def test_the_folder_of_a_file_is_not_made(tmp_path):
     assert writable_file(tmp_path / "a.html", "page") == tmp_path / "a.html"
-    with pytest.raises(UserError, match="there is no folder"):
-        writable_file(tmp_path / "no" / "a.html", "page")
-    with pytest.raises(UserError, match="is a folder"):
-        writable_file(tmp_path, "page")
+    for path, says in ((tmp_path / "no" / "a.html", "there is no folder"), (tmp_path, "is a folder")):
+        with pytest.raises(UserError, match=says):
+            writable_file(path, "page")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -65,10 +64,8 @@ def test_a_full_disk_is_said_and_leaves_the_old_file(tmp_path):
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, usual[1]))
     try:
         for block, name in ((atomic_write, "a.bin"), (atomic_folder, "site")):
-            with (
-                pytest.raises(UserError, match=f"{name} cannot be written: file too large"),
-                block(tmp_path / name) as out,
-            ):
+            refused = pytest.raises(UserError, match=f"{name} cannot be written: file too large")
+            with refused, block(tmp_path / name) as out:
                 (out / "in" if out.is_dir() else out).write_bytes(bytes(5000))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, usual)
@@ -95,8 +92,8 @@ def kill_a_writer(block, path):
 @pytest.mark.parametrize("name", ["a.txt", "odd [name]?*.txt"])
 def test_a_killed_writers_file_goes_with_the_next_write(tmp_path, name):
     path, other = tmp_path / name, tmp_path / "b.txt"
-    kill_a_writer(atomic_write, path)
-    kill_a_writer(atomic_write, other)
+    for killed in (path, other):
+        kill_a_writer(atomic_write, killed)
     assert len(list(tmp_path.iterdir())) == 2
     with atomic_write(path) as temporary:
         temporary.write_text("whole")

@@ -50,14 +50,13 @@ def of_quads(folder):
     return bake_vertices(read_mesh(folder / "a.ply"), 4, order=3)
 
 
+BALL = trimesh.creation.icosphere(2)
 MESHES = {
     "a vertex that no face uses": lambda folder: loose(5),
     "and is no number": lambda folder: loose(np.nan),
     "and bounces": lambda folder: loose(5, 1),
     "a face without an area": of_quads,
-    "a ball": lambda folder: bake_vertices(
-        mesh_of((ball := trimesh.creation.icosphere(2)).vertices, ball.faces), 4, order=0
-    ),
+    "a ball": lambda folder: bake_vertices(mesh_of(BALL.vertices, BALL.faces), 4, order=0),
 }
 
 

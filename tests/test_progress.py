@@ -12,10 +12,8 @@ def test_lines_with_time_left(monkeypatch, capsys):
     assert list(progress(range(10), "bake")) == list(range(10))
     lines = capsys.readouterr().err.splitlines()
     # 2 s an item: the first line after three of ten
-    assert lines[0] == "bake 3/10, 14 s left"
-    assert lines[-1].startswith("bake 10/10, took")
+    assert lines[0] == "bake 3/10, 14 s left" and lines[-1].startswith("bake 10/10, took")
 
 
 def test_quiet_when_short(capsys):
-    assert list(progress(iter("abc"), "split")) == list("abc")
-    assert capsys.readouterr().err == ""
+    assert list(progress(iter("abc"), "split")) == list("abc") and capsys.readouterr().err == ""

@@ -65,20 +65,14 @@ def check(line: str) -> None:
     if words[0] == "relight":
         parse(words)
         overrides = [word for word in words[2:] if re.match(r"[\w.@+]+=", word)]
-        if words[1] == "run" and "-m" in words:
-            fixed, runs = expand_sweep(overrides)
-            for run in runs.values():
-                composed([*fixed, *run])
-        elif words[1] == "run":
-            composed(overrides)
+        fixed, runs = expand_sweep(overrides) if "-m" in words else (overrides, {"": []})
+        for run in runs.values() if words[1] == "run" else ():
+            composed([*fixed, *run])
     elif words[0] == "make":
         target = next((word for word in words[1:] if "=" not in word), "all")
         assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.M)
     elif words[0] == "python":
-        if words[1] == "-m":
-            assert find_spec(words[2])
-        elif words[1] != "-c":
-            assert (ROOT / words[1]).exists()
+        assert words[1] == "-c" or (find_spec(words[2]) if words[1] == "-m" else (ROOT / words[1]).exists())
     else:
         raise AssertionError("it is neither run nor listed")
 

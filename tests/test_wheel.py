@@ -43,12 +43,11 @@ def installed(tmp_path_factory):
 @pytest.mark.slow
 def test_the_tools_work_from_a_wheel(installed, tmp_path):
     trimesh.creation.icosphere(2, radius=0.9).export(tmp_path / "ball.obj")
-    commands = ["bake ball.obj --size 32 --rays 16", "view ball.exr -l room:1", "scans check ball.obj"]
-    commands.append("light numbers key:#ffeedd@45,30 --out light.json")
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, str(installed), *commands],
-        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(installed)}, capture_output=True, text=True,
-    )  # fmt: skip
+    lines = ["bake ball.obj --size 32 --rays 16", "view ball.exr -l room:1", "scans check ball.obj"]
+    lines.append("light numbers key:#ffeedd@45,30 --out light.json")
+    command = [sys.executable, "-c", PROGRAM, str(installed), *lines]
+    environment = {**os.environ, "PYTHONPATH": str(installed)}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert {"ball.exr", "ball.html", "light.json"} <= {path.name for path in tmp_path.iterdir()}
     assert "needs the repository" in done.stdout

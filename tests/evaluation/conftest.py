@@ -30,8 +30,7 @@ class World:
 
 def some_lights(count: int, seed: int) -> np.ndarray:
     """(count,9,3): ambient light and a few lobes from in front, brightest channel's frontal irradiance at .8."""
-    rng = np.random.default_rng(seed)
-    lights = np.zeros((count, 9, 3))
+    rng, lights = np.random.default_rng(seed), np.zeros((count, 9, 3))
     lights[:, 0] = 0.5
     for light in lights:
         for _ in range(rng.integers(1, 4)):

@@ -29,7 +29,6 @@ def checkpoints(small_network, tmp_path_factory):
 
 @pytest.mark.parametrize("name", ["ours", "sfsnet", "sfsnet_ao"])
 def test_evaluate_agrees_with_predictions_one_at_a_time(name, checkpoints, world, tmp_path):
-    """Each pair anew from the figure's maps: relit by hand, through `predict`, errors by numpy."""
     out = tmp_path / f"{name}.s0.csv"
     evaluate(checkpoints[name], world.packed, world.lights, world.split, world.condition, out)
     scores = read_scores(out)[f"{name}.s0"]
@@ -48,14 +47,9 @@ def test_evaluate_agrees_with_predictions_one_at_a_time(name, checkpoints, world
             found = predict(network, image, maps.mask)
             occlusion = found["ao"] if "ao" in found else 1
             transport = found["transport"] if name == "ours" else unoccluded(found["normal"])
-            expected = {
-                "albedo": (found["albedo"], albedo),
-                "transport": (transport, maps.transport),
-                "shading": (
-                    np.maximum((transport * occlusion) @ found["light"], 0),
-                    np.maximum(maps.transport @ light, 0),
-                ),
-            }
+            shading = np.maximum((transport * occlusion) @ found["light"], 0)
+            expected = {"albedo": (found["albedo"], albedo), "transport": (transport, maps.transport)}
+            expected["shading"] = shading, np.maximum(maps.transport @ light, 0)
             for quantity, (a, b) in expected.items():
                 error = np.sqrt((((a - b) ** 2).sum(-1)[maps.mask]).mean())
                 assert scores.columns[f"{quantity}_rmse"][f, l] == pytest.approx(error, rel=2e-3), quantity
@@ -67,14 +61,13 @@ def test_evaluate_agrees_with_predictions_one_at_a_time(name, checkpoints, world
 
 def test_evaluate_and_plates_without_figures_or_lights(checkpoints, world, tmp_path):
     parts = {"train": ["snowman00"], "test": ["snowman03"], "sitting": ["snowman04"]}
-    for name, sitting in (("some", ["snowman04"]), ("none", [])):
-        (tmp_path / f"{name}.json").write_text(json.dumps({**parts, "sitting": sitting}))
+    for name, split in (("some", parts), ("none", parts | {"sitting": []})):
+        (tmp_path / f"{name}.json").write_text(json.dumps(split))
 
     def scored(split, condition):
-        out = tmp_path / "ours.csv"
-        evaluate(checkpoints["ours"], world.packed, world.lights, tmp_path / split, condition, out)
-        evaluate_baselines(world.packed, world.lights, tmp_path / split, condition, tmp_path / "baselines.csv")
-        given = world.packed, world.lights, tmp_path / split, condition
+        out, given = tmp_path / "ours.csv", (world.packed, world.lights, tmp_path / split, condition)
+        evaluate(checkpoints["ours"], *given, out)
+        evaluate_baselines(*given, tmp_path / "baselines.csv")
         for draw in (plates, swapped):  # nobody, or one person alone: the sheet says so
             draw(Shown({"ours": checkpoints["ours"]}, *given), tmp_path / "p.png")
         assert bool(read_scores(tmp_path / "baselines.csv")) == bool(read_scores(out)) and (tmp_path / "p.png").exists()
@@ -122,13 +115,11 @@ def test_make_predictors_of_each_baseline(world, tmp_path):
     # The world's transport is AO * T(normal): with both true nothing is left but half floats, without AO much is.
     assert scores["ao_occlusion"].columns["shading_rmse"].max() < 3e-3
     maps = read_maps(world.maps[3])
-    open_transport = unoccluded(maps.normal)[maps.mask] - maps.transport[maps.mask]
-    expected = np.sqrt((open_transport**2).sum(-1).mean())
-    assert scores["no_occlusion"].columns["transport_rmse"][0] == pytest.approx(expected, rel=2e-3)
     ao = np.concatenate([maps.ao[maps.mask] for maps in map(read_maps, world.maps[:3])]).mean()
-    mean_transport = ao * unoccluded(maps.normal)[maps.mask] - maps.transport[maps.mask]
-    expected = np.sqrt((mean_transport**2).sum(-1).mean())
-    assert scores["mean_occlusion"].columns["transport_rmse"][0] == pytest.approx(expected, rel=2e-3)
+    for name, occlusion in (("no_occlusion", 1), ("mean_occlusion", ao)):
+        error = (occlusion * unoccluded(maps.normal) - maps.transport)[maps.mask]
+        expected = np.sqrt((error**2).sum(-1).mean())
+        assert scores[name].columns["transport_rmse"][0] == pytest.approx(expected, rel=2e-3)
     assert "transport_rmse" not in scores["mean_light"].columns
     assert "light_rmse" not in scores["no_occlusion"].columns
 
@@ -165,8 +156,7 @@ def test_inferred_maps_inside_the_mask(world, small_network, tmp_path, name, col
     small_network(tmp_path / "a.safetensors", name, color)
     network, data = load(tmp_path / "a.safetensors", world.packed, world.lights)
     true = read_maps(world.maps[4])
-    found = inferred_maps(network, data, 5, true)
-    raw = infer(network, data, 4, np.array([5]))
+    found, raw = inferred_maps(network, data, 5, true), infer(network, data, 4, np.array([5]))
     transport = raw.transport[0] * (raw.ao[0][:, None] if raw.occlude else 1)
     np.testing.assert_array_equal(found.transport[true.mask], transport)
     np.testing.assert_allclose(found.ao[true.mask], np.clip(transport[:, 0] / 0.886227, 0, 1), atol=1e-6)

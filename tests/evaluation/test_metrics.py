@@ -23,11 +23,8 @@ def truth():
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     ao = RNG.uniform(0.2, 1, len(pixel)).astype(np.float32)
     lights = RNG.normal(0.1, 0.4, (3, 9, 3)).astype(np.float32)
-    return (
-        Truth(pixel, unoccluded(normal) * ao[:, None], RNG.random((len(pixel), 3)), normal, ao, lights, size),
-        mask,
-        lights,
-    )
+    one = Truth(pixel, unoccluded(normal) * ao[:, None], RNG.random((len(pixel), 3)), normal, ao, lights, size)
+    return one, mask, lights
 
 
 def noisy(truth: Truth, name: str, count: int) -> np.ndarray:
@@ -35,9 +32,7 @@ def noisy(truth: Truth, name: str, count: int) -> np.ndarray:
     return (values + RNG.normal(0, 0.2, values.shape)).astype(np.float32)
 
 
-def readings(
-    inferred: np.ndarray, true: np.ndarray, mask: np.ndarray, span: float
-) -> tuple[float, float, float, float]:
+def readings(inferred: np.ndarray, true: np.ndarray, mask: np.ndarray, span: float) -> tuple[float, ...]:
     """The four readings of compact maps (P,C), by scikit-image."""
     square, pictures = mean_squared_error(inferred, true), np.zeros((2, *mask.shape, inferred.shape[1]))
     pictures[:, mask] = inferred, true
@@ -47,19 +42,12 @@ def readings(
 
 def test_truth_score_of_every_map_agrees_with_scikit_image(truth):
     one, mask, lights = truth
-    inferred = Inferred(
-        albedo=noisy(one, "albedo", 3),
-        transport=noisy(one, "transport", 3),
-        normal=noisy(one, "normal", 3),
-        ao=noisy(one, "ao", 3)[..., 0],
-        light=lights + RNG.normal(0, 0.1, lights.shape).astype(np.float32),
-        occlude=True,
-    )
-    columns = one.score(inferred)
-    signs = {"shading_contrast", "albedo_share"}
-    assert (
-        set(columns) == {f"{quantity}_{reading}" for quantity in QUANTITIES for reading in FOUR} | signs <= set(COLUMNS)
-    )
+    maps = {name: noisy(one, name, 3) for name in ("albedo", "transport", "normal")}
+    light = lights + RNG.normal(0, 0.1, lights.shape).astype(np.float32)
+    inferred = Inferred(**maps, ao=noisy(one, "ao", 3)[..., 0], light=light, occlude=True)
+    columns, signs = one.score(inferred), {"shading_contrast", "albedo_share"}
+    wanted = {f"{quantity}_{reading}" for quantity in QUANTITIES for reading in FOUR} | signs
+    assert set(columns) == wanted <= set(COLUMNS)
     lit, ao = inferred.transport * inferred.ao[..., None], inferred.ao[..., None]
     for n in range(3):
         true = {name: values[n if len(values) > 1 else 0] for name, values in one.maps.items()}
@@ -76,9 +64,9 @@ def test_truth_score_of_every_map_agrees_with_scikit_image(truth):
         }
         after = (n + 1) % 3
         relit = inferred.albedo[n] * np.maximum(lit[n] @ lights[after], 0)
-        expected["relit"] = (relit, one.maps["reconstruction"][after], 1)
+        expected["relit"] = relit, one.maps["reconstruction"][after], 1
         for quantity, (a, b, span) in expected.items():
-            found = [columns[f"{quantity}_{r}"][n] for r in ("rmse", "rmse_element", "ssim", "ssim_range2")]
+            found = [columns[f"{quantity}_{reading}"][n] for reading in FOUR]
             np.testing.assert_allclose(found, readings(a, b, mask, span), rtol=2e-5, err_msg=quantity)
 
 
@@ -116,11 +104,10 @@ def test_compare_relit_takes_the_next_light(truth):
 def test_contrast_and_explained_variance_of_a_collapse(truth):
     truth, _, _ = truth
     found = truth.score(Inferred(albedo=truth.maps["reconstruction"], transport=np.zeros_like(truth.transport)))
-    np.testing.assert_allclose(found["shading_contrast"], 0, atol=1e-6)
-    np.testing.assert_allclose(found["albedo_share"], 1, atol=1e-6)
     uniform = truth.score(Inferred(albedo=np.ones_like(truth.maps["albedo"])))
-    np.testing.assert_allclose(uniform["albedo_share"], 0, atol=1e-6)
-    np.testing.assert_allclose(uniform["shading_contrast"], 1, atol=1e-6)
+    for columns, contrast, share in ((found, 0, 1), (uniform, 1, 0)):
+        np.testing.assert_allclose(columns["shading_contrast"], contrast, atol=1e-6)
+        np.testing.assert_allclose(columns["albedo_share"], share, atol=1e-6)
     assert (0 < truth.score(Inferred())["albedo_share"]).all()
 
 

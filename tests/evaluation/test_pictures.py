@@ -20,8 +20,7 @@ from relight.sh import unoccluded
 def test_transport_bands_of_an_open_surface_that_faces_the_camera():
     grey, first, second = transport_bands(unoccluded(np.array([[0.0, 0, 1]])))
     np.testing.assert_allclose(grey, 1)
-    np.testing.assert_allclose(first[0], [0.5, 0.5, 1], atol=1e-6)
-    np.testing.assert_allclose(second[0], [0.5, 0.5, 1], atol=1e-6)
+    np.testing.assert_allclose([first[0], second[0]], [[0.5, 0.5, 1]] * 2, atol=1e-6)
 
 
 def test_ball_in_both_color_models():
@@ -43,9 +42,8 @@ def test_contact_sheet_shows_every_figure_that_is_not_left_out(world, tmp_path):
     sheet = np.asarray(Image.open(tmp_path / "sheet.png"))
     assert sheet.shape[:2] == (48 + 2 * (240 + 26), 3 * (5 * (144 + 3) + 18) + 9)  # two rows of three figures
     assert (sheet == (243, 243, 240)).all(-1).mean() > 0.1
-    again = tmp_path / "again.png"
-    contact_sheet([*world.maps, tmp_path / "broken.exr"], light, again)
-    assert again.read_bytes() == (tmp_path / "sheet.png").read_bytes()
+    contact_sheet([*world.maps, tmp_path / "broken.exr"], light, tmp_path / "again.png")
+    assert (tmp_path / "again.png").read_bytes() == (tmp_path / "sheet.png").read_bytes()
     with pytest.raises(UserError, match="no maps"):
         contact_sheet([tmp_path / "broken.exr"], light, tmp_path / "none.png")
 
@@ -68,19 +66,16 @@ def test_clearest_light_is_frontal_and_white():
     lights[1, 0] = red
     lights[2, 2] = -0.8 * white  # from behind
     lights[3, [2, 3]] = 0.6 * white  # from the front and the right
-    assert (clearest_light(lights) == lights[3]).all()
-    assert (clearest_light(lights[:1]) == lights[0]).all()
+    assert (clearest_light(lights) == lights[3]).all() and (clearest_light(lights[:1]) == lights[0]).all()
 
 
 @pytest.mark.slow
 def test_plates_show_the_truth_and_each_network(world, small_network, tmp_path):
-    checkpoints = {}
-    for name in ("ours", "sfsnet_ao"):
-        checkpoints[name] = tmp_path / f"{name}.safetensors"
-        small_network(checkpoints[name], name, "photo")
-    out = tmp_path / "plates.png"
-    plates(Shown(checkpoints, world.packed, world.lights, world.split, world.condition), out)
-    sheet = np.asarray(Image.open(out)).astype(int)
+    checkpoints = {name: tmp_path / f"{name}.safetensors" for name in ("ours", "sfsnet_ao")}
+    for name, checkpoint in checkpoints.items():
+        small_network(checkpoint, name, "photo")
+    plates(Shown(checkpoints, world.packed, world.lights, world.split, world.condition), tmp_path / "plates.png")
+    sheet = np.asarray(Image.open(tmp_path / "plates.png")).astype(int)
     assert sheet.shape[0] == 60 + 3 * (3 * 306 + 24) + 4 * 24
     # Albedo of the truth: the sheet holds the first test figure's two stripe colors, sRGB-encoded.
     maps = read_maps(world.maps[3])
@@ -118,10 +113,8 @@ def test_shadings_are_under_the_true_light_with_their_errors_below(world, small_
     shadings(Shown(networks, world.packed, world.lights, world.split, world.condition), tmp_path / "shadings.png")
     sheet = np.asarray(Image.open(tmp_path / "shadings.png")).astype(int)
     wide = (sheet.shape[1] - 150 - 6) // 4
-    views, errors = (
-        [sheet[top : top + 300, 150 + place * wide : 144 + (place + 1) * wide] for place in range(4)]
-        for top in (84, 84 + 306)
-    )
+    columns = [sheet[:, 150 + place * wide : 144 + (place + 1) * wide] for place in range(4)]
+    views, errors = ([column[top : top + 300] for column in columns] for top in (84, 84 + 306))
     maps = read_maps(world.maps[4])
     lights, split = (np.load(world.lights)[name] for name in ("coefficients", "split"))
     light = lights[split == "test"][0]
@@ -175,9 +168,8 @@ def test_people_who_swap_lights(world, small_network, tmp_path, monkeypatch):
     for row, (own, other, seen, new) in enumerate([(3, 4, first, second), (4, 3, second, first)]):
         cells = [sheet[84 + 306 * row :][:300, 150 + place * wide : 144 + (place + 1) * wide] for place in range(4)]
         maps = read_maps(world.maps[own])
-        before, true = (
-            maps.albedo[maps.mask] * np.maximum(maps.transport[maps.mask] @ lights[light], 0) for light in (seen, new)
-        )
+        shaded = (np.maximum(maps.transport[maps.mask] @ lights[light], 0) for light in (seen, new))
+        before, true = (maps.albedo[maps.mask] * shading for shading in shaded)
         mine, told = (infer(network, data, who, np.array([light])) for who, light in ((own, seen), (other, new)))
         relit_by_other = mine.albedo[0] * np.maximum(mine.transport[0] @ told.light[0], 0)
         for cell, colors in zip(cells, (before, relit_by_other, None, true)):

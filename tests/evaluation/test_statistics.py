@@ -40,8 +40,7 @@ def test_estimate_interval_of_values_that_share_a_light_with_the_next():
         found = estimate(values, resamples=400, seed=trial, chained=True)
         squares.append((found.margin / stats.t.ppf(0.975, lights - 1)) ** 2)
         covered += found.low <= 0 <= found.high
-    assert np.mean(squares) == pytest.approx((2 + 2 * correlation) / lights, rel=0.1)
-    assert covered / 500 > 0.9
+    assert np.mean(squares) == pytest.approx((2 + 2 * correlation) / lights, rel=0.1) and covered / 500 > 0.9
 
 
 @pytest.mark.parametrize("column", ["relit_rmse", "shading_rmse"])
@@ -52,23 +51,15 @@ def test_only_relit_pictures_depend_on_the_next_light(column):
     assert found == pytest.approx(apart * np.sqrt((1 + 2 * np.cos(np.pi / 10)) * 19 / 17) ** (column == "relit_rmse"))
 
 
-def test_compare_agrees_with_the_paired_t_test():
-    first, second = RNG.normal(0, 1, (2, 9))
-    found = compare(*(estimate(row[None, :, None], resamples=100) for row in (first, second)))
-    expected = stats.ttest_rel(first, second)
-    interval = expected.confidence_interval()
-    ends = found.mean - found.half_width(0.05), found.mean + found.half_width(0.05)
-    assert (found.p, *ends) == pytest.approx((expected.pvalue, interval.low, interval.high))
-
-
-def test_compare_over_other_figures_agrees_with_welch():
-    first, second = RNG.normal(0, 1, 9), RNG.normal(0.5, 2, 14)
-    rows = [Estimate(v.mean(), 0, 0, v[:, None], figures=list(range(len(v))), lights=[0]) for v in (first, second)]
-    expected = stats.ttest_ind(first, second, equal_var=False)
-    interval = expected.confidence_interval()
-    found = compare(*rows)
-    ends = found.mean - found.half_width(0.05), found.mean + found.half_width(0.05)
-    assert (found.p, *ends) == pytest.approx((expected.pvalue, interval.low, interval.high))
+def test_compare_agrees_with_the_paired_t_test_and_over_other_figures_with_welch():
+    first, second, other = RNG.normal(0, 1, 9), RNG.normal(0, 1, 9), RNG.normal(0.5, 2, 14)
+    paired = compare(*(estimate(row[None, :, None], resamples=100) for row in (first, second)))
+    rows = (Estimate(v.mean(), 0, 0, v[:, None], figures=list(range(len(v))), lights=[0]) for v in (first, other))
+    of_scipy = stats.ttest_rel(first, second), stats.ttest_ind(first, other, equal_var=False)
+    for found, expected in zip((paired, compare(*rows)), of_scipy):
+        interval, half = expected.confidence_interval(), found.half_width(0.05)
+        assert found.p == pytest.approx(expected.pvalue)
+        assert (found.mean - half, found.mean + half) == pytest.approx((interval.low, interval.high))
 
 
 def test_compare_crossed_variance_of_the_mean_squares():
@@ -107,8 +98,7 @@ def test_compare_p_values_of_equal_rows_are_uniform():
         rows += rng.normal(0, 0.1, (2, 1, 1, 6))  # of each row under each of six lights
         spread = pooled_spread(list(rows))
         found.append(compare(*(estimate(row, spread, resamples=2) for row in rows)).p)
-    assert 0.02 <= np.mean(np.array(found) < 0.05) <= 0.075
-    assert np.mean(np.array(found) < 0.01) <= 0.025
+    assert 0.02 <= np.mean(np.array(found) < 0.05) <= 0.075 and np.mean(np.array(found) < 0.01) <= 0.025
 
 
 @pytest.mark.parametrize("seed", range(4))

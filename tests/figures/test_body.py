@@ -25,8 +25,7 @@ def person():
 def test_build_motion_begins_at_rest_and_ends_on_the_ground(person):
     rig = makehuman.rig()
     for pose in (poses()["contrapposto"], poses()["hands behind, astride"], poses()["sitting"]):
-        motion = build_motion(person, pose, 6)
-        weights = rig.weights[makehuman.BODY]
+        motion, weights = build_motion(person, pose, 6), rig.weights[makehuman.BODY]
         rest = motion.skin(weights, person.skin, 0) - person.skin
         np.testing.assert_allclose(rest, np.broadcast_to(rest[0], rest.shape), atol=1e-9)  # only moved up as a whole
         assert abs(motion.skin(weights, person.skin)[:, 1].min()) < 1e-9
@@ -42,8 +41,7 @@ def joints_of(person, pose, *names) -> list[np.ndarray]:
 
 
 def test_pose_solver_wrists_and_ankles_reach_their_goals(person):
-    pose = poses()["hands on hips"]
-    solved = kinematics.PoseSolver(person)
+    pose, solved = poses()["hands on hips"], kinematics.PoseSolver(person)
     solved.solve(pose)
     trunk, _ = solved.world_transform("spine01")
     for side, sign, hand in (("L", 1, pose.left), ("R", -1, pose.right)):
@@ -59,8 +57,7 @@ def test_pose_solver_wrists_and_ankles_reach_their_goals(person):
 
 @pytest.mark.parametrize("name", ["hand on hip, stepping", "arms crossed", "waving", "with a cup and a phone"])
 def test_build_motion_of_a_mirrored_pose_is_the_mirror_image(person, name):
-    pose = poses()[name]
-    flip = np.array([1, -1, -1])
+    pose, flip = poses()[name], np.array([1, -1, -1])
     mirrored = replace(
         pose, left=pose.right, right=pose.left, feet=pose.feet[::-1], spine=tuple(pose.spine * flip),
         hips=tuple(pose.hips * flip), head=tuple(pose.head * flip), shift=tuple(pose.shift * np.array([-1, 1, 1])),
@@ -101,8 +98,7 @@ def test_pose_solver_crossed_arms_do_not_go_through_each_other(person):
 @pytest.mark.parametrize("name", ["hands on hips", "hands in pockets", "hands in back pockets", "sitting"])
 def test_clear_hands_lays_resting_palms_on_the_body(person, name):
     pose = clearance.clear_hands(person, poses()[name], (0.02, 0.02))
-    skin = build_motion(person, pose, 1).posed_skin
-    faces = makehuman.base().faces["body"]
+    skin, faces = build_motion(person, pose, 1).posed_skin, makehuman.base().faces["body"]
     trunk = makehuman.bone_weights("root", "pelvis", "spine", "upperleg", "lowerleg") > 0.5
     for sign in (1, -1):
         hand = (makehuman.bone_weights("finger", "metacarpal") > 0.7) & (np.sign(person.skin[:, 0]) == sign)

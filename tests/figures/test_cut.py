@@ -92,8 +92,7 @@ def sheet(size: float, front: float, step: float = 0.02) -> tuple[np.ndarray, np
 def test_band_of_a_closed_front_has_its_width_and_offset(front):
     points, faces = sheet(0.4, 0.1)
     back, behind = sheet(0.4, -0.1)
-    both = np.concatenate([points, back])
-    solid = np.concatenate([faces, behind + len(points)])
+    both, solid = np.concatenate([points, back]), np.concatenate([faces, behind + len(points)])
     level = Level(both, both, both, np.zeros(len(both)), np.zeros((len(both), 1)), solid)
     garment = replace(wardrobe()["closed coat"], front=front)
     pattern = patterns.Pattern(None, garment, [level], [], {}, np.zeros(2 * len(faces), bool))
@@ -135,8 +134,7 @@ def test_what_lies_on_the_chest_turns_with_it(part, degrees):
 @pytest.mark.slow
 def test_build_pattern_cuts_every_garment(body, name):
     """In one piece, with as many borders as it has openings, around a body that stands."""
-    garment = wardrobe()[name]
-    level = cut(body, name).levels[0]
+    garment, level = wardrobe()[name], cut(body, name).levels[0]
     openings = {"top": 4 - bool(garment.front_gap), "trousers": 3, "skirt": 2}[garment.kind]
     assert len(border_loops(level.faces)) == openings
     assert all(np.isfinite(part).all() for part in (level.rest_shape, level.start, level.fitted))

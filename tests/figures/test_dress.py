@@ -40,8 +40,7 @@ def test_drape_scarf_lies_around_the_neck_and_hangs_in_front(body, standing, gar
     motion, skin = standing
     faces = makehuman.base().faces["body"]
     worn = drape_scarf(motion, Worn(garment, CLOTH), (skin, faces), [], details()["draft"])
-    x = worn.draped.positions
-    neck = collars.neck_of(motion)
+    x, neck = worn.draped.positions, collars.neck_of(motion)
     near = (x - neck.base)[np.linalg.norm(x - neck.base, axis=1) < 0.17]
     around = np.unique(np.round(np.degrees(np.arctan2(near @ neck.left, near @ neck.forward)) / 20))
     assert len(around) >= 15  # of 19: all sides but perhaps the front
@@ -69,8 +68,7 @@ def test_a_collar_has_no_smeared_texture(body, standing, name):
 
 def test_tucked_top_is_pinned_below_the_waistband_only(body):
     top, bottom = fitting.tucked(wardrobe()["t-shirt"], wardrobe()["jeans"])
-    pattern = patterns.build_pattern(body, top, 0)
-    edge = body.heights["waist"] + bottom.waist
+    pattern, edge = patterns.build_pattern(body, top, 0), body.heights["waist"] + bottom.waist
     y, pinned = pattern.fields["y"], pattern.levels[0].pin_weight
     assert (pinned[y < edge - 0.01] > 0.89).all()
     assert (pinned[(y > edge + 0.035) & (pattern.fields["arm_shareL"] + pattern.fields["arm_shareR"] < 0.1)] == 0).all()
@@ -79,8 +77,7 @@ def test_tucked_top_is_pinned_below_the_waistband_only(body):
 def test_cover_does_not_hide_skin_under_a_lifted_garment():
     """A sheet of cloth on skin: what it lies on is left out; lifted on one side, only what is still dark."""
     x, y = np.meshgrid(a := np.linspace(-0.5, 0.5, 41), a)
-    faces = grid_faces(41, 41)[:, ::-1]
-    skin = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
+    faces, skin = grid_faces(41, 41)[:, ::-1], np.stack([x, y, 0 * x], -1).reshape(-1, 3)
     snug = skin + [0, 0, 0.004]
     lifted = snug + [0, 0, 0.04] * (skin[:, :1] > 0)
     normal, solid = np.tile([0.0, 0, 1], (len(skin), 1)), np.ones(len(skin), bool)
@@ -99,8 +96,7 @@ def test_cover_does_not_hide_skin_under_a_lifted_garment():
 @pytest.mark.parametrize("name", ["tank top", "dress"])
 def test_cut_from_suit_short_sleeves_leave_the_trunk_whole(name):
     """Hem, neck and two armholes that end under the arm, not a hand's breadth down the side."""
-    body = build_body(sample_person(np.random.default_rng(5)))
-    garment = wardrobe()[name]
+    body, garment = build_body(sample_person(np.random.default_rng(5))), wardrobe()[name]
     level = patterns.build_pattern(body, garment, 0).levels[0]
     loops = sorted(border_loops(level.faces), key=lambda ring: level.fitted[ring, 1].mean())
     assert len(loops) == 4

@@ -22,8 +22,7 @@ def motion_in(shoe, body, pose="relaxed"):
 @pytest.mark.parametrize("shoe", shoes(), ids=lambda shoe: shoe.name)
 def test_build_shoes_has_its_pieces_around_the_foot(body, shoe):
     motion = motion_in(shoe, body)
-    skin = motion.posed_skin
-    parts = footwear.build_shoes(motion, shoe)
+    skin, parts = motion.posed_skin, footwear.build_shoes(motion, shoe)
     assert {part.name for part in parts} == {"upper", "sole"} | ({"cap"} if shoe.cap else set()) | (
         {"lace"} if shoe.laces else set()
     )

@@ -68,8 +68,7 @@ def test_build_hair_is_finite_and_outside_of_the_head(head, heads, style):
 @pytest.mark.parametrize("style", ["chin length", "long", "wavy long", "ponytail", "beanie", "cap"])
 def test_build_hair_leaves_the_face_free(head, heads, style):
     built, motion, _ = head
-    turn = motion.bone("head")
-    eye = built.vertices[makehuman.EYES["L"]].mean(0)
+    turn, eye = motion.bone("head"), built.vertices[makehuman.EYES["L"]].mean(0)
     for vertices, _, _ in strips(heads[style], "hair", "hat"):
         rest = (vertices - turn[:, 3]) @ turn[:, :3] - eye
         before = (rest[:, 2] > -0.01) & (np.abs(rest[:, 0] + eye[0]) < 1.6 * eye[0]) & (np.abs(rest[:, 1]) < 0.02)
@@ -93,8 +92,7 @@ def test_build_hair_shows_little_scalp_from_any_side(head, name):
     _, _, (posed, faces) = head
     hair = stacked([(vertices, faces) for vertices, faces, _ in strips(grown(head, name, fine=True), "hair")])
     inside = skin.above_hairline(makehuman.base().vertices[makehuman.BODY]) > 0.12
-    out = normals(posed, faces)
-    cover = colliders.Collider.at_rest(*hair)
+    out, cover = normals(posed, faces), colliders.Collider.at_rest(*hair)
     seen = total = 0
     for direction in np.random.default_rng(2).normal(size=(24, 3)):
         direction /= np.linalg.norm(direction)

@@ -223,8 +223,7 @@ def two_walls(hole: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     x, y = np.meshgrid(a := np.arange(-0.3, 0.3001, 0.01), a)
     n = len(a)
     back = np.stack([x, y, np.where((np.abs(x) < hole) & (np.abs(y) < hole), 0.02, -0.01)], -1).reshape(-1, 3)
-    front = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
-    faces = grid_faces(n, n)[:, ::-1]
+    front, faces = np.stack([x, y, 0 * x], -1).reshape(-1, 3), grid_faces(n, n)[:, ::-1]
     return np.concatenate([back, front]), np.concatenate([faces, faces + n * n]), np.repeat([0, 1], len(faces))
 
 

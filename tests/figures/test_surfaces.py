@@ -18,8 +18,7 @@ def test_clip_keeps_the_exact_area_and_no_slivers(at):
     vertices, faces = plate()
     matrix, kept = surfaces.clip(sparse.identity(len(vertices), format="csr"), faces, vertices[:, 0] - at)
     out = matrix @ vertices
-    assert trimesh.Trimesh(out, kept).area == pytest.approx(1 - at)
-    assert out[:, 0].min() == pytest.approx(at)
+    assert trimesh.Trimesh(out, kept).area == pytest.approx(1 - at) and out[:, 0].min() == pytest.approx(at)
     assert (surfaces.normals(out, kept)[:, 2] > 0.99).all()  # faces keep their turn
     a, b, c = (out[kept[:, k]] for k in range(3))
     assert np.linalg.norm(np.cross(b - a, c - a), axis=1).min() > 1e-4
@@ -49,8 +48,7 @@ def test_loop_is_affine_and_agrees_with_trimesh():
 def test_loop_keeps_a_straight_border_straight():
     vertices, faces = plate(5)
     matrix, finer = surfaces.loop(faces, len(vertices))
-    border = np.concatenate(surfaces.border_loops(finer))
-    out = matrix @ vertices
+    border, out = np.concatenate(surfaces.border_loops(finer)), matrix @ vertices
     inside = (out[border][:, :2] > 1e-9) & (out[border][:, :2] < 1 - 1e-9)
     assert (~inside).any(1).sum() >= len(border) - 4  # all but the rounded corners stay on the square
 
@@ -59,7 +57,6 @@ def test_thickened_cloth_is_closed_at_its_border():
     vertices, faces = plate(7)
     out, solid, source = surfaces.thickened(vertices, faces, 0.01, rings=None)
     shell = trimesh.Trimesh(out, solid, process=False)
-    assert shell.is_watertight and shell.is_winding_consistent
-    assert shell.volume == pytest.approx(0.01)
+    assert shell.is_watertight and shell.is_winding_consistent and shell.volume == pytest.approx(0.01)
     np.testing.assert_allclose(out[solid][..., :2], vertices[faces.ravel()[source]][..., :2], atol=1e-12)
     assert (np.ptp(source // 3, axis=1) == 0).all(), "each face comes from one face"

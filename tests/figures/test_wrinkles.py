@@ -31,11 +31,9 @@ def heights(x, crimp=CRIMP, pinned=0.0, seed=4):
 def test_stretch_of_an_affine_map_is_exact():
     flat, faces = sheet(0.1)
     rng = np.random.default_rng(0)
-    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    f = rng.normal(size=(3, 2))
+    turn, f = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.normal(size=(3, 2))
     pattern = flat @ turn.T
-    tensor = wrinkles.stretch(pattern, flat[:, :2] @ f.T, faces)
-    plane = turn[:, :2]
+    tensor, plane = wrinkles.stretch(pattern, flat[:, :2] @ f.T, faces), turn[:, :2]
     np.testing.assert_allclose(tensor, np.broadcast_to(plane @ f.T @ f @ plane.T, tensor.shape), atol=1e-9)
     least, across = wrinkles.principal(tensor, normals(pattern, faces))
     values, vectors = np.linalg.eigh(f.T @ f)

@@ -22,8 +22,7 @@ def figure(rng: np.random.Generator, name: str, size: int = SIZE, order: int = 2
     x, y = (2 * column + 1) / size - 1, 1 - (2 * row + 1) / size
     width, height = rng.uniform(0.25, 0.5), rng.uniform(0.6, 0.85)
     u, v = x / width, y / height
-    mask = u**2 + v**2 < 1
-    w = np.sqrt(np.maximum(1 - u**2 - v**2, 0))
+    mask, w = u**2 + v**2 < 1, np.sqrt(np.maximum(1 - u**2 - v**2, 0))
     normal = np.stack([u / width, v / height, w / 0.3], -1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     share = 0.4 + 0.6 * w

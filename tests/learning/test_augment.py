@@ -178,8 +178,7 @@ def test_reflection_of_a_lamp_is_that_of_microfacets(roughness):
     normals = np.random.default_rng(0).normal(size=(200, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     inputs = [torch.tensor(x, dtype=torch.float64) for x in (normals, light)]
-    found = specular_reflection(*inputs, roughness, 0.04).numpy()
-    behind = normals[:, 2] <= 0
+    found, behind = specular_reflection(*inputs, roughness, 0.04).numpy(), normals[:, 2] <= 0
     assert behind.sum() > 50 and not found[behind].any()
     inputs[1][1:] = 0
     found -= specular_reflection(*inputs, roughness, 0.04).numpy()
@@ -208,8 +207,7 @@ def test_the_gloss_of_the_maps_is_what_shines(data, augment):
     half = (-1.0, -1.0)  # the exposure
     plain = augment_batch(batch, augment(exposure=half), generators(4, 5), data.size)
     shiny = augment_batch(replace(batch, gloss=gloss), augment(gloss=1.0, exposure=half), generators(4, 5), data.size)
-    more = batch.gather(shiny.image - plain.image).amax(-1)
-    matt = inside & (gloss[..., 1] == 0)
+    more, matt = batch.gather(shiny.image - plain.image).amax(-1), inside & (gloss[..., 1] == 0)
     assert more[matt].abs().max() < 1e-6 and (more[inside & ~matt] > 0).float().mean() > 0.5
     for name in ("albedo", "shading", "light", "transport"):
         torch.testing.assert_close(getattr(shiny, name), getattr(plain, name))

@@ -46,8 +46,7 @@ def test_color_paper_takes_the_codes_of_albedo_as_linear_and_never_clips(tiny_wo
     photo = RelitSet(tiny_world["packed"], tiny_world["lights"], 2, "photo").batch(FIGURES, LIGHTS)
     data = RelitSet(tiny_world["packed"], tiny_world["lights"], 2, "paper")
     data.lights *= 3
-    paper = data.batch(FIGURES, LIGHTS)
-    codes = (encode(photo.albedo) * 255).round() / 255
+    paper, codes = data.batch(FIGURES, LIGHTS), (encode(photo.albedo) * 255).round() / 255
     torch.testing.assert_close(paper.albedo, codes * photo.inside)
     torch.testing.assert_close(paper.image, paper.scatter(paper.albedo * paper.shading))
     assert paper.image.max() > 1.2

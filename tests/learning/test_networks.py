@@ -43,8 +43,7 @@ def test_layers_of_the_paper_at_full_size(model, name, decoders, millions, giga)
 
 def test_dropout_acts_in_training_on_the_first_three_deconvolutions_only(model):
     torch.manual_seed(0)
-    network = build(model(dropout=0.999999), 64).train()
-    seen = {}
+    network, seen = build(model(dropout=0.999999), 64).train(), {}
     for level, block in enumerate(network.decoders["albedo"].up[1:] + [network.decoders["albedo"].last], 1):
         block.register_forward_pre_hook(lambda module, inputs, level=level: seen.update({level: inputs[0]}))
     network(torch.rand(2, 3, 64, 64), torch.ones(2, 1, 64, 64))
@@ -115,16 +114,14 @@ def test_albedo_stays_in_range_and_its_gradient_is_as_said(how, gradient):
 
 def test_pooled_head_looks_at_the_figure_only():
     torch.manual_seed(6)
-    head = PooledHead(16, [32, 16, 8], 27, 16)
-    mask = torch.zeros(2, 1, 64, 64)
+    head, mask = PooledHead(16, [32, 16, 8], 27, 16), torch.zeros(2, 1, 64, 64)
     mask[:, :, 16:48, 16:48] = 1
     x = torch.randn(2, 16, 4, 4)
     changed = x.clone()
     changed[:, :, 0] = 9
     assert torch.equal(head(x, mask), head(changed, mask))
     changed[:, :, 2, 2] = 9
-    assert (head(x, mask) - head(changed, mask)).abs().max() > 1e-3
-    assert head(x, mask * 0).isfinite().all()
+    assert (head(x, mask) - head(changed, mask)).abs().max() > 1e-3 and head(x, mask * 0).isfinite().all()
 
 
 @pytest.mark.parametrize("size", [64, 256])
@@ -133,8 +130,7 @@ def test_refined_light_solves_the_weighted_least_squares(size):
     generator = torch.Generator().manual_seed(7)
     albedo, transport, image = (torch.rand(2, c, size, size, generator=generator) for c in (3, 9, 3))
     mask = (torch.rand(2, 1, size, size, generator=generator) > 0.5).float()
-    light = torch.randn(2, 9, 3, generator=generator)
-    refinement = Refinement(9)
+    light, refinement = torch.randn(2, 9, 3, generator=generator), Refinement(9)
     nn.init.normal_(refinement.trust, -3, 1, generator=generator)
     nn.init.normal_(refinement.coupling, 0, 0.3, generator=generator)
     refined = refinement(light, albedo, transport, image * mask, mask)
@@ -173,8 +169,7 @@ def test_refinement_teaches_the_head_and_its_trust_but_not_the_maps(model, name)
 
 def test_shape_from_the_mask_alone(model):
     torch.manual_seed(9)
-    network = build(model(sees="mask"), 64).eval()
-    mask = torch.zeros(2, 1, 64, 64)
+    network, mask = build(model(sees="mask"), 64).eval(), torch.zeros(2, 1, 64, 64)
     mask[0, :, 16:48, 16:48] = 1
     mask[1, :, 8:56, 24:40] = 1
     one, other = (network(torch.rand(2, 3, 64, 64), mask) for _ in range(2))
@@ -186,13 +181,11 @@ def test_shape_from_the_mask_alone(model):
 def test_the_unet_starts_alive(model, seed):
     """Every unit of the last hidden layer sees something, and little of the albedo is clipped; a dark image."""
     torch.manual_seed(seed)
-    network = build(model(name="unet", light_head="pooled", width=0.25), 128)
-    active = []
+    network, active = build(model(name="unet", light_head="pooled", width=0.25), 128), []
     network.sharpen.register_forward_hook(lambda module, inputs, output: active.append((output > 0).float()))
     with torch.no_grad():
         albedo = network(0.4 * torch.rand(2, 3, 128, 128), torch.ones(2, 1, 128, 128))["albedo"]
-    assert active[0].mean((0, 2, 3)).min() > 0.01
-    assert ((albedo > 0) & (albedo < 1)).float().mean() > 0.9
+    assert active[0].mean((0, 2, 3)).min() > 0.01 and ((albedo > 0) & (albedo < 1)).float().mean() > 0.9
 
 
 def test_a_unet_of_a_lower_order_goes_on_as_it_is_and_learns_the_further_bands(model):

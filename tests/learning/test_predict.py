@@ -13,8 +13,7 @@ from relight.sh import unoccluded
 @pytest.mark.parametrize("name", ["ours", "sfsnet", "sfsnet_ao"])
 def test_maps_of_one_and_of_several_images(model, name):
     torch.manual_seed(0)
-    network = build(model(name=name), 64).eval()
-    rng = np.random.default_rng(0)
+    network, rng = build(model(name=name), 64).eval(), np.random.default_rng(0)
     images, masks = rng.random((2, 64, 64, 3)), rng.random((2, 64, 64)) > 0.4
     several = predict(network, images, masks)
     shapes = {"albedo": (64, 64, 3), "transport": (64, 64, 9), "light": (9, 3), "shading": (64, 64, 3)}

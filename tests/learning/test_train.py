@@ -213,8 +213,7 @@ def test_the_moving_average_is_what_is_kept(run):
     one, other = load_network(last.out)[0], load_network(mean.out)[0]
     assert any(not torch.equal(a, b) for a, b in zip(one.parameters(), other.parameters()))
     moved = [(a - b).norm() / a.norm() for a, b in zip(one.parameters(), other.parameters()) if a.ndim == 4]
-    assert 0 < max(moved) < 0.5
-    assert all(torch.equal(a, b) for a, b in zip(one.buffers(), other.buffers()))
+    assert 0 < max(moved) < 0.5 and all(torch.equal(a, b) for a, b in zip(one.buffers(), other.buffers()))
 
 
 def test_going_on_from_another_network_with_its_decoders_frozen(run):
@@ -268,8 +267,7 @@ def test_what_is_trained_on(world, schedule, tmp_path):
         figures, lights = select_training_data(data, world["split"], schedule(**changes))
         return figures.tolist(), lights.tolist()
 
-    assert chosen() == ([0, 1, 2, 3], [0, 2, 3, 5])
-    assert chosen(lights=["train", "test"])[1] == [0, 1, 2, 3, 5]
+    assert chosen() == ([0, 1, 2, 3], [0, 2, 3, 5]) and chosen(lights=["train", "test"])[1] == [0, 1, 2, 3, 5]
     assert chosen(part="test", lights=["test"]) == ([4], [1])
     for seed in range(5):
         nested = [set(chosen(figures=count, seed=seed)[0]) for count in (1, 2, 3, 4, 9)]

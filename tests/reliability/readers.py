@@ -145,8 +145,7 @@ def write_whole(folder: Path) -> dict[str, list[Path]]:
 
     coefficients = rng.uniform(0.1, 1, (9, 3))
     for suffix in ("json", "npy"):
-        path = write_light(Light(coefficients, "test"), folder / f"whole.light.{suffix}")
-        found.setdefault("light", []).append(path)
+        write_light(Light(coefficients, "test"), add("light", f"light.{suffix}"))
     add("light", "light.txt", "\n".join(" ".join(map(str, row)) for row in coefficients))
     add("light", "probe.json", json.dumps({"object": {"sh": coefficients.tolist(), "intensity": 1}}))
     write_light_set(lights_of(["train", "test"]), folder)

@@ -35,8 +35,7 @@ MODEL = Model(name="unet", width=0.1, norm="batch", dropout=0.0, order=1, albedo
 
 def writers(folder: Path) -> dict:
     """What writes results, as functions of a path; what they read is made in `folder`."""
-    rng = np.random.default_rng(0)
-    maps = random_maps("a", 32)
+    rng, maps = np.random.default_rng(0), random_maps("a", 32)
     write_maps(folder / "a.exr", maps)
     mesh = mesh_of(np.eye(3), [0, 1, 2], materials=[Material(texture=rng.integers(0, 256, (64, 64, 3), np.uint8))])
     network = build(MODEL, 64)

@@ -11,11 +11,8 @@ def person(seed: int) -> trimesh.Trimesh:
     """A person of capsules, 1.7 m high, y up, facing +z: head with a nose, torso, arms, legs and feet."""
     rng = np.random.default_rng(seed)
     spread, width = rng.uniform(0.15, 0.3), rng.uniform(0.14, 0.18)
-    parts = [
-        capsule((0, 0.95, 0), (0, 1.35, 0), width),
-        capsule((0, 1.55, 0), (0, 1.6, 0), 0.1),
-        capsule((0, 1.57, 0.09), (0, 1.55, 0.12), 0.02),
-    ]
+    parts = [capsule((0, 0.95, 0), (0, 1.35, 0), width), capsule((0, 1.55, 0), (0, 1.6, 0), 0.1)]
+    parts.append(capsule((0, 1.57, 0.09), (0, 1.55, 0.12), 0.02))
     for side in (-1, 1):
         parts.append(capsule((side * 0.17, 1.38, 0), (side * (0.17 + spread), 0.9, 0.03), 0.05))
         parts.append(capsule((side * 0.09, 0.9, 0), (side * 0.12, 0.1, 0), 0.08))
@@ -24,7 +21,6 @@ def person(seed: int) -> trimesh.Trimesh:
 
 
 def capsule(start, end, radius: float) -> trimesh.Trimesh:
-    """A capsule between two points."""
     start, end = np.array(start, float), np.array(end, float)
     axis = end - start
     mesh = trimesh.creation.capsule(height=float(np.linalg.norm(axis)), radius=radius, count=[24, 24])

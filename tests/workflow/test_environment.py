@@ -91,8 +91,8 @@ def test_make_gets_system_libraries(tmp_path, monkeypatch, user):
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     monkeypatch.setattr(os, "geteuid", lambda: 0 if user == "root" else 1000)
     monkeypatch.chdir(tmp_path)
-    for folder in (Path(".venv", "lib"), Path("temporary")):
-        folder.mkdir(parents=True)
+    Path(".venv", "lib").mkdir(parents=True)
+    Path("temporary").mkdir()
     get(["libx11-6 libxcb1", "libusb-1.0-0"], tmp_path / "temporary")
     update, last = (tmp_path / "calls").read_text().splitlines()
     assert update.endswith(" update")

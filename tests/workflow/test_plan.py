@@ -47,12 +47,17 @@ def test_snakemake_config_is_overrides(config, overrides):
 
 def test_settings_that_snakemake_would_drop_are_refused(monkeypatch):
     """Of two words with one key Snakemake keeps the second, and nothing beside a record."""
-    monkeypatch.setattr(sys, "argv", ["snakemake", "--config", "hydra=scale=smoke", "hydra=name=x"])
-    with pytest.raises(UserError, match='drops one of two hydra: write --config scale=smoke hydra="name=mine"'):
-        from_config({"hydra": "name=x"})
-    monkeypatch.setattr(sys, "argv", ["snakemake", "--config", "scale=smoke", "--config", "name=x"])
-    with pytest.raises(UserError, match="Snakemake drops one of two --config: write"):
-        from_config({"name": "x"})
+    for words, config, says in (
+        (
+            "hydra=scale=smoke hydra=name=x",
+            {"hydra": "name=x"},
+            'two hydra: write --config scale=smoke hydra="name=mine"',
+        ),
+        ("scale=smoke --config name=x", {"name": "x"}, "two --config: write"),
+    ):
+        monkeypatch.setattr(sys, "argv", ["snakemake", "--config", *words.split()])
+        with pytest.raises(UserError, match=f"Snakemake drops one of {says}"):
+            from_config(config)
     record = compose_run(["scale=smoke"])
     assert from_config({**record, "job": {}}) == record
     with pytest.raises(UserError, match="hydra is given beside the record of a run, which has all settings"):
@@ -96,9 +101,8 @@ def test_batches_are_tens_of_seeds():
 def test_a_row_means_the_same_in_every_preset():
     rows: dict[str, list[str]] = {}
     for preset in PRESETS:
-        for row, words in (
-            yaml.safe_load((CONF / "experiment" / f"{preset}.yaml").read_text())["sweep"]["rows"]
-        ).items():
+        written = yaml.safe_load((CONF / "experiment" / f"{preset}.yaml").read_text())
+        for row, words in written["sweep"]["rows"].items():
             assert rows.setdefault(row, words) == words, (preset, row)
 
 
@@ -128,8 +132,7 @@ def test_experiments_share_runs_and_keep_their_conditions():
 def test_a_run_goes_on_from_another_of_its_seed():
     plan = plan_of("scale=smoke experiment=self_supervised sweep.seeds=[0,3] sweep.only=[self_all]")
     assert plan.start("self_all.s3") == ["results/smoke/train/ours_full.s3.safetensors"]
-    assert plan.start("ours_full.s0") == []
-    assert plan.scored == ["self_all.s0", "self_all.s3"]
+    assert plan.start("ours_full.s0") == [] and plan.scored == ["self_all.s0", "self_all.s3"]
 
 
 def test_the_weights_for_photos_are_trained_at_half_the_size_and_then_at_the_full_one():
@@ -225,8 +228,12 @@ def test_files_of_the_future_are_told(tmp_path, kind):
 
 def test_data_of_another_run():
     """They are inputs: what made them is not planned, and settings that would change them are refused."""
-    with pytest.raises(UserError, match="data=a: results/a has no data set yet: relight run name=a makes it"):
-        check(plan_of("scale=smoke data=a name=b"))
+
+    def refused(plan: Plan, says: str) -> None:
+        with pytest.raises(UserError, match=says):
+            check(plan)
+
+    refused(plan_of("scale=smoke data=a name=b"), "data=a: results/a has no data set yet: relight run name=a makes it")
     first, plan = plan_of("scale=smoke name=a"), plan_of("scale=smoke data=a name=b train.lr=0.1")
     first.write_record()
     maps, packed, lights = (f"results/a/{name}" for name in ("maps/g0000-g0009", *DATA))
@@ -246,28 +253,19 @@ def test_data_of_another_run():
     check(plan)
     assert plan.map_names == first.map_names and plan.network("x") == "results/b/train/x.safetensors"
     told = r"results/a/packed\.\w+ has other figures: leave out figures\.count, or let relight run name=a make them"
-    with pytest.raises(UserError, match=told):
-        check(plan_of("scale=smoke data=a name=b figures.count=3"))
+    refused(plan_of("scale=smoke data=a name=b figures.count=3"), told)
     plan_of("scale=smoke name=a bake.rays=33").write_record()  # and is interrupted before anything is made
     check(plan)
     other = plan_of("scale=smoke data=a name=b bake.rays=33")
-    told = r"data=a has bake\.rays=32, and this run asks for 33: leave out one of the two"
-    with pytest.raises(UserError, match=told):
-        check(other)
+    refused(other, r"data=a has bake\.rays=32, and this run asks for 33: leave out one of the two")
     make(maps, [], bake={**first.shared["bake"], "rays": 33})  # and is interrupted after that
-    told = r"data=a: results/a/packed\.\w+ was made of another maps/g0000-g0009; relight run name=a makes"
-    with pytest.raises(UserError, match=told):
-        check(other)
+    refused(other, r"data=a: results/a/packed\.\w+ was made of another maps/g0000-g0009; relight run name=a makes")
     make_all(rays=33)
     check(other)
     Path(maps, "x.exr").unlink()
-    with pytest.raises(UserError, match=r"data=a: results/a/maps/g0000-g0009/x\.exr is missing; relight run name=a"):
-        check(other)
+    refused(other, r"data=a: results/a/maps/g0000-g0009/x\.exr is missing; relight run name=a")
     shutil.rmtree("results/a/made")
-    with pytest.raises(
-        UserError, match="has no record of how it was made: remove it, and relight run name=a makes it anew"
-    ):
-        check(other)
+    refused(other, "has no record of how it was made: remove it, and relight run name=a makes it anew")
 
 
 def test_a_table_of_scans_belongs_to_scans(tmp_path):

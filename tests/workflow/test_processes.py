@@ -75,8 +75,7 @@ def working(processes: list[psutil.Process]) -> list[psutil.Process]:
 def test_nothing_is_left_when_the_run_is_ended(run, name):
     job, processes = run
     job.send_signal(getattr(signal, name))
-    assert job.wait(timeout=PATIENCE) == (-9 if name == "SIGKILL" else 130)
-    assert not working(processes[1:])
+    assert job.wait(timeout=PATIENCE) == (-9 if name == "SIGKILL" else 130) and not working(processes[1:])
     assert not job.stderr.read(), "no traceback"
 
 
@@ -84,8 +83,7 @@ def test_nothing_is_left_when_the_run_is_ended(run, name):
 def test_the_jobs_end_with_snakemake(run):
     job, processes = run
     processes[1].kill()
-    assert job.wait(timeout=PATIENCE) != 0
-    assert not working(processes[1:])
+    assert job.wait(timeout=PATIENCE) != 0 and not working(processes[1:])
 
 
 @pytest.mark.slow

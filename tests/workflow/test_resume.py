@@ -54,8 +54,7 @@ def check(repo: Path, done: Path) -> None:
     """The results are those of the undisturbed run, and there is nothing else."""
     run = relight(repo, "run", *WORDS)
     assert run.returncode == 0, run.stdout
-    assert hashes(repo) == hashes(done)
-    assert names(repo) == names(done)
+    assert hashes(repo) == hashes(done) and names(repo) == names(done)
     check_mlflow(repo)
 
 

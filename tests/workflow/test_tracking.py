@@ -33,8 +33,7 @@ NETWORK = Model(
     sees="image",
 )  # fmt: skip
 WRITERS = 4
-SCORES = Path("scores.csv")
-TAGS = {"workflow": "demo", "experiment": "table1, table2"}
+SCORES, TAGS = Path("scores.csv"), {"workflow": "demo", "experiment": "table1, table2"}
 FORKS = multiprocessing.get_context("forkserver")  # to import MLflow once for all writers
 FORKS.set_forkserver_preload(["mlflow", "mlflow.store.tracking.sqlalchemy_store", "relight.lab.tracking.run"])
 
@@ -46,12 +45,12 @@ def tracking(uri: str | None, **rows: list[str]) -> dict:
     return {"track": {"uri": uri, "experiment": "test"}, "tags": TAGS, "rows": rows}
 
 
-def in_folder(folder: Path, action, *arguments) -> None:
-    """Calls a function in a process of its own, whose working folder is `folder`."""
+def in_folder(folder: Path, action, *arguments, ends: int = 0) -> None:
+    """Calls a function in a process of its own, whose working folder is `folder`, and which ends with a code."""
     job = FORKS.Process(target=chdir_and_call, args=(folder, action, *arguments))
     job.start()
     job.join(timeout=300)
-    assert job.exitcode == 0
+    assert job.exitcode == ends
 
 
 def chdir_and_call(folder: Path, action, *arguments) -> None:
@@ -83,10 +82,7 @@ def make_database_and_be_killed() -> None:
 def folder(tmp_path_factory) -> Path:
     """A folder in which a process was killed while it made the store, and then several trainings started at once."""
     folder = tmp_path_factory.mktemp("track")
-    job = FORKS.Process(target=chdir_and_call, args=(folder, make_database_and_be_killed))
-    job.start()
-    job.join(timeout=120)
-    assert job.exitcode == -9
+    in_folder(folder, make_database_and_be_killed, ends=-9)
     jobs = [FORKS.Process(target=chdir_and_call, args=(folder, write, URI, seed)) for seed in range(WRITERS)]
     for job in jobs:
         job.start()
@@ -132,8 +128,7 @@ def record(uri: str, losses: dict[str, float]) -> None:
     """
     tracking_run.log_network = lambda run, network: mlflow.log_artifact(str(network), "network")
     for name, loss in losses.items():
-        network = Path(f"{name}.safetensors")
-        settings = {"train": {"color": "paper"}}
+        network, settings = Path(f"{name}.safetensors"), {"train": {"color": "paper"}}
         save_network(network, build(NETWORK, 64), NETWORK, fingerprint=name.encode().hex(), **settings)
         curve = Path(f"{name}.csv")
         curve.write_text(f"step,loss,validation/loss\n4,0.5,{loss + 1}\n8,0.25,{loss}\n")
@@ -155,8 +150,7 @@ def record(uri: str, losses: dict[str, float]) -> None:
 def check_record(address: str) -> None:
     """The runs of `record` ended, are complete, and are children of the one of their report."""
     store.select_store(address)
-    client = MlflowClient()
-    names = ["report of demo", "left.s0"]
+    client, names = MlflowClient(), ["report of demo", "left.s0"]
     report, left, *trainings = sorted(runs(client), key=lambda run: [run.info.run_name != name for name in names])
     assert left.info.status == "KILLED" and "mlflow.parentRunId" not in left.data.tags
     assert report.info.status == "FINISHED" and report.data.metrics == report.data.params == {}
@@ -180,8 +174,7 @@ def check_record(address: str) -> None:
 LOSSES = {"ours_full.s0": 0.3, "sfsnet.s0": 0.1}
 
 
-def test_training_run_is_recorded_in_another_folders_sqlite(tmp_path):
-    """In folders of any name."""
+def test_training_run_is_recorded_in_another_folders_sqlite_whatever_its_name(tmp_path):
     folder, other = (tmp_path / "a b'ü 50%20#1 {x}" / name for name in ("clone", "other"))
     folder.mkdir(parents=True)
     other.mkdir()
@@ -221,14 +214,13 @@ def test_a_network_that_torch_cannot_export_is_said_once(empty_store, tmp_path):
 def test_a_run_of_the_environment_is_left_alone(empty_store, tmp_path, monkeypatch):
     """`mlflow run` and Databricks set MLFLOW_RUN_ID for the programs that they start."""
     shutil.copy(empty_store, tmp_path / "mlflow.db")
+    client = MlflowClient(f"sqlite:///{tmp_path}/mlflow.db")
     in_folder(tmp_path, train_again, "there", 1)
-    (foreign,) = runs(MlflowClient(f"sqlite:///{tmp_path}/mlflow.db"))
+    (foreign,) = runs(client)
     in_folder(tmp_path, train_inside, foreign.info.run_id)
-    found = {run.info.run_id: run.data.params["lr"] for run in runs(MlflowClient(f"sqlite:///{tmp_path}/mlflow.db"))}
+    found = {run.info.run_id: run.data.params["lr"] for run in runs(client)}
     assert found.pop(foreign.info.run_id) == "1" and [*found.values()] == ["2"]
-    assert [MlflowClient(f"sqlite:///{tmp_path}/mlflow.db").get_metric_history(run, "loss/train") for run in found] != [
-        []
-    ]
+    assert client.get_metric_history(*found, "loss/train")
 
 
 def train_inside(run: str) -> None:
@@ -285,8 +277,7 @@ def test_serve_is_one_server_that_ends_with_it_and_takes_runs(tmp_path):
     command = [sys.executable, "-m", "relight.cli", *words]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
-        line = server.stdout.readline()
-        address = f"http://127.0.0.1:{port}"
+        line, address = server.stdout.readline(), f"http://127.0.0.1:{port}"
         assert line.startswith(f"MLflow: {address}/#/experiments/1/runs")
         deadline = time.monotonic() + 120
         while time.monotonic() < deadline:

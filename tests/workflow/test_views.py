@@ -47,9 +47,8 @@ def made(tmp_path_factory, settings):
             mesh = replace(mesh, faces=mesh.faces[:0])
         mesh.save(folder / f"{name}.npz")
         bake_figure(folder / f"{name}.npz", settings.bake, folder / "maps")
-    looks = [look for name in FIGURES for look in ((name, "bob.o1") if name == "bob" else (name,))]
-    names = [map_name for look in looks for map_name in (look, f"{look}.v1", f"{look}.v2")]
-    maps = [folder / "maps" / f"{name}.exr" for name in names]
+    looks = ("ann", "bob", "bob.o1", "eve")
+    maps = [folder / "maps" / f"{look}{view}.exr" for look in looks for view in ("", ".v1", ".v2")]
     pack_figures(maps, settings.split.least, folder / "packed", folder / "record")
     write_split(settings.split, folder / "packed", folder / "record", folder / "split")
     np.savez(folder / "lights.npz", coefficients=np.ones((2, 9, 3), np.float32), split=np.array(["train", "test"]))
