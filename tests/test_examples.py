@@ -9,11 +9,8 @@ import pytest
 import relight
 
 ROOT = Path(relight.__file__).parent
-MODULES = [
-    ".".join(("relight", *path.relative_to(ROOT).with_suffix("").parts))
-    for path in sorted(ROOT.rglob("*.py"))
-    if ">>>" in path.read_text(encoding="utf-8")
-]
+FILES = [path for path in sorted(ROOT.rglob("*.py")) if ">>>" in path.read_text(encoding="utf-8")]
+MODULES = [".".join(("relight", *path.relative_to(ROOT).with_suffix("").parts)) for path in FILES]
 
 
 @pytest.mark.parametrize("name", MODULES)

@@ -93,10 +93,8 @@ def test_what_is_listed_as_not_run_stands_on_a_page():
     assert [known for known in NOT_RUN if not any(line.startswith(known) for line in lines)] == []
 
 
-@pytest.mark.parametrize(
-    "line",
-    ["relight bakes a.obj", "relight bake --ray 3 a.obj", "relight run trian.lr=1", "make al", "python -m relight.no"],
-)
+@pytest.mark.parametrize("line", ["relight bakes a.obj", "relight bake --ray 3 a.obj", "relight run trian.lr=1",
+                                  "make al", "python -m relight.no"])  # fmt: skip
 def test_a_wrong_line_is_noticed(line):
     with pytest.raises(Exception, match=r"No such|trian|neither|assert|None"):
         check(line)
@@ -156,11 +154,10 @@ def test_what_messages_advise_is_there(module):
                 raise AssertionError(f"{advised}: {error!r}") from error
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["run `relight mask sets`", "`relight photo --lights a`", "see relight light --lay", "pip install '.[vide]'",
-     "give train.batches=4", "give loss=fully", "experiment=two"],
-)  # fmt: skip
+@pytest.mark.parametrize("text", [
+    "run `relight mask sets`", "`relight photo --lights a`", "see relight light --lay", "pip install '.[vide]'",
+    "give train.batches=4", "give loss=fully", "experiment=two",
+])  # fmt: skip
 def test_advice_that_misleads_is_noticed(text):
     (advised,) = advice(text)
     with pytest.raises(Exception, match=r"No such|assert"):

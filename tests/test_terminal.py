@@ -68,7 +68,7 @@ def test_a_command_that_is_ended_leaves_no_hidden_file(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "words, form", [("photo me.jpg --turn 90deg", "--turn 2"), ("movie a --size 9px", "--size 1080")]
+    "words, form", [("photo a.jpg --turn 90deg", "--turn 2"), ("movie a --size 9px", "--size 1080")]
 )
 def test_what_is_no_number_is_answered_with_the_right_form(monkeypatch, capsys, words, form):
     monkeypatch.setattr(sys, "argv", ["relight", *words.split()])

@@ -16,7 +16,6 @@ from pathlib import Path
 import relight
 from relight.cli import app
 from relight.core.errors import UserError
-
 assert Path(relight.__file__).is_relative_to(sys.argv[1]), relight.__file__
 for line in sys.argv[2:]:
     app(line.split(), standalone_mode=False)

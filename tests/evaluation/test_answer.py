@@ -34,11 +34,8 @@ def test_answer_says_what_the_comparison_with_true_normals_says(bar, says):
     assert "a constant, it has 40 % (interval 30 to 50 %) less." in text
 
 
-def test_answer_says_what_is_no_better_than_a_constant():
+def test_answer_compares_transport_with_a_constant_and_with_ambient_occlusion():
     assert "It is no better than the mean training figure, a constant" in answer(Verdict.OPEN, Verdict.OPEN)
-
-
-def test_answer_compares_transport_with_ambient_occlusion():
     undecided = answer(Verdict.BETTER, over_ao=Comparison(Verdict.OPEN, 0.03, (-0.004, 0.07)))
     assert "gains 3 % (interval 0 to 7 %), which this run does not decide." in undecided
     equal = answer(Verdict.BETTER, over_ao=Comparison(Verdict.EQUIVALENT, 0.01, (-0.01, 0.02)))

@@ -108,9 +108,8 @@ def test_clear_hands_lays_resting_palms_on_the_body(person, name):
         facing, centre = surfaces.normals(skin, faces)[hand], skin[hand].mean(0)
         face, weights = surface.nearest(centre[None], 0.3)
         toward = kinematics.unit(weights[0] @ skin[faces[trunk[faces].all(1)][face[0]]] - centre)
-        assert (facing[distance < np.percentile(distance, 30)] @ toward).mean() > 0.1, (
-            "what is near the body looks at it"
-        )
+        near = distance < np.percentile(distance, 30)
+        assert (facing[near] @ toward).mean() > 0.1, "what is near the body looks at it"
 
 
 def test_build_motion_turn_moves_the_whole_figure(person):

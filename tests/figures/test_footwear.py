@@ -23,9 +23,8 @@ def motion_in(shoe, body, pose="relaxed"):
 def test_build_shoes_has_its_pieces_around_the_foot(body, shoe):
     motion = motion_in(shoe, body)
     skin, parts = motion.posed_skin, footwear.build_shoes(motion, shoe)
-    assert {part.name for part in parts} == {"upper", "sole"} | ({"cap"} if shoe.cap else set()) | (
-        {"lace"} if shoe.laces else set()
-    )
+    pieces = {"upper": True, "sole": True, "cap": shoe.cap, "lace": shoe.laces}
+    assert {part.name for part in parts} == {name for name, there in pieces.items() if there}
     weights = np.eye(len(motion.bones))[[motion.bones["foot.L"]]]
     foot = motion.skin(weights, body.joints["foot.L"][None])[0, 1]
     for part in parts:
@@ -40,8 +39,7 @@ def test_build_shoes_has_its_pieces_around_the_foot(body, shoe):
     heel = skin[(body.skin[:, 1] < ankle[1]) & (body.skin[:, 2] < ankle[2]), 1].min()
     assert soles[:, 1].min() == pytest.approx(heel - shoe.heel, abs=0.006)
     if shoe.cap:
-        caps = [part.vertices[np.unique(part.faces)] for part in parts if part.name == "cap"]
-        uppers = [part.vertices[np.unique(part.faces)] for part in parts if part.name == "upper"]
+        caps, uppers = ([p.vertices[np.unique(p.faces)] for p in parts if p.name == name] for name in ("cap", "upper"))
         for cap, upper in zip(caps, uppers, strict=True):
             assert cap[:, 2].mean() > upper[:, 2].mean() + 0.05  # at the toes
 

@@ -22,6 +22,8 @@ from relight.figures.draw.poses import poses
 from relight.figures.dye import skin
 from relight.figures.surfaces import normals, stacked
 
+STYLES = hairstyles.styles()
+
 
 @pytest.fixture(scope="module")
 def head(body):
@@ -31,7 +33,7 @@ def head(body):
 
 
 def grown(head, name: str, fine: bool = False) -> list[HairPart]:
-    return build_hair(Head(head[1], colliders.Collider.at_rest(*head[2]), 5, fine), hairstyles.styles()[name], 0.8)
+    return build_hair(Head(head[1], colliders.Collider.at_rest(*head[2]), 5, fine), STYLES[name], 0.8)
 
 
 def strips(parts: list[HairPart], *kinds: str) -> list[strands.Strip]:
@@ -40,7 +42,7 @@ def strips(parts: list[HairPart], *kinds: str) -> list[strands.Strip]:
 
 @pytest.fixture(scope="module")
 def heads(head):
-    return {style.name: grown(head, style.name) for style in hairstyles.styles().values()}
+    return {name: grown(head, name) for name in STYLES}
 
 
 @pytest.mark.parametrize("name", expressions())
@@ -54,7 +56,7 @@ def test_build_body_expression_moves_the_face_and_keeps_the_mouth_closed(body, n
     assert moved.max() == 0 if name == "calm" else 0.002 < moved.max() < 0.03
 
 
-@pytest.mark.parametrize("style", [style.name for style in hairstyles.styles().values() if style.comb])
+@pytest.mark.parametrize("style", [name for name, style in STYLES.items() if style.comb])
 @pytest.mark.slow
 def test_build_hair_is_finite_and_outside_of_the_head(head, heads, style):
     surface = colliders.Collider(head[2][0], *head[2])
@@ -85,9 +87,7 @@ def test_grow_locks_fall_and_lie_on_the_shoulders(head, heads):
     assert np.median(distance[low & np.isfinite(distance)]) < 0.04
 
 
-@pytest.mark.parametrize(
-    "name", [style.name for style in hairstyles.styles().values() if style.comb and style.hat == "none"]
-)
+@pytest.mark.parametrize("name", [name for name, style in STYLES.items() if style.comb and style.hat == "none"])
 def test_build_hair_shows_little_scalp_from_any_side(head, name):
     _, _, (posed, faces) = head
     hair = stacked([(vertices, faces) for vertices, faces, _ in strips(grown(head, name, fine=True), "hair")])
@@ -118,7 +118,7 @@ def test_beard_grows_on_jaw_and_lip_only(head, heads):
 
 def test_add_hair_hats_change_with_the_outfit_and_hair_does_not(head):
     outfit = sample_outfit(np.random.default_rng(3), head[0].person)
-    outfit = replace(outfit, hair=hairstyles.styles()["cap"], beard=0.8)
+    outfit = replace(outfit, hair=STYLES["cap"], beard=0.8)
     outfit = replace(outfit, hat=outfit.garments[0].fabric)
     looks = [outfit, in_other_fabrics(outfit, np.random.default_rng(4))]
     builder = Builder()

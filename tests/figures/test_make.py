@@ -316,10 +316,8 @@ def test_write_table_lists_all_figures_of_the_folder(tmp_path):
         write_table(tmp_path)
     with open(tmp_path / "figures.csv", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert rows == [
-        {"name": "g0000", "pose": "waving", "garments": ""},
-        {"name": "g0001", "pose": "", "garments": '["robe"]'},
-    ]
+    assert rows[0] == {"name": "g0000", "pose": "waving", "garments": ""}
+    assert rows[1:] == [{"name": "g0001", "pose": "", "garments": '["robe"]'}]
 
 
 @pytest.mark.parametrize("fixed", [
@@ -331,12 +329,11 @@ def test_write_table_lists_all_figures_of_the_folder(tmp_path):
 @pytest.mark.slow
 def test_sample_satisfies_the_constraints(fixed):
     constraints = Constraints(**fixed)
-    draw = make.sample(0, 0, 1, constraints.sitting, constraints)
+    draw, again = (make.sample(0, attempt, 1, constraints.sitting, constraints) for attempt in (0, 1))
     assert {worn.garment.name for worn in draw.outfit.garments} >= set(constraints.garments)
     assert not constraints.poses or draw.pose.name in constraints.poses
     assert not constraints.hair or draw.outfit.hair.name in constraints.hair
     assert draw.pose.sitting or constraints.sitting < 1
-    again = make.sample(0, 1, 1, constraints.sitting, constraints)
     assert again.person == draw.person and again.outfit != draw.outfit
 
 
@@ -378,10 +375,8 @@ def test_constraints_that_nobody_satisfies_are_one_sentence(monkeypatch, fixed, 
 @pytest.mark.slow
 def test_worker_ends_quietly_when_a_destructor_swallows_the_end():
     program = "import os, signal, time; from relight.figures.commands import start_worker; start_worker()\n"
-    program += (
-        "class Array:\n    def __del__(self):\n        os.kill(os.getpid(), signal.SIGTERM); time.sleep(0.1)\nArray()\n"
-    )
-    command = [sys.executable, "-c", program + "time.sleep(60)"]
+    program += "class Array:\n    def __del__(self):\n        os.kill(os.getpid(), signal.SIGTERM); time.sleep(0.1)\n"
+    command = [sys.executable, "-c", program + "Array(); time.sleep(60)"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=50)
     assert run.returncode == -signal.SIGALRM and not run.stderr
 

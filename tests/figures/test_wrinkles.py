@@ -41,7 +41,7 @@ def test_stretch_of_an_affine_map_is_exact():
     np.testing.assert_allclose(np.abs(across @ (plane @ vectors[:, 0])), 1, atol=1e-6)
 
 
-def test_folds_run_across_the_compression_and_use_up_its_length():
+def test_folds_run_across_the_compression_and_use_up_its_length_and_taut_or_pinned_cloth_has_none():
     flat, _ = sheet()
     n = round(len(flat) ** 0.5)
     h = heights(flat * [0.9, 1.0, 1.0]).reshape(n, n)[10:-10, 10:-10]
@@ -51,12 +51,7 @@ def test_folds_run_across_the_compression_and_use_up_its_length():
     assert 0.6 < longer / (wrinkles.SHARES[0] * 0.1) < 1.3
     other = heights(flat * [0.9, 1.0, 1.0], seed=5)
     assert np.corrcoef(other.reshape(n, n)[10:-10, 10:-10].ravel(), h.ravel())[0, 1] < 0.3  # no two are the same
-
-
-def test_folds_of_taut_or_pinned_cloth_are_none():
-    flat, _ = sheet()
-    assert np.abs(heights(flat * [1.3, 1.3, 1.0])).max() == 0
-    assert np.abs(heights(flat * [0.9, 1.0, 1.0], pinned=1.0)).max() == 0
+    assert not heights(flat * [1.3, 1.3, 1.0]).any() and not heights(flat * [0.9, 1.0, 1.0], pinned=1.0).any()
 
 
 def test_finished_keeps_folds_outside_the_layer_below():

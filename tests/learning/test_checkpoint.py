@@ -40,11 +40,7 @@ def test_user_errors(network, model, tmp_path):
     save_network(tmp_path / "cut", network, model())
     (tmp_path / "cut").write_bytes((tmp_path / "cut").read_bytes()[:5000])
     save_file({"a": torch.zeros(2)}, tmp_path / "other")
-    for name, says in {
-        "pickle": "not a safetensors file",
-        "cut": "not a safetensors file",
-        "other": "holds no",
-    }.items():
+    for name, says in (("pickle", "not a safetensors"), ("cut", "not a safetensors"), ("other", "holds no relight")):
         with pytest.raises(UserError, match=f"{name} .*{says}"):
             load_network(tmp_path / name)
 

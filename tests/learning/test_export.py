@@ -8,19 +8,10 @@ import pytest
 import torch
 from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter
 
+import relight.learning.export as module
 from relight.core.errors import UserError
 from relight.learning.checkpoint import load_network
-from relight.learning.export import (
-    NEIGHBOURHOOD,
-    SLACK,
-    PhotoGraph,
-    _open_sized,
-    check,
-    clamp_rim,
-    export,
-    sample_inputs,
-    smallest_side,
-)
+from relight.learning.export import PhotoGraph, _open_sized, check, clamp_rim, export, sample_inputs, smallest_side
 from relight.learning.networks import build
 from relight.learning.predict import predict
 from relight.photos.network import read_network
@@ -123,12 +114,12 @@ def test_read_network_refuses_other_files(content, tmp_path):
 def clamped(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Twin of `clamp_rim` by scipy's filters: maps (H,W,C), mask (H,W) bool."""
     inside = binary_erosion(mask)
-    size = NEIGHBOURHOOD, NEIGHBOURHOOD, 1
+    size = module.NEIGHBOURHOOD, module.NEIGHBOURHOOD, 1
     low = minimum_filter(np.where(inside[..., None], maps, np.inf), size, mode="nearest")
     high = maximum_filter(np.where(inside[..., None], maps, -np.inf), size, mode="nearest")
     rim = (mask & ~inside & (low[..., 0] < np.inf))[..., None]
     low, high = (np.where(rim, bound, maps) for bound in (low, high))
-    slack = SLACK * (high - low)
+    slack = module.SLACK * (high - low)
     return np.clip(maps, low - slack, high + slack)
 
 

@@ -53,17 +53,14 @@ class Training:
             os.environ["MLFLOW_SYSTEM_METRICS_SAMPLING_INTERVAL"] = "600"  # whose thread would be counted, too
             from relight.lab.tracking import run
             from relight.lab.training import train
-
             run.log_network = lambda *_: None
             owner = pkgutil.resolve_name({owner!r})
             calls, function = [], owner.{name}
-
             def last(*arguments, **options):
                 function(*arguments, **options)
                 calls.append(1)
                 if len(calls) == {count}:
                     os.kill(os.getpid(), signal.SIGKILL)
-
             owner.{name} = last
             train(*given)
         """

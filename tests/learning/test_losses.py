@@ -18,13 +18,10 @@ from relight.settings.schema import FIELDS
 from relight.settings.setting import setting_of
 from relight.sh import unoccluded
 
-FIFTEEN = {
-    *("albedo", "transport", "light", "tv_albedo", "tv_transport"),
-    *("shading_transport", "shading_light", "shading_transport_light"),
-    *("reconstruction_albedo", "reconstruction_transport", "reconstruction_light"),
-    *("reconstruction_albedo_transport", "reconstruction_albedo_light", "reconstruction_transport_light"),
-    "reconstruction_full",
-}
+FIFTEEN = {"albedo", "transport", "light", "tv_albedo", "tv_transport"}
+FIFTEEN |= {f"shading_{own}" for own in ("transport", "light", "transport_light")}
+OWN = "albedo transport light albedo_transport albedo_light transport_light full"
+FIFTEEN |= {f"reconstruction_{own}" for own in OWN.split()}
 RELIT = {"relit_shading", "relit_image"}
 DETAILS = {"detail_albedo", "detail_transport", "detail_shading", "exclusion"}
 BEYOND_THE_PAPER = dict.fromkeys(("detail", "exclusion", "relit"), 1.0)  # settings
@@ -120,10 +117,8 @@ def detail_by_hand(own: np.ndarray, true: np.ndarray, mask: np.ndarray) -> float
 def exclusion_by_hand(own: dict, true: dict, mask: np.ndarray) -> float:
     excess = []
     for k, b in octaves_of(mask):
-        found, exact = (
-            [detail_of(np.log(np.maximum(maps[key][b].mean(-1), DARK)), mask[b], k) for key in ("albedo", "shading")]
-            for maps in (own, true)
-        )
+        pairs = ([maps[key][b].mean(-1).clip(DARK) for key in ("albedo", "shading")] for maps in (own, true))
+        found, exact = ([detail_of(np.log(values), mask[b], k) for values in pair] for pair in pairs)
         energy = np.prod([(a**2).sum() + LEVEL**2 * (t**2).sum() for a, t in zip(found, exact)])
         floor = np.abs(np.prod(exact, 0)).sum() / max(np.prod([(t**2).sum() for t in exact]), 1e-12) ** 0.5
         excess.append(max(np.abs(np.prod(found, 0)).sum() / energy**0.5 - floor, 0))

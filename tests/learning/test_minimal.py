@@ -1,9 +1,9 @@
 """examples/train_minimal.py is the network and the loss of the package, written out."""
 
-import importlib.util
 import re
+import runpy
 import sys
-from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,21 +13,17 @@ from PIL import Image
 from relight.learning.data import RelitSet
 from relight.learning.losses import losses
 from relight.learning.networks import build
-
-PATH = Path(__file__).parents[2] / "examples" / "train_minimal.py"
+from relight.settings import ROOT
 
 
 @pytest.fixture(scope="module")
 def minimal():
-    spec = importlib.util.spec_from_file_location("train_minimal", PATH)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return SimpleNamespace(**runpy.run_path(str(ROOT / "examples" / "train_minimal.py")))
 
 
 @pytest.fixture(scope="module")
 def folder(world, tmp_path_factory):
-    """The world, laid out as the results of `relight run`."""
+    """The world, laid out as results are."""
     folder = tmp_path_factory.mktemp("results")
     (folder / "lights").mkdir()
     (folder / "packed.safetensors").symlink_to(world["packed"])

@@ -19,11 +19,8 @@ def test_each_pass_shows_every_pair_once(order, batch):
     assert found[:35] != found[35:70]
 
 
-def test_the_order_does_not_depend_on_the_batch_and_depends_on_the_seed():
+def test_the_order_depends_on_the_seed_and_not_on_the_batch_and_rows_are_of_one_figure():
     assert taken("shuffled", 1, 40) == taken("shuffled", 4, 10)
     assert taken("shuffled", 4, 10) != taken("shuffled", 4, 10, seed=4)
-
-
-def test_rows_give_a_figure_its_lights_in_a_row():
     figures = [figure for figure, _ in taken("rows", 5, 7)]
     assert all(len(set(figures[i : i + 7])) == 1 for i in range(0, 35, 7))

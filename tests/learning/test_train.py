@@ -18,20 +18,12 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 
 import relight.learning.__main__ as program
+import relight.learning.train as module
 from relight.core.errors import UserError
 from relight.learning import checkpoint
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet, draw_pairs
-from relight.learning.train import (
-    Inputs,
-    Recipe,
-    draw_batch,
-    learning_rate,
-    select_training_data,
-    torch_context,
-    train,
-    update_average,
-)
+from relight.learning.train import Inputs, Recipe, draw_batch, learning_rate, select_training_data, train
 
 ROOT = Path(__file__).parents[2]
 
@@ -81,11 +73,8 @@ def killed_at(last: int):
 
 
 PLUS = dict(optimizer="muon", average=0.9, mirror=True, color="photo", pairs="rows")
-PHOTO = {
-    "model_changes": dict(name="unet", light_head="pooled", refine=True),
-    "augment_changes": dict(framing=0.5, tint=0.2, exposure=[-1.0, 0.5], camera=1.0),
-    "color": "photo",
-}
+PHOTO = {"color": "photo", "augment_changes": dict(framing=0.5, tint=0.2, exposure=[-1.0, 0.5], camera=1.0)}
+PHOTO["model_changes"] = dict(name="unet", light_head="pooled", refine=True)
 
 
 @pytest.mark.slow
@@ -198,7 +187,7 @@ def test_the_moving_average_has_its_closed_form():
             tensor.data.copy_(torch.sin(torch.arange(3) + 2.0 * k))
     average = copy.deepcopy(steps[0])
     for network in steps[1:]:
-        update_average(average, network, decay)
+        module.update_average(average, network, decay)
     shares = [decay**5, *((1 - decay) * decay ** (5 - k) for k in range(1, 6))]
     assert sum(shares) == pytest.approx(1)
     for name, value in average.named_parameters():
@@ -330,7 +319,7 @@ def test_two_processes_train_the_network_that_one_does(run, tmp_path):
 def test_a_job_says_how_many_threads_it_takes(stated, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", stated) if stated else monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     monkeypatch.setattr(torch, "get_num_threads", lambda: 2)
-    with patch.object(torch, "set_num_threads") as threads, torch_context(torch.device("cpu")):
+    with patch.object(torch, "set_num_threads") as threads, module.torch_context(torch.device("cpu")):
         assert threads.mock_calls == ([] if stated else [call(1)])
 
 
@@ -355,11 +344,7 @@ def test_bf16_on_a_cpu_without_it_says_so(run, monkeypatch, capsys, capability):
 def test_without_the_workflow_each_network_has_its_own_state_and_curve(monkeypatch):
     beside = []
     monkeypatch.setattr(program, "train", lambda recipe, inputs, *files: beside.append([str(file) for file in files]))
-    for out in ("a/net.s0", "a/net.s1", "a/net.safetensors"):
+    for out, base in (("a/net.s0", "a/net.s0"), ("a/net.s1", "a/net.s1"), ("a/net.safetensors", "a/net")):
         monkeypatch.setattr(sys, "argv", ["", "--packed=p", "--lights=l", "--split=s", f"--out={out}", "scale=smoke"])
         program.main()
-    assert beside == [
-        ["a/net.s0", "a/net.s0.state.pt", "a/net.s0.csv"],
-        ["a/net.s1", "a/net.s1.state.pt", "a/net.s1.csv"],
-        ["a/net.safetensors", "a/net.state.pt", "a/net.csv"],
-    ]
+        assert beside.pop() == [out, f"{base}.state.pt", f"{base}.csv"]

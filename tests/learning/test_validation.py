@@ -58,20 +58,15 @@ def test_the_values_are_the_losses_and_nothing_is_left_behind(validation, model)
     assert values["loss"] == pytest.approx(float(total), rel=1e-5)
 
 
-def test_without_figures_for_it_there_is_none(world, loss, tmp_path):
-    split = tmp_path / "split.json"
-    split.write_text('{"train": ["figure0"], "test": ["figure4"]}')
-    data = RelitSet(world["packed"], world["lights"], 2, "paper")
-    assert Validation(data, split, loss(), data.size)(nn.Identity(), drawn=True) == ({}, None)
-
-
-def test_pairs_are_of_validation_figures_and_lights(tmp_path, world, loss):
+def test_pairs_are_of_validation_figures_and_lights_and_without_them_there_is_none(tmp_path, world, loss):
     data = RelitSet(world["packed"], world["lights"], 2, "paper")
     found = Validation(data, world["split"], loss(), data.size)
     wanted = data.batch(data.figures(["figure5"]), np.flatnonzero(data.light_split == "validation"))
     assert found.pairs == 1
     torch.testing.assert_close(found.batch.image, wanted.image)
     torch.testing.assert_close(found.batch.light, wanted.light)
+    (split := tmp_path / "split.json").write_text('{"train": ["figure0"], "test": ["figure4"]}')
+    assert Validation(data, split, loss(), data.size)(nn.Identity(), drawn=True) == ({}, None)
 
 
 @pytest.mark.parametrize("count", [1, 5])

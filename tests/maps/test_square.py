@@ -54,11 +54,13 @@ def test_back_to_the_pixel():
         assert np.abs(seen - network_coordinates(f)[inside]).max() < 0.1 * max(f.side / size, 1), (height, width, box)
 
 
-def test_centred_and_padded_as_in_training():
+def test_centred_and_padded_as_in_training_and_an_empty_mask_is_refused():
     f = crop_around(figure(400, 300, 40, 100, 220, 160), 128)
     assert f.side == pytest.approx(200) and f.top == pytest.approx(30) and f.left == pytest.approx(30)
     wide = crop_around(figure(100, 400, 10, 20, 60, 380), 128)  # wider than high: fits the width
     assert wide.side == pytest.approx(400) and wide.left == pytest.approx(0) and wide.top == pytest.approx(-165)
+    with pytest.raises(UserError, match="empty"):
+        crop_around(np.full((20, 20), 100, np.uint8), 64)
 
 
 def test_equal_scale_is_the_identity():
@@ -124,11 +126,6 @@ def test_extend_takes_the_nearest():
     maps = np.arange(25, dtype=np.float32).reshape(5, 5)
     out = fill_outside(maps, mask)
     assert np.array_equal(out[mask], maps[mask]) and out[2, 4] == maps[2, 2] and out[0, 0] == maps[2, 1]
-
-
-def test_empty_mask_is_said():
-    with pytest.raises(UserError, match="empty"):
-        crop_around(np.full((20, 20), 100, np.uint8), 64)
 
 
 def test_figure_means_of_one_channel_and_of_three_are_averages_over_the_figure():

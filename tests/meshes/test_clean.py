@@ -193,13 +193,10 @@ def test_a_mesh_of_which_repairs_leave_little_is_warned_of(person):
     assert "warnings" not in clean(person()).info
 
 
-def test_vertex_normals_are_those_of_trimesh(person):
+def test_vertex_normals_are_those_of_trimesh_and_of_length_1_without_faces_or_area(person):
     mesh = person()
     other = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     np.testing.assert_allclose(vertex_normals(mesh), other.vertex_normals, atol=1e-5)
-
-
-def test_vertex_normals_of_faces_without_area_and_lone_vertices_give_unit_normals():
     vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 9, 9], [1, 0, 0], [2, 2, 2], [np.nan, 0, 0]]
     normals = vertex_normals(mesh_of(vertices, [[0, 1, 2], [0, 1, 4], [5, 5, 5], [0, 0, 2], [6, 0, 1]]))
     np.testing.assert_allclose(normals, [[0, 0, 1]] * 7, atol=1e-6)

@@ -325,10 +325,8 @@ def node(**values):
 
 def placed(**values):
     """KHR_texture_transform."""
-    base = "pbrMetallicRoughness"
-    return lambda scene: scene["materials"][0][base]["baseColorTexture"].update(
-        extensions={"KHR_texture_transform": values}
-    )
+    texture = {"index": 0, "extensions": {"KHR_texture_transform": values}}
+    return lambda scene: scene["materials"][0]["pbrMetallicRoughness"].update(baseColorTexture=texture)
 
 
 def picture_at(uri):

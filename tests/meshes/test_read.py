@@ -93,13 +93,12 @@ def test_ply_of_two_textures(tmp_path):
     assert mesh.material.tolist() == [0, 1]
 
 
-@pytest.mark.parametrize(
-    "statement",
-    ["tex/A b.png", "tex\\A b.png", "TEX/a B.PNG", "C:\\Users\\artist\\Desktop\\final\\A b.png",
-     "/home/artist/final/A b.png", "..\\..\\maps\\A b.png", "./tex/./A b.png", "A b.png", '"A b.png"',
-     "-clamp on tex/A b.png", "-s 1 1 A b.png",
-     "-blendu on -blendv off -s 1 1 1 -o 0 0 0 -mm 0 1 -bm 1.0 -texres 512 A b.png"],
-)  # fmt: skip
+@pytest.mark.parametrize("statement", [
+    "tex/A b.png", "tex\\A b.png", "TEX/a B.PNG", "C:\\Users\\artist\\Desktop\\final\\A b.png",
+    "/home/artist/final/A b.png", "..\\..\\maps\\A b.png", "./tex/./A b.png", "A b.png", '"A b.png"',
+    "-clamp on tex/A b.png", "-s 1 1 A b.png",
+    "-blendu on -blendv off -s 1 1 1 -o 0 0 0 -mm 0 1 -bm 1.0 -texres 512 A b.png",
+])  # fmt: skip
 def test_textures_are_found_by_any_spelling(tmp_path, statement):
     """What trimesh loses silently: options, backslashes, capitals, the folders of somebody else's disk."""
     picture(tmp_path / "tex" / "A b.png")

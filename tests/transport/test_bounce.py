@@ -52,16 +52,13 @@ def corner(times):
     return mesh_of(vertices, faces, material=material, materials=[Material(), Material(np.float32([1, 0, 0]))])
 
 
-def test_large_faces_reflect_in_pieces():
+def test_large_faces_reflect_in_pieces_and_backs_nothing():
     """Four triangles give what four thousand give, though light falls off along them; the wall sends back red."""
     coarse, fine = (bake(corner(times), 24, 256, bounces=2).bounced for times in (0, 5))
     along = coarse[..., 0, 0].mean(0)
     np.testing.assert_allclose(along, fine[..., 0, 0].mean(0), rtol=0.05)
     assert along[22] > 8 * along[0]  # close to the wall, far from it
     assert coarse[..., 1:].max() == 0
-
-
-def test_backs_reflect_nothing():
     mesh = corner(0)
     mesh.faces[2:] = mesh.faces[2:, ::-1]
     assert not bake(mesh, 24, 64, bounces=1).bounced.any()

@@ -20,11 +20,8 @@ from relight.settings.setting import Setting, setting_of, type_in_words
 # in test_plan.py.
 ALONE = {group: names for group, names in presets().items() if group != "experiment"}
 PRESETS = [[f"{group}={name}" for group, name in zip(ALONE, names) if name] for names in zip_longest(*ALONE.values())]
-NEEDS = {
-    "augment=photo": ["train=photo"],
-    "figures=scans": ["figures.folder=x"],
-    "panoramas=folder": ["panoramas.folder=x"],
-}
+NEEDS = {"figures=scans": ["figures.folder=x"], "panoramas=folder": ["panoramas.folder=x"]}
+NEEDS["augment=photo"] = ["train=photo"]
 
 
 @pytest.mark.parametrize("words", PRESETS, ids=" ".join)

@@ -34,10 +34,6 @@ def test_each_dependency_is_locked_within_its_range(requirement):
     assert all(requirement.specifier.contains(version, prereleases=True) for version in versions)
 
 
-def test_lock_has_one_version_of_a_package_for_all_pythons():
-    assert {name: versions for name, versions in VERSIONS.items() if len(versions) > 1} == {}
-
-
 def test_pythons_are_the_same_everywhere():
     """pyproject.toml, uv.lock, make, the README, conda's environment and the tests of the hosting site name them."""
     pythons = re.findall(r"Python :: (3\.\d+)$", "\n".join(PROJECT["classifiers"]), re.M)
@@ -54,7 +50,8 @@ def test_pythons_are_the_same_everywhere():
     assert f"python: {json.dumps(pythons)}" in (ROOT / ".github" / "workflows" / "test.yml").read_text()
 
 
-def test_lock_names_only_the_public_index_and_hashes_every_file():
+def test_lock_has_one_version_of_a_package_and_hashes_every_file_of_the_public_index():
+    assert {name: versions for name, versions in VERSIONS.items() if len(versions) > 1} == {}
     assert set(re.findall(r"https?://([^/\"]+)", LOCK)) == {"pypi.org", "files.pythonhosted.org"}
     files = re.findall(r"url = .*", LOCK)
     assert len(files) > 1000 and all(re.search(r'hash = "sha256:[0-9a-f]{64}"', line) for line in files)

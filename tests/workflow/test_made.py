@@ -226,9 +226,8 @@ def test_snakemake_learns_what_it_does_not_know():
     assert known()[MAPS] and bake(rays=8) == []
 
 
-@pytest.mark.parametrize(
-    "text", ["[1]", "3", "null", '{"rule": "pack"}', '{"code": "old", "params": {}, "inputs": {}, "files": {}}', "{"]
-)
+@pytest.mark.parametrize("text", ["[1]", "3", "null", '{"rule": "pack"}', "{",
+                                  '{"code": "old", "params": {}, "inputs": {}, "files": {}}'])  # fmt: skip
 def test_a_record_of_another_shape_is_none(text):
     write(PACKED, "1"), write("results/a/made/packed.safetensors.json", text)
     assert restore("results/a") == {} and read(PACKED) == {}

@@ -280,8 +280,9 @@ def test_a_table_of_scans_belongs_to_scans(tmp_path):
 def test_labels_are_those_of_the_experiment_s_own_file():
     plan = plan_of("scale=smoke experiment=[table2,silhouette] +experiments.table2.labels.ours_full=Mine")
     assert plan.labels(["no_tv", "ours_full", "silhouette"]) == ["w/o TV", "Mine", "Mask alone"]
-    with pytest.raises(UserError, match=r"experiments\.table2\.labels: no row nobody in experiments\.table2\.rows"):
-        plan_of("scale=smoke experiment=table2 +experiments.table2.labels.nobody=Mine")
-    with pytest.raises(UserError, match="rows no_tv and no_shading have the same label, SfSNet: give one"):
-        both = "experiments.table2.labels.no_tv=SfSNet experiments.table2.labels.no_shading=SfSNet"
-        plan_of(f"scale=smoke experiment=table2 {both}")
+    for labels, says in (
+        ("+LABELS.nobody=Mine", r"experiments\.table2\.labels: no row nobody in experiments\.table2\.rows"),
+        ("LABELS.no_tv=SfSNet LABELS.no_shading=SfSNet", "no_tv and no_shading have the same label, SfSNet: give one"),
+    ):
+        with pytest.raises(UserError, match=says):
+            plan_of("scale=smoke experiment=table2 " + labels.replace("LABELS", "experiments.table2.labels"))

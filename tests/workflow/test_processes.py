@@ -100,7 +100,6 @@ import os, sys
 from types import SimpleNamespace
 from relight.core.errors import UserError
 from relight.lab.job import job
-
 process = SimpleNamespace(
     config={"job": {"process": os.getppid()}}, rule="bake", wildcards=["a b", ""], log=["x.log"],
     output=["results/x/maps"], params=dict(), input=[],
