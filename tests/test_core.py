@@ -71,7 +71,6 @@ def core(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def photo(tmp_path_factory):
-    """The portrait, with its mask beside it, 256 px."""
     web, folder = ROOT / "relight" / "viewer" / "web", tmp_path_factory.mktemp("photo")
     Image.open(web / "astronaut.jpg").resize((256, 256)).save(folder / "me.png")
     Image.open(web / "astronaut_mask.png").resize((256, 256)).save(folder / "me_mask.png")

@@ -24,7 +24,6 @@ def anchors(page: Path) -> set[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_what_a_page_names_and_links_to_exists(page):
-    """Code with its functions, files, and headings."""
     text = page.read_text()
     for path, name in CODE.findall(text):
         assert (ROOT / path).exists(), path

@@ -108,8 +108,7 @@ def test_an_installed_package_offers_an_extension(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     extensions.installed.cache_clear()
     try:
-        assert "guest_loss" in extensions.names()
-        assert extensions.extension("guest_loss", "loss")(None, None) == 7
+        assert "guest_loss" in extensions.names() and extensions.extension("guest_loss", "loss")(None, None) == 7
         with pytest.raises(UserError, match="guest defines no `network`"):
             extensions.extension("guest_loss", "network")
         check(resolved(composed(["scale=smoke", "+loss.extra.guest_loss=1"])))
@@ -131,7 +130,6 @@ def test_wrong_weights(word, says, tmp_path, monkeypatch):
 
 
 def test_a_light_with_a_panorama_is_turned_whole(tmp_path, monkeypatch):
-    """What stands behind a figure turns with the light."""
     (tmp_path / "probe1.py").write_text("from relight.lights import load_light as light\n")
     monkeypatch.setattr(extensions, "__path__", [*extensions.__path__, str(tmp_path)])
     light = load_light("probe1:room:7:20", yaw=30.0, flip=True)

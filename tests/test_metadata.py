@@ -15,7 +15,6 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 
 def front_matter(path: Path) -> tuple[dict, str]:
-    """Returns the YAML header of a page, and the rest."""
     _, header, text = path.read_text().split("---\n", 2)
     return yaml.safe_load(header), text
 

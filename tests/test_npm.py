@@ -22,7 +22,6 @@ class Quiet(SimpleHTTPRequestHandler):
 
 @pytest.fixture
 def registry(tmp_path, monkeypatch):
-    """The folder of the tarballs of a registry on this machine."""
     folder = tmp_path / "registry" / PACKAGE.name / "-"
     folder.mkdir(parents=True)
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=tmp_path / "registry"))

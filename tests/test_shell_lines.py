@@ -166,7 +166,6 @@ def test_advice_that_misleads_is_noticed(text):
 
 @pytest.fixture
 def inputs(tmp_path, monkeypatch):
-    """A folder with small files of the names that the pages use."""
     monkeypatch.chdir(tmp_path)
     for name, (height, width) in {"kitchen.hdr": (8, 16), "kitchen.exr": (8, 16), "grace_probe.hdr": (8, 8)}.items():
         codes = np.random.default_rng(1).integers(60, 200, (height, width, 4), np.uint8)

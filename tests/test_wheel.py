@@ -28,7 +28,6 @@ except UserError as error:
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
-    """The content of the wheel, as pip would put it into site-packages."""
     pytest.importorskip("hatchling")
     folder = tmp_path_factory.mktemp("wheel")
     command = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(folder)]

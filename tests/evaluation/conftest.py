@@ -54,7 +54,6 @@ def make_world(folder: Path, size: int, figures: int, lights: int, test: int) ->
 
 
 def save_small_network(path: Path, name: str, color: str, seed: int = 1) -> None:
-    """An untrained network for 64 px."""
     model = OmegaConf.to_object(config.composed([f"model={name}", "model.width=0.125", "model.norm=batch"])).model
     torch.manual_seed(seed)
     save_network(path, build(model, 64), model, train={"color": color})

@@ -120,8 +120,7 @@ def test_make_predictors_of_each_baseline(world, tmp_path):
         error = (occlusion * unoccluded(maps.normal) - maps.transport)[maps.mask]
         expected = np.sqrt((error**2).sum(-1).mean())
         assert scores[name].columns["transport_rmse"][0] == pytest.approx(expected, rel=2e-3)
-    assert "transport_rmse" not in scores["mean_light"].columns
-    assert "light_rmse" not in scores["no_occlusion"].columns
+    assert "transport_rmse" not in scores["mean_light"].columns and "light_rmse" not in scores["no_occlusion"].columns
 
 
 def test_mean_figure_at_pixels_that_few_figures_cover(world):

@@ -267,7 +267,6 @@ def test_head_draws_no_conclusion_from_a_few_subjects(tmp_path):
 
 
 def test_networks_that_are_no_better_than_a_constant_are_named(tmp_path):
-    """In the columns that are compared: one is as bad as the mean figure, another is worse."""
     errors = {"sfsnet_ao": 0.6, "ours_min": 0.8, "mean_figure": 0.6}
     columns = ("shading_true_light_rmse", "relit_rmse")
     levels = {row: dict(zip(columns, (errors.get(row, 0.1), 0.7 if row == "mean_figure" else 0.1))) for row in ROWS}

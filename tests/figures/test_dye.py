@@ -33,8 +33,7 @@ def test_lay_out_panels_do_not_overlap_and_uv_finds_the_paint():
     rng = np.random.default_rng(2)
     panel = rng.integers(0, 4, 300)
     cloth = rng.uniform(-0.3, 0.5, (300, 1, 2)) + rng.uniform(0, 0.02, (300, 3, 2)) + panel[:, None, None]
-    laid = panels.lay_out(["a", "b", "c", "d"], panel, cloth, 256)
-    owner = np.zeros((256, 256), int)
+    laid, owner = panels.lay_out(["a", "b", "c", "d"], panel, cloth, 256), np.zeros((256, 256), int)
     for _, _, x, y, w, h in laid.boxes.values():
         owner[y : y + h, x : x + w] += 1
     assert owner.max() == 1 and laid.uv.min() >= 0 and laid.uv.max() <= 1

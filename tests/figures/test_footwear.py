@@ -56,8 +56,7 @@ def test_build_shoes_stand_on_heel_and_ball_as_the_feet_do_in_them(person, shoe)
         is_foot = ((body.skin[:, 0] > 0) == (side == "L")) & (body.skin[:, 1] < ankle[1])
         behind = body.skin[:, 2] - body.skin[is_foot, 2].min()  # metres from the heel's end
         for near in (behind < 0.05, np.abs(body.skin[:, 2] - toe[2]) < 0.025, body.skin[:, 2] > toe[2] + 0.025):
-            skin = motion.posed_skin[is_foot & near]
-            below = Collider.at_rest(sole.vertices, sole.faces)
+            skin, below = motion.posed_skin[is_foot & near], Collider.at_rest(sole.vertices, sole.faces)
             face, depth = below.raycast(skin + [0, 0.1, 0], np.array([0.0, -1.0, 0.0]))
             above = depth[face >= 0] - 0.1  # metres of the skin over the sole
             assert -0.002 < above.min() < 0.002

@@ -54,8 +54,8 @@ def test_truth_still_explains_the_picture_after_framing_tint_recoloring_and_expo
     torch.testing.assert_close(batch.gather(batch.image), seen * batch.inside, atol=0.02, rtol=0)
     assert batch.mask.sum() == batch.inside.sum()
     torch.testing.assert_close(batch.normal.norm(dim=-1, keepdim=True), batch.inside)
-    rows_below = (batch.pixel[batch.below] - batch.pixel)[batch.interior.flatten() > 0]
-    assert rows_below.unique().tolist() == [data.size], "a row further, in the same picture"
+    below = (batch.pixel[batch.below] - batch.pixel)[batch.interior.flatten() > 0]
+    assert below.unique().tolist() == [data.size], "a row further, in the same picture"
 
 
 def framed(monkeypatch, cut: float = 0.0, zoom: tuple[float, float] = (1.0, 1.0)) -> None:
@@ -78,28 +78,25 @@ def test_framing_moves_the_maps_as_an_affine_map_says(data, augment, monkeypatch
         found = torch.cat([place, torch.ones(len(place), 1)], 1)
         solution = torch.linalg.lstsq(found, new.albedo[i][inside][:, :2]).solution
         torch.testing.assert_close(found @ solution, new.albedo[i][inside][:, :2], atol=0.1, rtol=0)
-        rows = torch.nonzero(batch.mask[i, 0].any(1))[:, 0]
-        height = int(rows[-1] - rows[0]) + 1
+        before, after = (torch.nonzero(one.mask[i, 0].any(1))[:, 0] for one in (batch, new))
+        height = int(before[-1] - before[0]) + 1
         assert float(solution[0, 0]) == pytest.approx(height / (0.9 * 0.8 * data.size), rel=1e-3)
-        rows = torch.nonzero(new.mask[i, 0].any(1))[:, 0]
-        assert float(rows[0] + rows[-1] + 1) / 2 == pytest.approx(data.size / 2, abs=1.0)
+        assert float(after[0] + after[-1] + 1) / 2 == pytest.approx(data.size / 2, abs=1.0)
 
 
 def test_cut_figures_end_below_and_fill_the_square_again(data, augment, monkeypatch):
     framed(monkeypatch, cut=1.0)
     batch = augment_batch(batch_of(data), augment(framing=1.0), generators(4, seed=3), data.size)
     for mask in batch.mask[:, 0]:
-        rows, columns = torch.nonzero(mask.any(1))[:, 0], torch.nonzero(mask.any(0))[:, 0]
-        sides = (int(x[-1] - x[0]) + 1 for x in (rows, columns))
-        assert max(sides) == pytest.approx(0.9 * data.size, abs=2)
+        rows, columns = (torch.nonzero(mask.any(axis))[:, 0].numpy() for axis in (1, 0))
+        assert max(np.ptp(rows), np.ptp(columns)) + 1 == pytest.approx(0.9 * data.size, abs=2)
         assert mask[rows[-1]].sum() > 0.25 * mask.sum(1).max(), "a straight edge, not a tip"
 
 
 def test_a_figure_whose_legs_lie_to_one_side_is_never_cut_away(augment, monkeypatch):
     framed(monkeypatch, cut=1.0)
     mask = torch.zeros(1, 1, 64, 64)
-    mask[..., 4:60, 8:14] = 1  # the body at the left, the legs on the ground at the right
-    mask[..., 56:60, 8:60] = 1
+    mask[..., 4:60, 8:14] = mask[..., 56:60, 8:60] = 1  # body at the left, legs on the ground at the right
     for seed in range(200):
         _, inside = _reframed(mask, mask, augment(framing=1.0), generators(1, seed), 64)
         assert inside.sum() > 20

@@ -25,7 +25,6 @@ def exported(exported_network):
 
 @pytest.mark.parametrize("name", ["ours", "sfsnet_ao"])
 def test_layers_that_are_replaced_for_the_file_compute_the_same(model, name):
-    """Of networks that no test takes through ONNX: norms and a refinement of open size in place of their own."""
     torch.manual_seed(0)
     network = build(model(name=name, norm="instance", light_head="pooled", refine=True), 128).eval()
     for weight in (*network.parameters(), network.refinement.coupling):

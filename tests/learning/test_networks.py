@@ -59,8 +59,8 @@ def test_every_multiple_of_64_learns_from_every_part(model, name, size, norm):
     torch.manual_seed(1)
     network = build(model(name=name, norm=norm, order=3, light_head=HEAD[name]), size).train()
     outputs = network(torch.rand(2, 3, size, size), torch.ones(2, 1, size, size))
-    assert outputs["transport"].shape == (2, 16, size, size) and outputs["albedo"].shape == (2, 3, size, size)
-    assert outputs["light"].shape == (2, 16, 3)
+    shapes = {"transport": (2, 16, size, size), "albedo": (2, 3, size, size), "light": (2, 16, 3)}
+    assert {name: tuple(value.shape) for name, value in outputs.items()} == shapes
     assert (outputs["light"][0] - outputs["light"][1]).abs().max() > 1e-6
     sum((value * torch.randn_like(value)).sum() for value in outputs.values()).backward()
     assert all(p.grad is not None and p.grad.abs().max() > 0 for p in network.parameters())
@@ -74,8 +74,7 @@ def test_other_sizes_are_refused(model, size):
 
 def test_instance_norm_is_the_batch_norm_of_one_image(model):
     torch.manual_seed(2)
-    one = build(model(norm="instance", dropout=0.0), 128).train()
-    other = build(model(norm="batch", dropout=0.0), 128).train()
+    one, other = (build(model(norm=norm, dropout=0.0), 128).train() for norm in ("instance", "batch"))
     for weight in one.parameters():
         if weight.ndim == 1:
             nn.init.normal_(weight, 1.0, 0.3)
@@ -93,8 +92,7 @@ def test_instance_norm_is_the_batch_norm_of_one_image(model):
 @pytest.mark.parametrize("name", ["ours", "unet"])
 def test_the_background_is_not_seen_and_black_is_not_background(model, name):
     torch.manual_seed(3)
-    network = build(model(name=name, light_head=HEAD[name]), 64).eval()
-    mask = torch.zeros(1, 1, 64, 64)
+    network, mask = build(model(name=name, light_head=HEAD[name]), 64).eval(), torch.zeros(1, 1, 64, 64)
     mask[..., 16:48, 20:40] = 1
     image = torch.rand(1, 3, 64, 64)
     one, other = network(image, mask), network(image * mask + 7 * (1 - mask), mask)
@@ -170,8 +168,7 @@ def test_refinement_teaches_the_head_and_its_trust_but_not_the_maps(model, name)
 def test_shape_from_the_mask_alone(model):
     torch.manual_seed(9)
     network, mask = build(model(sees="mask"), 64).eval(), torch.zeros(2, 1, 64, 64)
-    mask[0, :, 16:48, 16:48] = 1
-    mask[1, :, 8:56, 24:40] = 1
+    mask[0, :, 16:48, 16:48] = mask[1, :, 8:56, 24:40] = 1
     one, other = (network(torch.rand(2, 3, 64, 64), mask) for _ in range(2))
     assert torch.equal(one["transport"], other["transport"])
     assert (one["transport"][0] - one["transport"][1]).abs().max() > 1e-6

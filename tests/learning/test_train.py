@@ -41,6 +41,11 @@ class Run:
         given = pickle.dumps((self.recipe, self.inputs, self.out, self.state, self.curve, None))
         return f"import pickle\nfrom relight.learning.train import train\ntrain(*pickle.loads({given!r}))\n"
 
+    def change_lights(self, **tables: np.ndarray) -> None:
+        path = self.out.with_name("lights.npz")
+        np.savez(path, **{**np.load(self.inputs.lights), **tables})
+        self.inputs = replace(self.inputs, lights=path)
+
     def __call__(self, log=None) -> bytes:
         log = log or (lambda values, step, picture: self.logged.append((step, values)))
         train(self.recipe, self.inputs, self.out, self.state, self.curve, log)
@@ -98,7 +103,7 @@ def test_the_same_again_and_the_same_after_any_interruption(run, changes):
 
 
 @pytest.mark.slow
-def test_a_state_of_other_settings_or_data_is_ignored(run, world, tmp_path, capsys):
+def test_a_state_of_other_settings_or_data_is_ignored(run, world, capsys):
     first = run()
     with pytest.raises(Killed):
         first(killed_at(8))
@@ -108,10 +113,7 @@ def test_a_state_of_other_settings_or_data_is_ignored(run, world, tmp_path, caps
     assert "other settings or data: starting from the beginning" in capsys.readouterr().err
     assert [step for step, _ in other.logged] == [4, 8]
     first.state.write_bytes(kept)
-    table = dict(np.load(world["lights"]))
-    table["coefficients"] = table["coefficients"] * 1.1
-    np.savez(tmp_path / "lights.npz", **table)
-    first.inputs = replace(first.inputs, lights=tmp_path / "lights.npz")
+    first.change_lights(coefficients=1.1 * np.load(world["lights"])["coefficients"])
     first()
     assert "starting from the beginning" in capsys.readouterr().err
 
@@ -119,12 +121,10 @@ def test_a_state_of_other_settings_or_data_is_ignored(run, world, tmp_path, caps
 @pytest.mark.slow
 def test_one_figure_under_one_light_is_learned_by_heart(run, world, tmp_path):
     (split := tmp_path / "one.json").write_text('{"train": ["figure2"], "test": []}')
-    table = dict(np.load(world["lights"]))
-    table["split"] = np.where(np.arange(6) == 3, "train", "test")
-    np.savez(tmp_path / "one.npz", **table)
     changes = {"norm": "instance", "dropout": 0.0, "name": "sfsnet_ao"}
     heart = run("heart", changes, {"tv_albedo": 0, "tv_transport": 0}, steps=100, batch=1, epoch=50, lr=4e-3)
-    heart.inputs = replace(heart.inputs, lights=tmp_path / "one.npz", split=split)
+    heart.inputs = replace(heart.inputs, split=split)
+    heart.change_lights(split=np.where(np.arange(7) == 3, "train", "test"))
     heart()
     network, _ = load_network(heart.out)
     batch = RelitSet(world["packed"], world["lights"], 2, "paper").batch(np.array([2]), np.array([3]))
@@ -162,21 +162,19 @@ def test_what_is_logged(run, capsys):
     assert float(rows[-1]["lr"]) < float(rows[0]["lr"]) < 2e-3
 
 
-def test_a_loss_that_is_not_finite_names_its_step_and_keeps_the_last_good_state(run, world, tmp_path):
+def test_a_loss_that_is_not_finite_names_its_step_and_keeps_the_last_good_state(run, world):
     lit = [0, 2, 3, 5]
     seen = [lit[draw_pairs(0, step, 1, 4, 4)[0, 1]] for step in range(12)]
     first, light = max((seen.index(light), light) for light in set(seen))
-    table = dict(np.load(world["lights"]))
-    table["coefficients"][light, 0, 0] = np.nan
-    np.savez(tmp_path / "nan.npz", **table)
+    coefficients = np.load(world["lights"])["coefficients"]
+    coefficients[light, 0, 0] = np.nan
     bad = run("bad", {"norm": "instance"}, steps=12, epoch=2, batch=1)
-    bad.inputs = replace(bad.inputs, lights=tmp_path / "nan.npz")
+    bad.change_lights(coefficients=coefficients)
     with pytest.raises(UserError, match=f"not a finite number at step {first}:"):
         bad()
     assert not bad.out.exists()
     kept = torch.load(bad.state, weights_only=True)
-    assert kept["step"] == first // 2 * 2 > 0
-    assert all(value.isfinite().all() for value in kept["network"].values())
+    assert kept["step"] == first // 2 * 2 > 0 and all(value.isfinite().all() for value in kept["network"].values())
 
 
 def test_the_moving_average_has_its_closed_form():
@@ -205,7 +203,7 @@ def test_the_moving_average_is_what_is_kept(run):
     assert 0 < max(moved) < 0.5 and all(torch.equal(a, b) for a, b in zip(one.buffers(), other.buffers()))
 
 
-def test_going_on_from_another_network_with_its_decoders_frozen(run):
+def test_going_on_from_another_network_with_its_decoders_frozen_or_from_before_a_setting(run, monkeypatch):
     first = run("first")
     first()
     alone = dict.fromkeys("albedo transport light tv_albedo tv_transport shading reconstruction".split(), 0.0)
@@ -220,11 +218,6 @@ def test_going_on_from_another_network_with_its_decoders_frozen(run):
     run("clip", {"albedo": clip}, alone, start=str(first.out), steps=1)()  # the same values
     with pytest.raises(UserError, match=r"a network with light_head=\w+: give one with light_head=pooled"):
         run("other", {"light_head": "pooled"}, alone, start=str(first.out))()
-
-
-def test_a_network_from_before_a_setting_goes_on_with_its_default(run, monkeypatch):
-    first = run("first")
-    first()
     with safe_open(first.out, "pt") as file:
         header = json.loads(file.metadata()["relight"])
         weights = {name: file.get_tensor(name) for name in file.keys()}
@@ -233,7 +226,7 @@ def test_a_network_from_before_a_setting_goes_on_with_its_default(run, monkeypat
     save_file(weights, older, {"relight": json.dumps(header)})
     newer = make_dataclass("Newer", [("sees", str, default)], bases=(checkpoint.Model,))
     monkeypatch.setattr(checkpoint, "Model", newer)
-    run("older", start=str(older), steps=1)()
+    run("older", start=str(older), steps=1)()  # with the default
 
 
 def test_learning_rate(schedule):
@@ -241,9 +234,9 @@ def test_learning_rate(schedule):
     assert [learning_rate(cosine, step) for step in (0, 4)] == pytest.approx([0.1, 0.5], rel=0.02)
     assert learning_rate(cosine, 50) == pytest.approx(0.51)
     assert learning_rate(cosine, 99) == pytest.approx(0.02, abs=1e-3)
-    halves = [schedule(steps=50, lr=1.0, warmup=0, span=span) for span in ([0.0, 0.5], [0.5, 1.0])]
     whole = schedule(steps=100, lr=1.0, warmup=0)
-    for half, first in zip(halves, (0, 50)):
+    for first, span in ((0, [0.0, 0.5]), (50, [0.5, 1.0])):
+        half = schedule(steps=50, lr=1.0, warmup=0, span=span)
         assert learning_rate(half, 20) == pytest.approx(learning_rate(whole, first + 20))
     assert {learning_rate(schedule(schedule="constant", warmup=0, lr=0.3), step) for step in range(8)} == {0.3}
 
@@ -262,8 +255,7 @@ def test_what_is_trained_on(world, schedule, tmp_path):
         nested = [set(chosen(figures=count, seed=seed)[0]) for count in (1, 2, 3, 4, 9)]
         assert [len(figures) for figures in nested] == [1, 2, 3, 4, 4]
         assert nested[0] < nested[1] < nested[2] < nested[3]
-    assert len({chosen(figures=1, seed=seed)[0][0] for seed in range(9)}) > 1
-    assert chosen(figures=9) == chosen()
+    assert len({chosen(figures=1, seed=seed)[0][0] for seed in range(9)}) > 1 and chosen(figures=9) == chosen()
 
 
 def test_user_errors(run, world, tmp_path):

@@ -42,7 +42,6 @@ def cases():
 
 
 def test_back_to_the_pixel():
-    """What the network puts at a place of its square lands on that place of the photo, and crop looks at it there."""
     size = 64
     for height, width, *box in cases():
         f = crop_around(figure(height, width, *box), size)
@@ -64,7 +63,6 @@ def test_centred_and_padded_as_in_training_and_an_empty_mask_is_refused():
 
 
 def test_equal_scale_is_the_identity():
-    """Where the network's pixels are the photo's own, crop and place change nothing at all."""
     photo = np.random.default_rng(1).random((300, 260, 3)).astype(np.float32)
     f = Crop(top=-5, left=30, side=256, rows=(0, 240), columns=(40, 250), size=256)
     seen = f.extract(photo)
@@ -98,7 +96,6 @@ def test_placing_is_pillows_resampling(side, cubic):
 
 
 def test_huge_and_tiny():
-    """An 8k figure and one of 20 pixels, at the photo's corner."""
     huge = np.zeros((8000, 8000), np.uint8)
     huge[0:8000, 3000:5000] = 255
     f = crop_around(huge, 64)

@@ -118,7 +118,6 @@ def test_feet_wide_apart_point_where_each_of_them_points(person):
 
 @pytest.mark.parametrize("up, front", PAIRS)
 def test_given_axes_are_used(person, up, front):
-    """All 24 frames: the figure comes out as if the file were y-up facing +z."""
     mesh = person()
     want = align(mesh, Align(up="+y", front="+z"), 0.1).vertices
     mesh.vertices = (mesh.vertices @ axes_rotation(up, front)).astype(np.float32)

@@ -65,8 +65,7 @@ def test_duplicate_faces_are_dropped_in_either_orientation(person):
     mesh = person()
     double = with_faces(with_vertices(mesh, mesh.vertices), mesh.faces[:, ::-1] + len(mesh.vertices))
     result = clean(with_faces(double, mesh.faces[:5, [1, 2, 0]]))
-    assert result.info["repairs"]["duplicate faces"] == len(mesh.faces) + 5
-    assert len(result.faces) == len(mesh.faces)
+    assert result.info["repairs"]["duplicate faces"] == len(mesh.faces) + 5 and len(result.faces) == len(mesh.faces)
     np.testing.assert_array_equal(corners(result)[:, :3], corners(mesh)[:, :3])
 
 
@@ -89,7 +88,6 @@ def test_non_finite_corners_are_dropped_and_counted(person):
 
 @pytest.mark.parametrize("share", [0.2, 0.8, 1.0])
 def test_inward_faces_are_flipped_with_their_uv(person, share):
-    """Single faces turned over, most of them, and all: the surface comes out as it was, outward."""
     mesh = person()
     turned = np.random.default_rng(0).random(len(mesh.faces)) < share
     mesh.faces[turned] = mesh.faces[turned][:, ::-1]
@@ -111,16 +109,14 @@ def test_linings_face_inward_and_an_open_scan_is_flipped(person, ellipsoid):
 
 
 def test_floating_parts_are_dropped_and_eyes_shoes_and_strands_stay(person, ellipsoid):
-    mesh = person(24)
-    dust = [((0.6, 1.5 + 0.02 * k, 0.3), (0.005, 0.004, 0.003)) for k in range(5)]
+    mesh, dust = person(24), [((0.6, 1.5 + 0.02 * k, 0.3), (0.005, 0.004, 0.003)) for k in range(5)]
     for speck in dust:
         mesh = add_ball(mesh, ellipsoid(*speck, rings=2))
     button = ellipsoid((0, 1.2, 0.125), (0.006, 0.006, 0.003), rings=2)  # as small, but on the chest
     glove = ellipsoid((0.45, 0.75, 0), (0.05, 0.09, 0.03), rings=2)  # as few faces, and in the air, but large
     result = clean(add_ball(add_ball(mesh, button), glove))
     assert result.info["repairs"]["floating parts"] == 5 and result.info["repairs"]["parts"] == 17
-    assert connected_parts(result.faces, len(result.vertices)).max() + 1 == 12
-    assert result.vertices[:, 0].max() > 0.49
+    assert connected_parts(result.faces, len(result.vertices)).max() + 1 == 12 and result.vertices[:, 0].max() > 0.49
     assert not (np.abs(result.vertices - [0.6, 1.5, 0.3]) < 0.02).all(axis=-1).any()
 
 
@@ -189,8 +185,7 @@ def test_a_mesh_of_which_repairs_leave_little_is_warned_of(person):
     result = clean(replace(mesh, vertices=np.round(mesh.vertices * 16).astype(np.float32) / 16))
     assert len(result.faces) < 0.9 * len(mesh.faces)
     (warning,) = result.info["warnings"]
-    assert f"of its {len(mesh.faces)} faces have no area" in warning
-    assert "warnings" not in clean(person()).info
+    assert f"of its {len(mesh.faces)} faces have no area" in warning and "warnings" not in clean(person()).info
 
 
 def test_vertex_normals_are_those_of_trimesh_and_of_length_1_without_faces_or_area(person):

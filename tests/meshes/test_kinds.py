@@ -31,7 +31,6 @@ def write(folder, files):
 
 
 def png(*colors) -> bytes:
-    """A picture of one row."""
     return encoded(Image.fromarray(np.array([colors], np.uint8)), "png")
 
 
@@ -236,8 +235,7 @@ def test_polygons_are_cut_inside(tmp_path, name, axes):
     text = "".join(f"v {line}\n" for line in lines) + "f " + " ".join(map(str, range(1, len(lines) + 1)))
     mesh = read_mesh(write(tmp_path, {"a.obj": text.encode()}))
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces].astype(float), 1, 0)
-    normals = np.cross(b - a, c - a)
-    whole = np.cross(corners, np.roll(corners, -1, axis=0)).sum(0)
+    normals, whole = np.cross(b - a, c - a), np.cross(corners, np.roll(corners, -1, axis=0)).sum(0)
     assert len(mesh.faces) == len(lines) - 2
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1).sum(), np.linalg.norm(whole), rtol=1e-6)
     assert (normals @ whole >= -1e-6).all()
@@ -516,7 +514,6 @@ COLORS = {
 
 
 def black_or_white(first: bytes, second: bytes) -> dict:
-    """Three faces of a color, and two of another."""
     faces = b"f 1 2 3\nf 1 2 3\nf 1 2 3\nusemtl B\nf 1 2 3\nf 1 2 3\n"
     library = b"newmtl A\nKd " + first + b"\nnewmtl B\nKd " + second
     return {"a.obj": used(b"A").replace(FACE, faces), "a.mtl": library}

@@ -63,8 +63,6 @@ def gltf(change=lambda scene: None, binary=None, **top) -> dict:
 
 
 def textured(uri: str):
-    """The change that gives the tetrahedron a texture."""
-
     def change(scene):
         scene["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
         scene["textures"], scene["images"] = [{"source": 0}], [{"uri": uri}]
@@ -75,7 +73,6 @@ def textured(uri: str):
 
 
 def setting(*path_and_value):
-    """The change that sets one entry of the description."""
     *path, last, value = path_and_value
 
     def change(scene):

@@ -40,7 +40,6 @@ def quad_obj(path, *materials, faces=("f 1/1 2/2 3/3 4/4", "f 5/1 6/2 7/3 8/4"),
 
 @pytest.fixture
 def truth():
-    """A colored ellipsoid of triangles."""
     mesh = trimesh.creation.icosphere(subdivisions=2)
     mesh.apply_scale([0.3, 0.9, 0.2])
     mesh.visual.vertex_colors = np.random.default_rng(0).integers(0, 256, (len(mesh.vertices), 3)).astype(np.uint8)

@@ -53,8 +53,8 @@ def damaged(data: bytes, rng: np.random.Generator) -> tuple[bytes, str]:
                 data[i] = rng.integers(256)
         case "number":
             found = list(re.finditer(rb"\d+", data[: 10 * HEAD])) or [re.match(b"", data)]
-            chosen = found[rng.integers(len(found))]
-            data[chosen.start() : chosen.end()] = str(ABSURD[rng.integers(len(ABSURD))]).encode()
+            first, last = found[rng.integers(len(found))].span()
+            data[first:last] = str(ABSURD[rng.integers(len(ABSURD))]).encode()
         case "word":
             word = ABSURD[rng.integers(len(ABSURD))].to_bytes(9, "little", signed=True)[: rng.choice([4, 8])]
             data[place : place + len(word)] = word

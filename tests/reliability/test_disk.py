@@ -156,9 +156,8 @@ assert all(told(name, "read-only file system") for name in write)
 @pytest.mark.skipif(not namespaced(), reason="no mount namespaces here")
 def test_full_and_read_only_disks(tmp_path):
     """Four random amounts of free space for each writer, then a disk that is read-only."""
-    inputs, place = tmp_path / "inputs", tmp_path / "disk"
-    inputs.mkdir()
-    place.mkdir()
+    (inputs := tmp_path / "inputs").mkdir()
+    (place := tmp_path / "disk").mkdir()
     command = [*mounted(f"-o size=4m none {place}"), sys.executable, "-c", FULL, str(Path(__file__).parent)]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     done = subprocess.run([*command, str(inputs), str(place)], env=environment, capture_output=True, text=True)
@@ -166,9 +165,8 @@ def test_full_and_read_only_disks(tmp_path):
 
 
 def test_a_state_that_is_damaged_begins_anew(tmp_path):
-    path = tmp_path / "state.pt"
     for content in (b"", b"no state", b"PK\x03\x04" + bytes(100)):
-        path.write_bytes(content)
+        (path := tmp_path / "state.pt").write_bytes(content)
         step, history, told = restore_state(path, "digest", {}, "cpu")
         assert (step, history) == (0, []) and "cannot be read" in told and "beginning" in told
 

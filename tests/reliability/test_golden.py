@@ -43,7 +43,6 @@ def maps() -> list[float]:
 
 
 def light() -> list[float]:
-    """A generated room, up to order 1."""
     return list(load_light("room:7").coefficients[:4].ravel())
 
 
@@ -86,7 +85,6 @@ def soups(draw) -> Mesh:
 def test_no_surface_receives_more_than_an_open_one(mesh):
     """T00 lies between 0 and that of an open point, so AO in [0,1]; no transport exceeds its coefficient's bound."""
     transport = bake_vertices(mesh, 64).transport
-    assert np.isfinite(transport).all()
-    assert transport[:, 0].min() >= -1e-6 and transport[:, 0].max() <= OPEN + 1e-6
+    assert np.isfinite(transport).all() and transport[:, 0].min() >= -1e-6 and transport[:, 0].max() <= OPEN + 1e-6
     # Cauchy-Schwarz over the hemisphere: |T_lm|^2 <= int cos^2 * int Y^2 <= (2 pi / 3) * 1
     assert np.abs(transport).max() <= np.sqrt(2 * np.pi / 3)

@@ -31,8 +31,7 @@ def ball(radius=0.5, center=(0, 0, 0), subdivisions=5):
 
 def screen(texture=None, z=0.0, color=None):
     """The square that fills the image, its texture upright."""
-    corners = [[-1, -1, z], [1, -1, z], [1, 1, z], [-1, 1, z]]
-    quad = np.array([[0, 1, 2], [0, 2, 3]])
+    corners, quad = [[-1, -1, z], [1, -1, z], [1, 1, z], [-1, 1, z]], np.array([[0, 1, 2], [0, 2, 3]])
     uv = np.float32([(0, 0), (1, 0), (1, 1), (0, 1)])[quad]
     color = None if color is None else color[quad]
     return mesh_of(corners, quad, [Material(np.ones(3, np.float32), texture)], uv=uv, color=color)
@@ -287,5 +286,4 @@ def test_bad_normals_fall_back_to_the_face():
     expected = bake(good, 48, 64)
     inner = maps.mask & (expected.normal[..., 2] > 0.2)
     assert np.isfinite(maps.transport).all() and maps.transport[..., 0].max() < 0.8863
-    assert (np.einsum("hwc,hwc->hw", maps.normal, expected.normal)[inner] > 0).all()
-    assert maps.ao[inner].min() > 0.5
+    assert (np.einsum("hwc,hwc->hw", maps.normal, expected.normal)[inner] > 0).all() and maps.ao[inner].min() > 0.5

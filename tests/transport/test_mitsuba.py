@@ -23,7 +23,6 @@ def block_means(image, k):
 
 
 def interior_blocks(mask, k):
-    """Returns which k x k blocks of a mask lie in it together with their eight neighbours."""
     return ndimage.binary_erosion(block_means(mask.astype(float), k) == 1, np.ones((3, 3)))
 
 
@@ -81,7 +80,6 @@ def plate():
 
 
 def test_textures_are_those_that_are_baked(plate):
-    """An open surface under an even sky of radiance 1 shows its albedo."""
     traced = PathTracer(plate, 64).radiance(np.ones((64, 128, 3)), 64)
     albedo = bake(plate, 64, 16, supersample=4).albedo
     assert np.abs(traced - albedo).mean() < 0.01 and np.abs((traced - albedo).mean()) < 0.003

@@ -52,7 +52,6 @@ WALL = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 1], [1, 0, 0]])  # faces +y
 
 
 def turned(quarters):
-    """The wall at another side of the floor."""
     x, y, z = (WALL - [0.5, 0.5, 0]).T
     for _ in range(quarters):
         x, y = -y, x

@@ -155,8 +155,7 @@ def test_random_views():
     assert np.mean(np.abs(yaw) > 120) == pytest.approx(0.25 / 3, abs=0.02) and abs(yaw.mean()) < 4
     assert np.abs(pitch).max() == 15 and pitch.std() == pytest.approx(6, abs=0.4)
     lenses = np.array([view.focal for view in views if view.focal is not None])
-    assert len(lenses) / len(views) == pytest.approx(0.75, abs=0.03)
-    assert lenses.min() >= 25 and lenses.max() <= 120
+    assert len(lenses) / len(views) == pytest.approx(0.75, abs=0.03) and lenses.min() >= 25 and lenses.max() <= 120
     assert np.median(lenses) == pytest.approx(np.sqrt(25 * 120), rel=0.06)
 
 

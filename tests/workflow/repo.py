@@ -49,7 +49,6 @@ def output(repo: Path, command: list[str]) -> subprocess.CompletedProcess:
 
 
 def relight(repo: Path, *words: str) -> subprocess.CompletedProcess:
-    """`relight words...` in the copy."""
     return output(repo, [sys.executable, "-m", "relight.cli", *words])
 
 

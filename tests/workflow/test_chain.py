@@ -219,7 +219,6 @@ rule mine:
 
 
 def test_another_workflow_takes_it_as_a_module(done, tmp_path):
-    """With a prefix, by which records do not change."""
     (tmp_path / "Snakefile").write_text(MODULE.format(done, [*WORDS]))
     command = [sys.executable, "-m", "snakemake", "--snakefile", tmp_path / "Snakefile", "--cores", "1"]
     run = output(done, [*command, "mine", "-n"])

@@ -43,13 +43,11 @@ def test_every_setting_is_described_and_conf_has_its_default():
     groups = [group.name for group in fields(Config) if is_dataclass(group.type)]
     settings = [key for group in groups for key in OmegaConf.select(cfg, group)]
     alone = [key for key in FIELDS if "." not in key]
-    assert len(settings) + len(alone) == len(FIELDS)
-    assert all(setting_of(item).about for item in EXPERIMENT.values())
+    assert len(settings) + len(alone) == len(FIELDS) and all(setting_of(item).about for item in EXPERIMENT.values())
 
 
 def test_choices_are_what_the_code_knows():
-    assert {*AXES} == {"auto", *axes.AXES}
-    assert setting_of(FIELDS["panoramas.layout"]).choices == ("auto", *LAYOUTS)
+    assert {*AXES} == {"auto", *axes.AXES} and setting_of(FIELDS["panoramas.layout"]).choices == ("auto", *LAYOUTS)
 
 
 @pytest.mark.parametrize(("rules", "words", "right", "wrong"), [
@@ -67,8 +65,7 @@ def test_choices_are_what_the_code_knows():
 ])  # fmt: skip
 def test_domains(rules, words, right, wrong):
     tested = Setting("", **rules)
-    assert tested.domain == words and all(map(tested.allows, [None, *right]))
-    assert not any(map(tested.allows, wrong))
+    assert tested.domain == words and all(map(tested.allows, [None, *right])) and not any(map(tested.allows, wrong))
 
 
 def test_no_setting_takes_an_infinity_or_what_overflows():

@@ -43,7 +43,6 @@ def figure(names: list[str], text: str = "1", cloth: str = "c") -> list[str] | N
 
 
 def bake(text: str = "1", rays: int = 8) -> list[str] | None:
-    """Bakes two maps of each figure."""
     record = describe("bake", {"rays": rays}, [FIGURES], MAPS)
     files = {path.stem: f"{path.stem}.exr {path.stem}.v1.exr" for path in sorted(Path(FIGURES).glob("*.npz"))}
     return work(MAPS, record, files, text)
@@ -187,7 +186,6 @@ def began(dryrun: bool = False, **options) -> Any:
 
 
 def metadata(output: str) -> dict:
-    """What Snakemake knows of an output."""
     return dict(began(dryrun=True)._read_record(output).items())
 
 

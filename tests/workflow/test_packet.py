@@ -22,9 +22,9 @@ def packed(repo):
 def test_a_packet_lists_each_job_with_its_times_and_has_all_that_it_names(done, tmp_path):
     repo = tmp_path / "repo"
     shutil.copytree(done, repo, ignore=shutil.ignore_patterns("mlruns", ".snakemake"))
-    commit = ["git", "-c", "user.name=a", "-c", "user.email=a@example.org", "commit", "-qm", "all"]
-    for command in (["git", "init", "-q"], ["git", "add", "--all"], commit):
-        subprocess.run(command, cwd=repo, check=True)
+    commit = "-c user.name=a -c user.email=a@example.org commit -qm all"
+    for words in ("init -q", "add --all", commit):
+        subprocess.run(["git", *words.split()], cwd=repo, check=True)
     (repo / "Makefile").write_text("all:\n")
     run = packed(repo)
     assert run.stdout == "build/smoke.crate.zip\n", run.stdout
@@ -48,7 +48,6 @@ def test_a_packet_lists_each_job_with_its_times_and_has_all_that_it_names(done, 
         assert float(entities[job["resourceUsage"][0]["@id"]]["value"]) > 0
     baked = entities["#bake-maps/g0000-g0009"]
     assert baked["object"] == {"@id": "#aligned/g0000-g0009"} and baked["result"] == {"@id": "#maps/g0000-g0009"}
-
     record = (repo / OUT / "run.yaml").read_text()
     (repo / OUT / "run.yaml").write_text(record.replace("lr: 0.002", "lr: 0.003"))
     run = packed(repo)

@@ -24,7 +24,6 @@ from relight.settings import CONF, ROOT, Train
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path, monkeypatch):
-    """A folder without results, which a plan is compared with."""
     monkeypatch.chdir(tmp_path)
 
 

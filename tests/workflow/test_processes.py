@@ -66,16 +66,15 @@ def run(request):
     job.wait()
 
 
-def working(processes: list[psutil.Process]) -> list[psutil.Process]:
-    return psutil.wait_procs(processes, timeout=PATIENCE)[1]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGHUP", "SIGINT", "SIGKILL"])
 def test_nothing_is_left_when_the_run_is_ended(run, name):
     job, processes = run
     job.send_signal(getattr(signal, name))
-    assert job.wait(timeout=PATIENCE) == (-9 if name == "SIGKILL" else 130) and not working(processes[1:])
+    assert (
+        job.wait(timeout=PATIENCE) == (-9 if name == "SIGKILL" else 130)
+        and not psutil.wait_procs(processes[1:], timeout=PATIENCE)[1]
+    )
     assert not job.stderr.read(), "no traceback"
 
 
@@ -83,7 +82,7 @@ def test_nothing_is_left_when_the_run_is_ended(run, name):
 def test_the_jobs_end_with_snakemake(run):
     job, processes = run
     processes[1].kill()
-    assert job.wait(timeout=PATIENCE) != 0 and not working(processes[1:])
+    assert job.wait(timeout=PATIENCE) != 0 and not psutil.wait_procs(processes[1:], timeout=PATIENCE)[1]
 
 
 @pytest.mark.slow

@@ -24,19 +24,17 @@ def test_three_meshes_and_two_panoramas_give_a_data_set(tmp_path):
     panoramas.mkdir()
     for seed in (1, 2):
         write_exr(panoramas / f"room{seed}.exr", generate_room(seed))
-    table = repo / "axes.csv"
-    table.write_text("name,turn\nplain,0\n")
+    (table := repo / "axes.csv").write_text("name,turn\nplain,0\n")
     (scans / "plain.mtl").touch()  # which no mesh names
     words = [*WORDS, "figures=scans", f"figures.folder={scans}", "panoramas=folder", f"panoramas.folder={panoramas}"]
     words += ["bake.views=1", f"align.table={table}"]
-    targets = [f"--target=results/mine/{name}" for name in ("packed.safetensors", "lights/lights.npz")]
+    targets = "--target=results/mine/packed.safetensors", "--target=results/mine/lights/lights.npz"
     run = relight(repo, "run", *words, *targets)
     assert run.returncode == 0, run.stdout
     record = json.loads((repo / "results/mine/figures.json").read_text())
     assert set(record["figures"]) == {"broken", "colored", "plain", "textured"}
     assert set(record["left_out"]) == {"broken"} and "broken is left out" in run.stdout
     assert read_info(repo / "results/mine/maps/plain/plain.v1.exr")["figure"] == "plain"
-
     (jobs,) = planned(shutil.copytree(repo, tmp_path / "moved"), words)
     assert not {"scan", "align", "bake", "lights"} & jobs.keys()
     shutil.copy(scans / "colored.ply", scans / "another.ply")
@@ -48,9 +46,8 @@ def test_three_meshes_and_two_panoramas_give_a_data_set(tmp_path):
     assert [jobs["scan"] for jobs in edited] == [1, 2]
     for name in ("plain.glb", "material.mtl"):  # other dates alone scan nothing
         os.utime(scans / name, (1e9, 1e9))
-    Image.new("RGB", (64, 64), "red").save(scans / "material_0.png")
-    os.utime(scans / "material_0.png", (1e9, 1e9))
-    write_exr(panoramas / "room1.exr", generate_room(3))
-    os.utime(panoramas / "room1.exr", (1e9, 1e9))
+    Image.new("RGB", (64, 64), "red").save(picture := scans / "material_0.png")
+    for path in (picture, write_exr(panoramas / "room1.exr", generate_room(3))):
+        os.utime(path, (1e9, 1e9))
     (jobs,) = planned(repo, words)
     assert (jobs["scan"], jobs["lights"]) == (2, 1)

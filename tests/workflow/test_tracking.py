@@ -237,7 +237,6 @@ def train_again(clone: str, rate: int) -> None:
 
 
 def test_a_training_that_is_made_again_renames_and_ends_the_earlier_one(empty_store, tmp_path):
-    """That of its own clone, and once."""
     shutil.copy(empty_store, tmp_path / "mlflow.db")
     for clone, rate in (("here", 1), ("there", 2), ("here", 3), ("here", 3)):
         in_folder(tmp_path, train_again, clone, rate)
