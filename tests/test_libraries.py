@@ -1,5 +1,6 @@
 """The system libraries of Open3D and PyMeshLab: which they are, and how they are found."""
 
+import re
 import shutil
 import subprocess
 from importlib.util import find_spec
@@ -57,21 +58,18 @@ EVERYWHERE = ("ld-linux", "libc.", "libdl.", "libgcc_s.", "libm.", "libpthread."
 EVERYWHERE += ("libstdc++.", "libz.")  # on each Linux with Python
 
 
-def linked(path: Path) -> list[str]:
-    shown = subprocess.run(["readelf", "-d", path], capture_output=True, text=True, check=True).stdout
-    return [line.split("[")[1].rstrip("]") for line in shown.splitlines() if "(NEEDED)" in line]
-
-
 @pytest.mark.skipif(not shutil.which("readelf"), reason="needs readelf, of binutils")
 def test_they_are_those_that_the_packages_link_to():
     outside = set()
     for package, module, plugins in (("open3d", "pybind", []), ("pymeshlab", "pmeshlab", FILTERS)):
         files = {path.name: path for path in Path(find_spec(package).origin).parent.rglob("*.so*")}
-        pending, seen = [*plugins, *(name for name in files if name.startswith(f"{module}."))], set()
+        own, seen = {*files}, set()
+        pending = [*plugins, *(name for name in files if name.startswith(f"{module}."))]
         while pending:
-            if (name := pending.pop()) not in seen:
-                seen.add(name)
-                pending += linked(files[name]) if name in files else []
+            seen.add(name := pending.pop())
+            if name in files:
+                shown = subprocess.run(["readelf", "-d", files.pop(name)], capture_output=True, text=True, check=True)
+                pending += re.findall(r"\(NEEDED\).*\[(.*)\]", shown.stdout)
         assert len(seen) > 10
-        outside |= {name for name in seen - files.keys() if not name.startswith(EVERYWHERE)}
+        outside |= {name for name in seen - own if not name.startswith(EVERYWHERE)}
     assert outside == {*libraries.LIBRARIES}

@@ -41,24 +41,6 @@ def some_lights(count: int, seed: int) -> np.ndarray:
     return lights.astype(np.float32)
 
 
-def make_world(folder: Path, size: int, figures: int, lights: int, test: int) -> World:
-    paths = [folder / f"snowman{seed:02d}.exr" for seed in range(figures)]
-    for seed, path in enumerate(paths):
-        write_maps(path, snowman(size, seed))
-    pack_maps(paths, folder / "packed.safetensors")
-    split = np.array(["train"] * (lights - 2) + ["test"] * 2)
-    np.savez(folder / "lights.npz", coefficients=some_lights(lights, 7), split=split)
-    names = [path.stem for path in paths]
-    (folder / "split.json").write_text(json.dumps({"train": names[:-test], "test": names[-test:]}))
-    return World(folder / "packed.safetensors", folder / "lights.npz", folder / "split.json", paths)
-
-
-def save_small_network(path: Path, name: str, color: str, seed: int = 1) -> None:
-    model = OmegaConf.to_object(config.composed([f"model={name}", "model.width=0.125", "model.norm=batch"])).model
-    torch.manual_seed(seed)
-    save_network(path, build(model, 64), model, train={"color": color})
-
-
 @pytest.fixture
 def few_resamples(monkeypatch):
     """Intervals of tables from 200 resamples, which are fast; comparisons do not use them."""
@@ -67,10 +49,25 @@ def few_resamples(monkeypatch):
 
 @pytest.fixture(scope="session")
 def small_network():
-    return save_small_network
+    """The function that saves an untrained network for 64 px: to a path, by its name and color model."""
+
+    def save(path: Path, name: str, color: str) -> None:
+        model = OmegaConf.to_object(config.composed([f"model={name}", "model.width=0.125", "model.norm=batch"])).model
+        torch.manual_seed(1)
+        save_network(path, build(model, 64), model, train={"color": color})
+
+    return save
 
 
 @pytest.fixture(scope="session")
 def world(tmp_path_factory) -> World:
     """Six figures at 64 px, three of them to test on, six lights, two of them to test with."""
-    return make_world(tmp_path_factory.mktemp("world"), 64, 6, 6, 3)
+    folder, names = tmp_path_factory.mktemp("world"), [f"snowman{seed:02d}" for seed in range(6)]
+    paths = [folder / f"{name}.exr" for name in names]
+    for seed, path in enumerate(paths):
+        write_maps(path, snowman(64, seed))
+    pack_maps(paths, folder / "packed.safetensors")
+    split = np.array(["train"] * 4 + ["test"] * 2)
+    np.savez(folder / "lights.npz", coefficients=some_lights(6, 7), split=split)
+    (folder / "split.json").write_text(json.dumps({"train": names[:3], "test": names[3:]}))
+    return World(folder / "packed.safetensors", folder / "lights.npz", folder / "split.json", paths)

@@ -12,18 +12,11 @@ from relight.figures.dye.prints import emblem
 from relight.figures.dye.weaves import WEAVES, Swatch, woven
 from relight.figures.surfaces import grid_faces
 
-LATTICE = [0.212093949, 0.283698976, 0.247471035, 0.376442909]
-KINDS = sorted(WEAVES)
-
-
-def grid(side=200, span=0.4):
-    a = np.linspace(0, span, side, endpoint=False)
-    return np.meshgrid(a, a)
-
 
 def test_lattice_is_the_same_everywhere():
     i = np.array([0, 1, -3, 70000])
-    np.testing.assert_allclose(texture.lattice(i, i[::-1], 7), LATTICE, atol=1e-8)
+    known = [0.212093949, 0.283698976, 0.247471035, 0.376442909]
+    np.testing.assert_allclose(texture.lattice(i, i[::-1], 7), known, atol=1e-8)
     noise = texture.noise(np.linspace(-5, 5, 100001), np.zeros(100001), 3)
     assert 0 <= noise.min() and noise.max() <= 1
     assert np.abs(np.diff(noise)).max() < 4e-4  # continuous
@@ -49,7 +42,7 @@ def test_lay_out_panels_do_not_overlap_and_uv_finds_the_paint():
     assert np.abs(seen.astype(int) - want.astype(int)).max() <= 3
 
 
-@pytest.mark.parametrize("kind", [*KINDS, "denim"])
+@pytest.mark.parametrize("kind", [*sorted(WEAVES), "denim"])
 def test_woven_is_uneven_for_each_kind(kind):
     """The scatter of ln albedo between places 2.5 mm apart, which scans of cloth have as well."""
     a = np.arange(240) * 0.0013
@@ -86,7 +79,7 @@ def test_images_show_marks_in_the_atlas():
 
 
 def test_aged_sews_seams_and_hems_and_fades_knees():
-    u, v = grid(100, 0.2)
+    u, v = np.meshgrid(a := np.linspace(0, 0.2, 100, endpoint=False), a)
     far = np.full(u.shape, 0.1)
     at = {"seam": far, "edge": far, "rub": 0 * u, "bend": 0 * u}
     denim = Fabric("denim", (0.03, 0.055, 0.135), (0.5, 0.5, 0.5), 1.0, 5)

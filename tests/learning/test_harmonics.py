@@ -9,14 +9,10 @@ from relight.sh import basis as numpy_basis
 from relight.sh import unoccluded as numpy_unoccluded
 
 
-def directions(count: int = 200) -> np.ndarray:
-    d = np.random.default_rng(0).normal(size=(count, 3))
-    return np.concatenate([d / np.linalg.norm(d, axis=1, keepdims=True), np.eye(3), -np.eye(3)])
-
-
 @pytest.mark.parametrize("order", [0, 1, 2, 3, 4])
 def test_twins(order):
-    d = directions()
+    d = np.random.default_rng(0).normal(size=(200, 3))
+    d = np.concatenate([d / np.linalg.norm(d, axis=1, keepdims=True), np.eye(3), -np.eye(3)])
     np.testing.assert_allclose(basis(torch.tensor(d), order).numpy(), numpy_basis(d, order), atol=1e-12)
     np.testing.assert_allclose(unoccluded(torch.tensor(d), order).numpy(), numpy_unoccluded(d, order), atol=1e-7)
     single = unoccluded(torch.tensor(d, dtype=torch.float32), order).numpy()

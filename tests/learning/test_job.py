@@ -93,21 +93,17 @@ def training(tmp_path, monkeypatch, empty_store, world, model, loss, schedule, a
     return made
 
 
-def curve(network: Path = OUT) -> list[tuple[int, float]]:
-    with open(network.with_suffix(".csv"), newline="") as file:
+def curve() -> list[tuple[int, float]]:
+    with open(CURVE, newline="") as file:
         return [(int(row["step"]), float(row["loss"])) for row in csv.DictReader(file)]
-
-
-def header(network: Path = OUT) -> dict:
-    with safe_open(network, "np") as file:
-        return json.loads(file.metadata()["relight"])
 
 
 def test_other_settings_are_another_run_and_each_tells_its_own(training):
     told = []
     for lr in (2e-3, 1e-3):
         training(lr=lr)
-        told.append((header(), curve()))
+        with safe_open(OUT, "np") as file:
+            told.append((json.loads(file.metadata()["relight"]), curve()))
     for run, (made, points) in zip(training.runs(), told, strict=True):
         assert run.info.status == "FINISHED" and run.data.tags["fingerprint"] == made["fingerprint"]
         settings = {part: made[part] for part in ("model", "loss", "train", "augment")}

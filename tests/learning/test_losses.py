@@ -2,7 +2,6 @@
 
 import itertools
 from dataclasses import fields
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from scipy.ndimage import binary_erosion
 from relight.core.errors import UserError
 from relight.learning.data import RelitSet
 from relight.learning.losses import DARK, LEVEL, OCTAVES, TERMS, losses
-from relight.settings import Loss, composed
+from relight.settings import CONF, Loss, composed
 from relight.settings.schema import FIELDS
 from relight.settings.setting import setting_of
 from relight.sh import unoccluded
@@ -25,7 +24,6 @@ FIFTEEN |= {f"reconstruction_{own}" for own in OWN.split()}
 RELIT = {"relit_shading", "relit_image"}
 DETAILS = {"detail_albedo", "detail_transport", "detail_shading", "exclusion"}
 BEYOND_THE_PAPER = dict.fromkeys(("detail", "exclusion", "relit"), 1.0)  # settings
-CONF = Path(__file__).parents[2] / "conf" / "loss"
 
 
 def batch_of(world, color="paper"):
@@ -171,7 +169,7 @@ def test_presets_hold_the_losses_of_the_tables(tiny_world):
         "no_shading": {name for name in FIFTEEN if not name.startswith("shading")},
         "no_reconstruction": {n for n in FIFTEEN if not n.startswith("reconstruction") or n == "reconstruction_full"},
     }
-    assert {path.stem for path in CONF.glob("*.yaml")} == set(expected)
+    assert {path.stem for path in (CONF / "loss").glob("*.yaml")} == set(expected)
     for preset, names in expected.items():
         settings = OmegaConf.to_object(composed([f"loss={preset}"])).loss
         assert set(losses(inferred(batch), batch, settings)[1]) == names, preset

@@ -12,16 +12,6 @@ from relight.learning.networks import PooledHead, Refinement, build, constrain_a
 HEAD = {"ours": "strided", "unet": "pooled"}
 
 
-def maps_of(network: nn.Module, size: int) -> list[tuple[int, int]]:
-    """(channels, side) that each convolution puts out."""
-    found = []
-    for module in network.modules():
-        if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):
-            module.register_forward_hook(lambda _, __, output: found.append(tuple(output.shape[1:3])))
-    network(torch.empty(1, 3, size, size, device="meta"), torch.empty(1, 1, size, size, device="meta"))
-    return found
-
-
 @pytest.mark.parametrize("name, decoders, millions, giga", [
     ("ours", {"transport": 9, "albedo": 3}, 72.06, 164.1),
     ("sfsnet", {"normal": 3, "albedo": 3}, 72.04, 160.8),
@@ -30,8 +20,12 @@ def maps_of(network: nn.Module, size: int) -> list[tuple[int, int]]:
 def test_layers_of_the_paper_at_full_size(model, name, decoders, millions, giga):
     with torch.device("meta"):
         network = build(model(name=name, width=1.0, norm="instance"), 1024)
+    maps = []  # (channels, side) that each convolution puts out
+    for module in network.modules():
+        if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):
+            module.register_forward_hook(lambda _, __, output: maps.append(tuple(output.shape[1:3])))
     with FlopCounterMode(display=False) as flops:
-        maps = maps_of(network, 1024)
+        network(*(torch.empty(1, channels, 1024, 1024, device="meta") for channels in (3, 1)))
     encoder = [(64, 512), (128, 256), (256, 128), (512, 64), (512, 32), (512, 16)]
     decoder = [(512, 16), (512, 16), (512, 32), (512, 64), (256, 128), (128, 256), (64, 512)]
     both = [layer for outputs in decoders.values() for layer in (*decoder, (outputs, 1024))]

@@ -24,8 +24,7 @@ from relight.learning import checkpoint
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet, draw_pairs
 from relight.learning.train import Inputs, Recipe, draw_batch, learning_rate, select_training_data, train
-
-ROOT = Path(__file__).parents[2]
+from relight.settings import ROOT
 
 
 class Run:

@@ -25,16 +25,12 @@ def network_coordinates(f: Crop):
     return np.stack(np.meshgrid(f.top + along, f.left + along, indexing="ij"), -1).astype(np.float32)
 
 
-def random_box(rng, height, width):
-    top, left = rng.integers(0, height - 8), rng.integers(0, width - 8)
-    return top, left, rng.integers(top + 8, height + 1), rng.integers(left + 8, width + 1)
-
-
 def cases():
     rng = np.random.default_rng(7)
     for _ in range(50):
         height, width = rng.integers(24, 700, 2)
-        yield height, width, *random_box(rng, height, width)
+        top, left = rng.integers(0, height - 8), rng.integers(0, width - 8)
+        yield height, width, top, left, rng.integers(top + 8, height + 1), rng.integers(left + 8, width + 1)
     yield 256, 256, 0, 0, 256, 256  # square, all borders touched
     yield 300, 300, 0, 120, 300, 180  # square, top and bottom touched
     yield 64, 640, 0, 0, 30, 20  # a corner, 20 px wide

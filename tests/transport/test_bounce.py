@@ -12,14 +12,6 @@ from relight.transport import bake
 ALBEDO = np.float32([0.8, 0.5, 0.2])
 
 
-def integrating_sphere(port=0.8, subdivisions=5):
-    """A unit sphere wound inward, its port a cap about +z of half-angle `port`, and the port's exact z."""
-    sphere = trimesh.creation.icosphere(subdivisions=subdivisions)
-    faces = sphere.faces[(sphere.vertices[sphere.faces][..., 2] < np.cos(port)).all(1)][:, ::-1]
-    wall = trimesh.Trimesh(sphere.vertices, faces, process=False).area / sphere.area
-    return mesh_of(sphere.vertices, faces, materials=[Material(ALBEDO)]), wall
-
-
 @pytest.mark.parametrize("bounces", [1, 4])
 @pytest.mark.slow
 def test_integrating_sphere(bounces):
@@ -28,8 +20,10 @@ def test_integrating_sphere(bounces):
     Flux enters the port as pi R^2 sin^2(port) A_l Y_lm(z), since a direction w lights the port's disc with its
     cosine; it spreads over the sphere, 4 pi R^2, and each further bounce keeps the share rho * wall of it.
     """
-    mesh, wall = integrating_sphere()
-    maps = bake(mesh, 48, 256, bounces=bounces)
+    sphere = trimesh.creation.icosphere(subdivisions=5)
+    faces = sphere.faces[(sphere.vertices[sphere.faces][..., 2] < np.cos(0.8)).all(1)][:, ::-1]  # wound inward
+    wall = trimesh.Trimesh(sphere.vertices, faces, process=False).area / sphere.area
+    maps = bake(mesh_of(sphere.vertices, faces, materials=[Material(ALBEDO)]), 48, 256, bounces=bounces)
     opening = 4 * wall * (1 - wall)  # sin^2 of the port's half-angle, by its solid angle
     entered = opening / 4 * unoccluded(np.array([0.0, 0.0, 1.0]))
     expected = entered[:, None] * sum(ALBEDO * (ALBEDO * wall) ** k for k in range(bounces))

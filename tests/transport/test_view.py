@@ -76,28 +76,22 @@ def test_balls_in_closed_form(view):
     assert np.median(turned[clear]) < 5e-3 and (turned[clear] < 0.02).mean() > 0.98
 
 
-def seen(baker, view, size):
-    """Pixels that see the mesh, and there its points, normals of faces and shading normals, in its own frame."""
-    x, y = pixels(size)
-    pixel, face, weights = primary_hits(baker.caster, baker.camera(view), size * (1 + x) / 2, size * (1 - y) / 2)
-    geometric = baker.caster.normals[face]
-    normals = shading_normals(baker.normals, baker.mesh.faces, face, weights, geometric)
-    return pixel, baker.caster.points(face, weights), geometric, normals
-
-
 @pytest.mark.parametrize("view", VIEWS[:3])
 def test_transport_and_what_is_bounced_are_the_frontal_ones_turned(view):
     """The same rays cast from the same points in the mesh's frame, their coefficients turned by the view's rotation."""
     size, rays, order = 40, 64, 3
+    x, y = pixels(size)
     baker = Baker(balls(), replace(read_preset("bake"), size=size, rays=rays, order=order, bounces=1), seed=3)
     maps = baker.maps(view)
-    pixel, points, geometric, normals = seen(baker, view, size)
+    pixel, face, weights = primary_hits(baker.caster, baker.camera(view), size * (1 + x) / 2, size * (1 - y) / 2)
+    geometric = baker.caster.normals[face]
+    normals = shading_normals(baker.normals, baker.mesh.faces, face, weights, geometric)
     np.testing.assert_array_equal(pixel, np.flatnonzero(maps.mask))
     rotation = np.array(maps.info["view"]["rotation"])
     np.testing.assert_allclose(maps.normal[maps.mask], normals @ rotation.T, atol=1e-6)
     found, turn = maps.transport[maps.mask], rotation_matrix(rotation, order)
     assert 0.5 < (found[:, 0] / unoccluded(normals, 0)[:, 0]).mean() < 0.95  # balls shade each other: a real test
-    given = points, normals, geometric, rays, order
+    given = baker.caster.points(face, weights), normals, geometric, rays, order
     azimuth = random_azimuths(len(pixel), 3)
     there, _ = integrate(baker.caster, *given, azimuth=azimuth)
     np.testing.assert_allclose(found, there @ turn.T, atol=1e-5)

@@ -14,21 +14,19 @@ from packaging.utils import canonicalize_name
 
 from relight.settings import ROOT
 
-PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-PROJECT = PYPROJECT["project"]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 LOCK = (ROOT / "uv.lock").read_text()
 VERSIONS: dict[str, list[str]] = {}
 for package in tomllib.loads(LOCK)["package"]:
     VERSIONS.setdefault(package["name"], []).append(package.get("version", ""))
 
 
-def wanted() -> list[Requirement]:
-    extras = [line for lines in PROJECT["optional-dependencies"].values() for line in lines]
-    found = [Requirement(line) for line in PROJECT["dependencies"] + extras]
-    return [requirement for requirement in found if requirement.name not in (PROJECT["name"], "torch")]
+EXTRAS = [line for lines in PROJECT["optional-dependencies"].values() for line in lines]
+WANTED = [Requirement(line) for line in PROJECT["dependencies"] + EXTRAS]
+WANTED = [requirement for requirement in WANTED if requirement.name not in (PROJECT["name"], "torch")]
 
 
-@pytest.mark.parametrize("requirement", wanted(), ids=lambda requirement: requirement.name)
+@pytest.mark.parametrize("requirement", WANTED, ids=lambda requirement: requirement.name)
 def test_each_dependency_is_locked_within_its_range(requirement):
     assert (versions := VERSIONS.get(canonicalize_name(requirement.name))), "make lock"
     assert all(requirement.specifier.contains(version, prereleases=True) for version in versions)
