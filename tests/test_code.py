@@ -11,23 +11,9 @@ import pytest
 from relight.lab import code
 from relight.settings import ROOT
 
-
-@pytest.fixture
-def root(tmp_path, monkeypatch):
-    """A clone in which relight.transport is a package with a module, data and a stub."""
-    files = {
-        "__init__.py": "from relight.transport.baker import bake\n",
-        "__init__.pyi": "from relight.transport.baker import bake\n",
-        "baker.py": "def bake():\n    return 1\n",
-        "table.csv": "1\n",
-    }
-    (folder := tmp_path / "relight" / "transport").mkdir(parents=True)
-    for name, text in files.items():
-        (folder / name).write_text(text)
-    monkeypatch.setattr(code, "ROOT", tmp_path)
-    monkeypatch.setattr(code, "BEGUN", math.inf)
-    yield tmp_path
-    code.code_hash.cache_clear()
+IMPORT = "from relight.transport.baker import bake\n"
+# A package with a module, data and a stub.
+FILES = {"__init__.py": IMPORT, "__init__.pyi": IMPORT, "baker.py": "def bake():\n    return 1\n", "table.csv": "1\n"}
 
 
 @pytest.mark.parametrize(("name", "text", "differ"), [
@@ -42,8 +28,14 @@ def root(tmp_path, monkeypatch):
     ("transport/more/table.csv", "2\n", "transport"),
     ("weights/network.onnx", "2\n", ""),
 ])  # fmt: skip
-def test_a_hash_is_of_code_and_of_the_data_beside_it(root, name, text, differ):
-    modules = ("relight.transport", "relight.transport.baker")
+def test_a_hash_is_of_code_and_of_the_data_beside_it(tmp_path, monkeypatch, request, name, text, differ):
+    modules, root = ("relight.transport", "relight.transport.baker"), tmp_path / "relight"
+    (root / "transport").mkdir(parents=True)
+    for file, content in FILES.items():
+        (root / "transport" / file).write_text(content)
+    monkeypatch.setattr(code, "ROOT", tmp_path)
+    monkeypatch.setattr(code, "BEGUN", math.inf)
+    request.addfinalizer(code.code_hash.cache_clear)
 
     def hashes() -> list[str]:
         code.code_hash.cache_clear()
@@ -51,8 +43,8 @@ def test_a_hash_is_of_code_and_of_the_data_beside_it(root, name, text, differ):
 
     before = hashes()
     assert before == hashes() and "" not in before
-    (root / "relight" / name).parent.mkdir(exist_ok=True)
-    (root / "relight" / name).write_text(text)
+    (root / name).parent.mkdir(exist_ok=True)
+    (root / name).write_text(text)
     changed = [module for module, *pair in zip(modules, before, hashes()) if pair[0] != pair[1]]
     assert changed == ([f"relight.{differ}"] if differ else [])
     assert code.code_hash("relight.transport.gone") == "" == code.code_hash("nobody.has.this")

@@ -24,23 +24,18 @@ def needs(name: str) -> set[str]:
     return {name}.union(*(needs(other) for other in NEEDS.get(name, [])))
 
 
-@pytest.fixture
-def loaded(monkeypatch):
-    """A loader as glibc's: it finds libraries by name only if they are loaded, and names the first that it lacks."""
-    names = set()
+@pytest.mark.parametrize("lacking", ["nothing", *ALL])
+def test_libraries_of_the_folder_are_loaded_after_those_that_they_need(tmp_path, monkeypatch, lacking):
+    """By a loader as glibc's: it finds names of what is loaded alone, and names the first that it lacks."""
+    loaded = set()
 
     def load(path):
         for name in [*NEEDS.get(Path(path).name, []), *([] if "/" in path else [path])]:
-            if name not in names:
+            if name not in loaded:
                 raise OSError(f"{name}: cannot open shared object file: No such file or directory")
-        names.add(Path(path).name)
+        loaded.add(Path(path).name)
 
     monkeypatch.setattr(libraries.ctypes, "CDLL", load)
-    return names
-
-
-@pytest.mark.parametrize("lacking", ["nothing", *ALL])
-def test_libraries_of_the_folder_are_loaded_after_those_that_they_need(tmp_path, loaded, lacking):
     for name in {*ALL} - {lacking}:
         (tmp_path / name).touch()
     assert libraries.missing(tmp_path) == [name for name in libraries.LIBRARIES if lacking in needs(name)]

@@ -22,8 +22,7 @@ class Quiet(SimpleHTTPRequestHandler):
 
 @pytest.fixture
 def registry(tmp_path, monkeypatch):
-    folder = tmp_path / "registry" / PACKAGE.name / "-"
-    folder.mkdir(parents=True)
+    (folder := tmp_path / "registry" / PACKAGE.name / "-").mkdir(parents=True)
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=tmp_path / "registry"))
     Thread(target=server.serve_forever, daemon=True).start()
     monkeypatch.setenv("NPM_CONFIG_REGISTRY", f"http://127.0.0.1:{server.server_port}/")
@@ -49,8 +48,7 @@ def test_fetch_with_an_address_that_is_none(registry, monkeypatch, address):
 
 
 def test_fetch_refuses_another_file(tmp_path):
-    file = tmp_path / "other.tgz"
-    file.write_bytes(DATA)
+    (file := tmp_path / "other.tgz").write_bytes(DATA)
     assert fetch(PACKAGE, file) == DATA
     file.write_bytes(DATA + b"x")
     with pytest.raises(UserError, match=r"other\.tgz is not @scope/name 1\.2\.3: its SHA-512 differs"):

@@ -26,20 +26,14 @@ except UserError as error:
 """
 
 
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory):
-    pytest.importorskip("hatchling")
-    folder = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(folder)]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-    (wheel,) = folder.glob("*.whl")
-    with zipfile.ZipFile(wheel) as file:
-        file.extractall(folder / "site")
-    return folder / "site"
-
-
 @pytest.mark.slow
-def test_the_tools_work_from_a_wheel(installed, tmp_path):
+def test_the_tools_work_from_a_wheel(tmp_path):
+    pytest.importorskip("hatchling")
+    command = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(tmp_path)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as file:
+        file.extractall(installed := tmp_path / "site")
     trimesh.creation.icosphere(2, radius=0.9).export(tmp_path / "ball.obj")
     lines = ["bake ball.obj --size 32 --rays 16", "view ball.exr -l room:1", "scans check ball.obj"]
     lines.append("light numbers key:#ffeedd@45,30 --out light.json")

@@ -69,13 +69,18 @@ def test_clearest_light_is_frontal_and_white():
     assert (clearest_light(lights) == lights[3]).all() and (clearest_light(lights[:1]) == lights[0]).all()
 
 
+def drawn(draw, folder, world, small_network, *names: str) -> tuple[np.ndarray, dict]:
+    """The sheet (H,W,3) of untrained networks of these names, and their checkpoints."""
+    networks = {name: folder / f"{name}.safetensors" for name in names}
+    for name, checkpoint in networks.items():
+        small_network(checkpoint, name, "photo")
+    draw(Shown(networks, world.packed, world.lights, world.split, world.condition), folder / "sheet.png")
+    return np.asarray(Image.open(folder / "sheet.png")).astype(int), networks
+
+
 @pytest.mark.slow
 def test_plates_show_the_truth_and_each_network(world, small_network, tmp_path):
-    checkpoints = {name: tmp_path / f"{name}.safetensors" for name in ("ours", "sfsnet_ao")}
-    for name, checkpoint in checkpoints.items():
-        small_network(checkpoint, name, "photo")
-    plates(Shown(checkpoints, world.packed, world.lights, world.split, world.condition), tmp_path / "plates.png")
-    sheet = np.asarray(Image.open(tmp_path / "plates.png")).astype(int)
+    sheet, _ = drawn(plates, tmp_path, world, small_network, "ours", "sfsnet_ao")
     assert sheet.shape[0] == 60 + 3 * (3 * 306 + 24) + 4 * 24
     # Albedo of the truth: the sheet holds the first test figure's two stripe colors, sRGB-encoded.
     maps = read_maps(world.maps[3])
@@ -107,11 +112,7 @@ def share_shown(cell: np.ndarray, colors: np.ndarray) -> float:
 
 
 def test_shadings_are_under_the_true_light_with_their_errors_below(world, small_network, tmp_path):
-    networks = {name: tmp_path / f"{name}.safetensors" for name in ("ours", "sfsnet")}
-    for name, checkpoint in networks.items():
-        small_network(checkpoint, name, "photo")
-    shadings(Shown(networks, world.packed, world.lights, world.split, world.condition), tmp_path / "shadings.png")
-    sheet = np.asarray(Image.open(tmp_path / "shadings.png")).astype(int)
+    sheet, networks = drawn(shadings, tmp_path, world, small_network, "ours", "sfsnet")
     wide = (sheet.shape[1] - 150 - 6) // 4
     columns = [sheet[:, 150 + place * wide : 144 + (place + 1) * wide] for place in range(4)]
     views, errors = ([column[top : top + 300] for column in columns] for top in (84, 84 + 306))
@@ -133,10 +134,7 @@ def test_shadings_are_under_the_true_light_with_their_errors_below(world, small_
 def test_relit_by_several_lights(world, small_network, tmp_path, monkeypatch, unlearned):
     """The truth has the colors of each test light; a network, which sees the first alone, has others."""
     monkeypatch.setattr("relight.evaluation.scoring.evaluate.unlearned", lambda loss: unlearned)
-    networks = {"ours": tmp_path / "ours.safetensors"}
-    small_network(networks["ours"], "ours", "photo")
-    relit(Shown(networks, world.packed, world.lights, world.split, world.condition), tmp_path / "relit.png")
-    sheet = np.asarray(Image.open(tmp_path / "relit.png")).astype(int)
+    sheet, _ = drawn(relit, tmp_path, world, small_network, "ours")
     lights, split = (np.load(world.lights)[name] for name in ("coefficients", "split"))
     maps = read_maps(world.maps[4])
     assert sheet.shape[0] == 60 + 24 + 2 * 306 + 4 * 24
@@ -150,20 +148,15 @@ def test_relit_by_several_lights(world, small_network, tmp_path, monkeypatch, un
 
 def test_people_who_swap_lights(world, small_network, tmp_path, monkeypatch):
     """Each is relit by the light that is inferred of the other, and compared with their own picture in that light."""
-    checkpoint = tmp_path / "ours.safetensors"
-    small_network(checkpoint, "ours", "photo")
-    shown = Shown({"ours": checkpoint}, world.packed, world.lights, world.split, world.condition)
     with monkeypatch.context() as patch:  # one light is none to swap: the sheet says so
         pairs = select_pairs
         patch.setattr("relight.evaluation.pictures.panels.select_pairs", lambda *a: (pairs(*a)[0], pairs(*a)[1][:1]))
-        swapped(shown, tmp_path / "swapped.png")
-    assert Image.open(tmp_path / "swapped.png").size == (600, 60)
-    swapped(shown, tmp_path / "swapped.png")
-    sheet = np.asarray(Image.open(tmp_path / "swapped.png")).astype(int)
+        assert drawn(swapped, tmp_path, world, small_network, "ours")[0].shape[:2] == (60, 600)
+    sheet, networks = drawn(swapped, tmp_path, world, small_network, "ours")
     assert sheet.shape[0] == 60 + 24 + 2 * 306 + 4 * 24, "the third test figure has no partner"
     lights, split = (np.load(world.lights)[name] for name in ("coefficients", "split"))
     first, second = np.flatnonzero(split == "test")
-    network, data = load(checkpoint, world.packed, world.lights)
+    network, data = load(networks["ours"], world.packed, world.lights)
     wide = (sheet.shape[1] - 150 - 6) // 4
     for row, (own, other, seen, new) in enumerate([(3, 4, first, second), (4, 3, second, first)]):
         cells = [sheet[84 + 306 * row :][:300, 150 + place * wide : 144 + (place + 1) * wide] for place in range(4)]

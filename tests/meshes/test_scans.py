@@ -31,8 +31,7 @@ def listed(folder):
 
 def test_the_layouts_of_renderpeople_thuman_buff_and_own_folders(tmp_path):
     touch(tmp_path / "flat", "b.ply", "a.OBJ", "a.mtl", "skin.png", "c d.glb", "notes.txt", ".trash/e.ply")
-    flat = {"a": ("a.OBJ", "a"), "b": ("b.ply", "b"), "c_d": ("c d.glb", "c_d")}
-    assert listed(tmp_path / "flat") == flat
+    assert listed(tmp_path / "flat") == {"a": ("a.OBJ", "a"), "b": ("b.ply", "b"), "c_d": ("c d.glb", "c_d")}
     tmp_path /= "scans"
     for name in ("013_OBJ/rp_aaron_posed_013_30k.obj", "013_OBJ/rp_aaron_posed_013_100k.obj",
                  "013_OBJ/tex/rp_aaron_posed_013_dif_8k.jpg", "014_OBJ/rp_aaron_posed_014.obj"):  # fmt: skip

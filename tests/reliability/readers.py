@@ -144,8 +144,8 @@ def write_whole(folder: Path) -> dict[str, list[Path]]:
         return path
 
     coefficients = rng.uniform(0.1, 1, (9, 3))
-    for suffix in ("json", "npy"):
-        write_light(Light(coefficients, "test"), add("light", f"light.{suffix}"))
+    lights = [write_light(Light(coefficients, "test"), folder / f"whole.light.{suffix}") for suffix in ("json", "npy")]
+    found["light"] = lights
     add("light", "light.txt", "\n".join(" ".join(map(str, row)) for row in coefficients))
     add("light", "probe.json", json.dumps({"object": {"sh": coefficients.tolist(), "intensity": 1}}))
     write_light_set(lights_of(["train", "test"]), folder)

@@ -72,8 +72,7 @@ def shared() -> Iterator[Path]:
 
 def test_a_folder_that_is_not_ones_own_is_told(shared):
     for name, writes in writers(shared).items():
-        folder = shared / "of others"
-        folder.mkdir()
+        (folder := shared / "of others").mkdir()
         writes(folder / name)
         old = (folder / name).read_bytes()
         os.chmod(folder, 0o555)

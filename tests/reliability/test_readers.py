@@ -106,8 +106,7 @@ def test_what_a_header_promises_is_not_allocated(whole, tmp_path):
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @pytest.mark.slow
 def test_any_json_is_a_light_or_refused(tmp_path, content):
-    path = tmp_path / "light.json"
-    path.write_text(json.dumps(content))
+    (path := tmp_path / "light.json").write_text(json.dumps(content))
     try:
         light = load_light(path)
     except UserError as error:

@@ -104,8 +104,7 @@ def test_changes_of_what_is_gone_are_known(code):
 
 def test_a_file_is_made_again_for_other_inputs_params_code_or_content(tmp_path):
     figure(NAMES)
-    scan = tmp_path / "a scan.obj"
-    scan.write_text("1")
+    (scan := tmp_path / "a scan.obj").write_text("1")
 
     def pack(**params: object) -> bool:
         return work(PACKED, describe("pack", params, [FIGURES, str(scan)], PACKED), {}, "") is not None

@@ -216,8 +216,7 @@ def test_axes_beside_the_names_of_scans_are_asked_for(tmp_path):
 @pytest.mark.slow
 def test_files_of_the_future_are_told(tmp_path, kind):
     """Snakemake would end their jobs: outputs are older than inputs."""
-    file = tmp_path / ("a.obj" if "scans" in kind else "a.hdr")
-    file.write_text("v 0 0 0\n")
+    (file := tmp_path / ("a.obj" if "scans" in kind else "a.hdr")).write_text("v 0 0 0\n")
     plan = Plan(compose_run([*f"scale=smoke {kind}.folder={tmp_path}".split()]))
     check(plan)
     os.utime(file, (time.time() + 3600,) * 2)

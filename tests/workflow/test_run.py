@@ -278,8 +278,7 @@ def test_one_figure_or_person_is_refused_before_anything_runs(calls, tmp_path):
 @pytest.mark.slow
 def test_a_clone_may_have_any_name(done, tmp_path):
     """Snakemake pastes the path of Python and the names of files into commands."""
-    repo = tmp_path / "a b'ü %"
-    repo.mkdir()
+    (repo := tmp_path / "a b'ü %").mkdir()
     for path in done.iterdir():
         if path.name not in (".snakemake", "results", "mlruns", "mlflow.db"):
             (repo / path.name).symlink_to(path)

@@ -78,32 +78,21 @@ def make_database_and_be_killed() -> None:
     store.create_database(URI)
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory) -> Path:
-    """A folder in which a process was killed while it made the store, and then several trainings started at once."""
-    folder = tmp_path_factory.mktemp("track")
-    in_folder(folder, make_database_and_be_killed, ends=-9)
-    jobs = [FORKS.Process(target=chdir_and_call, args=(folder, write, URI, seed)) for seed in range(WRITERS)]
+def runs(client) -> list:
+    return client.search_runs([client.get_experiment_by_name("test").experiment_id], order_by=["attributes.run_name"])
+
+
+def test_connect_processes_share_a_new_store(tmp_path):
+    """Where a process was killed while it made the store, and then several trainings started at once."""
+    in_folder(tmp_path, make_database_and_be_killed, ends=-9)
+    jobs = [FORKS.Process(target=chdir_and_call, args=(tmp_path, write, URI, seed)) for seed in range(WRITERS)]
     for job in jobs:
         job.start()
     for job in jobs:
         job.join(timeout=300)
     assert [job.exitcode for job in jobs] == WRITERS * [0]
-    return folder
-
-
-@pytest.fixture
-def client(folder, monkeypatch) -> MlflowClient:
-    monkeypatch.chdir(folder)
-    return MlflowClient(URI)
-
-
-def runs(client) -> list:
-    return client.search_runs([client.get_experiment_by_name("test").experiment_id], order_by=["attributes.run_name"])
-
-
-def test_connect_processes_share_a_new_store(client, folder):
-    assert {path.name for path in folder.iterdir()} == {"mlflow.db", ".mlflow.lock"}
+    assert {path.name for path in tmp_path.iterdir()} == {"mlflow.db", ".mlflow.lock"}
+    client = MlflowClient(f"sqlite:///{tmp_path}/mlflow.db")
     trainings = runs(client)
     assert [run.info.run_name for run in trainings] == [f"ours.s{seed}" for seed in range(WRITERS)]
     for seed, run in enumerate(trainings):
