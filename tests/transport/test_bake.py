@@ -89,16 +89,13 @@ def test_a_slow_twin_agrees():
     np.testing.assert_allclose(fast, slow, atol=1e-6)
 
 
-def test_texture_is_upright_decoded_and_bilinear():
+def test_texture_is_upright_decoded_and_bilinear_and_vertex_color_interpolated():
     texture = np.random.default_rng(0).integers(0, 256, (8, 8, 3)).astype(np.uint8)
     maps = bake(screen(texture), 8, 1)
     np.testing.assert_allclose(maps.albedo, LINEAR[texture], atol=1e-5)  # texel centres are pixel centres
     doubled, a = bake(screen(texture), 16, 1).albedo, LINEAR[texture]
     expected = (0.75 * a[3, 4] + 0.25 * a[2, 4]) * 0.75 + (0.75 * a[3, 5] + 0.25 * a[2, 5]) * 0.25
     np.testing.assert_allclose(doubled[6, 9], expected, atol=1e-5)
-
-
-def test_vertex_color_is_interpolated():
     color = np.zeros((4, 3), np.float32)
     color[1:3, 0] = 1  # red grows to the right
     maps = bake(screen(color=color), 16, 1)

@@ -29,7 +29,7 @@ def test_every_preset_composes(words):
     composed([*words, *(word for preset in words for word in NEEDS.get(preset, []) if word not in words)])
 
 
-def test_every_setting_is_described_and_conf_has_its_default():
+def test_every_setting_is_described_and_conf_has_its_default_and_choices_that_the_code_knows():
     """Defaults of the schema are for files that leave a setting out. They are those of conf/, but for MLflow's, for the
     number of figures, which is the scale's, for the rows, which are the experiment's, and for the weights of losses."""
     cfg = composed()
@@ -44,9 +44,6 @@ def test_every_setting_is_described_and_conf_has_its_default():
     settings = [key for group in groups for key in OmegaConf.select(cfg, group)]
     alone = [key for key in FIELDS if "." not in key]
     assert len(settings) + len(alone) == len(FIELDS) and all(setting_of(item).about for item in EXPERIMENT.values())
-
-
-def test_choices_are_what_the_code_knows():
     assert {*AXES} == {"auto", *axes.AXES} and setting_of(FIELDS["panoramas.layout"]).choices == ("auto", *LAYOUTS)
 
 
