@@ -35,7 +35,7 @@ def test_split_loses_nothing_and_puts_edges_on_the_line():
     assert (at[side] > -1e-9).all() and (at[~side] < 1e-9).all()
 
 
-def test_loop_is_affine_and_agrees_with_trimesh():
+def test_loop_is_affine_agrees_with_trimesh_and_keeps_a_straight_border_straight():
     ball = trimesh.creation.torus(1.0, 0.4, 12, 8)  # six edges at each vertex, where all weights agree
     matrix, faces = surfaces.loop(np.asarray(ball.faces), len(ball.vertices))
     np.testing.assert_allclose(np.asarray(matrix.sum(1)).ravel(), 1)
@@ -43,9 +43,6 @@ def test_loop_is_affine_and_agrees_with_trimesh():
     ours = matrix @ ball.vertices
     assert len(faces) == 4 * len(ball.faces)
     assert np.linalg.norm(ours[:, None] - theirs[None], axis=2).min(1).max() < 1e-9
-
-
-def test_loop_keeps_a_straight_border_straight():
     vertices, faces = plate(5)
     matrix, finer = surfaces.loop(faces, len(vertices))
     border, out = np.concatenate(surfaces.border_loops(finer)), matrix @ vertices

@@ -32,12 +32,9 @@ def generators(count, seed=0):
     return [np.random.default_rng([seed, i]) for i in range(count)]
 
 
-def test_nothing_asked_for_changes_nothing(data, augment):
+def test_a_picture_does_not_depend_on_those_beside_it_and_stays_if_nothing_is_asked_for(data, augment):
     batch = batch_of(data)
     assert augment_batch(batch, augment(), generators(4), data.size) is batch
-
-
-def test_a_picture_does_not_depend_on_those_beside_it(data, augment):
     together = augment_batch(batch_of(data), augment(**ALL), generators(4), data.size)
     again = augment_batch(batch_of(data), augment(**ALL), generators(4), data.size)
     assert torch.equal(together.image, again.image)

@@ -142,12 +142,15 @@ def test_normals_of_the_file_count(tmp_path):
     assert (np.einsum("vx,vx->v", baked.normals[:3], points[:3]) > 0.99).all()  # those inward do not fit the face
 
 
-def test_a_vertex_of_several_colors_is_noted():
+def test_a_vertex_of_several_colors_is_noted_and_a_mesh_too_small_for_single_precision_refused():
     mesh, n = two_balls()
     assert not bake_vertices(mesh, 1).notes
     mesh.material[0] = 1  # one face of the large ball in the color of the small one
     (note,) = bake_vertices(mesh, 1).notes
     assert note.startswith(f"3 of {2 * n:,} vertices have faces of several colors: each has the color of the first")
+    mesh.vertices = mesh.vertices * np.float32(1e-9)
+    with pytest.raises(UserError, match="scale it up"):
+        bake_vertices(mesh, 16)
 
 
 def test_files(tmp_path):
@@ -186,13 +189,6 @@ def test_files(tmp_path):
         baked.save(tmp_path / "a.stl")
     with pytest.raises(UserError, match="rays is 0"):
         bake_vertices(mesh, 0)
-
-
-def test_a_mesh_too_small_for_single_precision_is_refused():
-    mesh, _ = two_balls()
-    mesh.vertices = mesh.vertices * np.float32(1e-9)
-    with pytest.raises(UserError, match="scale it up"):
-        bake_vertices(mesh, 16)
 
 
 def test_the_code_of_the_page_shades_a_sphere_as_the_closed_form_does(tmp_path, monkeypatch):

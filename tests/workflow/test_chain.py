@@ -93,13 +93,6 @@ CHANGES = {
 }
 
 
-def test_a_change_runs_what_it_touches(done):
-    """By Snakemake alone, without `relight run`."""
-    given = {word.partition("=")[0]: word for word in WORDS}
-    changed = [{word.partition("=")[0]: word for word in change.split()} for change in CHANGES]
-    assert dict(zip(CHANGES, planned(done, *([*(given | words).values()] for words in changed)))) == CHANGES
-
-
 # A file and the text that is added to it -> what is done again.
 EDITS = {
     ("relight/learning/losses.py", "X = 1\n"): {"train": 2, **AFTER_TRAINING},
@@ -138,7 +131,11 @@ def test_a_rule_depends_on_its_packages_alone(done):
     assert {rule: " ".join(sorted(found[rule])) for rule in PACKAGES} == PACKAGES
 
 
-def test_changed_code_runs_what_it_touches(done, tmp_path):
+def test_changed_settings_or_code_run_what_they_touch(done, tmp_path):
+    """By Snakemake alone, without `relight run`."""
+    given = {word.partition("=")[0]: word for word in WORDS}
+    changed = [{word.partition("=")[0]: word for word in change.split()} for change in CHANGES]
+    assert dict(zip(CHANGES, planned(done, *([*(given | words).values()] for words in changed)))) == CHANGES
     repo = tmp_path / "repo"
     shutil.copytree(done, repo, ignore=shutil.ignore_patterns("mlruns"))
     assert dict(zip(EDITS, planned(repo, *[WORDS] * len(EDITS), edits=[*EDITS]))) == EDITS
