@@ -12,27 +12,28 @@ from relight.core.errors import UserError
 from relight.core.files import atomic_folder, atomic_write, writable_file, writable_folder, write_text
 
 
-def test_a_folder_that_can_be_made_is_left_unmade(tmp_path):
-    assert writable_folder(tmp_path / "a/b/c", "--out") == tmp_path / "a/b/c" and list(tmp_path.iterdir()) == []
+def test_a_folder_that_can_be_made_is_left_unmade_and_that_of_a_file_must_be_there(tmp_path):
+    assert writable_folder(tmp_path / "a/b/c", "--out") == tmp_path / "a/b/c"
+    assert writable_file(tmp_path / "a.html", "page") == tmp_path / "a.html"
+    for path, says in ((tmp_path / "no" / "a.html", "there is no folder"), (tmp_path, "is a folder")):
+        with pytest.raises(UserError, match=says):
+            writable_file(path, "page")
+    assert list(tmp_path.iterdir()) == []
     (tmp_path / "is").mkdir()
     writable_folder(tmp_path / "is", "--out")
     assert list((tmp_path / "is").iterdir()) == []
 
 
-def refused(tmp_path):
+def test_what_cannot_be_written_is_one_sentence(tmp_path):
     (tmp_path / "file").write_text("")
-    yield tmp_path / "file", "is a file: give a folder"
-    yield tmp_path / "file" / "sub", "nothing can be written there \\(not a directory\\)"
-    yield "/proc/relight", "nothing can be written there"
+    refused = {"file": "is a file: give a folder", "file/sub": "nothing can be written there \\(not a directory\\)"}
+    refused["/proc/relight"] = "nothing can be written there"
     if os.getuid():  # root may write anywhere
         (tmp_path / "locked").mkdir(mode=0o555)
-        yield tmp_path / "locked" / "sub", "permission denied"
-
-
-def test_what_cannot_be_written_is_one_sentence(tmp_path):
-    for path, says in refused(tmp_path):
+        refused["locked/sub"] = "permission denied"
+    for path, says in refused.items():
         with pytest.raises(UserError, match=says) as error:
-            writable_folder(path, "--out")
+            writable_folder(tmp_path / path, "--out")
         assert "\n" not in str(error.value) and "--out" in str(error.value)
     with pytest.raises(UserError, match=r"up to 1000000000000 MB are needed, \d+ MB are free"):
         writable_folder(tmp_path / "large", "--out", 10**18)
@@ -45,14 +46,6 @@ def test_nothing_is_written_below_a_file(tmp_path):
     for name, says in reasons.items():
         with pytest.raises(UserError, match=f"{name} cannot be written: .*{says}"):
             write_text(tmp_path / name, "")
-
-
-def test_the_folder_of_a_file_is_not_made(tmp_path):
-    assert writable_file(tmp_path / "a.html", "page") == tmp_path / "a.html"
-    for path, says in ((tmp_path / "no" / "a.html", "there is no folder"), (tmp_path, "is a folder")):
-        with pytest.raises(UserError, match=says):
-            writable_file(path, "page")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_full_disk_is_said_and_leaves_the_old_file(tmp_path):

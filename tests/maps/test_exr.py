@@ -51,14 +51,11 @@ def test_layers_are_named_for_other_programs(tmp_path):
     assert file.channels()["transport.L0M0.Y"].pixels.dtype == np.float16
 
 
-def test_left_out(tmp_path):
+def test_left_out_foreign_and_broken_files_are_refused(tmp_path):
     write_left_out(tmp_path / "a.exr", {"name": "a"}, "all faces are degenerate")
     assert read_info(tmp_path / "a.exr") == {"name": "a", "left_out": "all faces are degenerate"}
     with pytest.raises(LeftOut, match="all faces are degenerate"):
         read_maps(tmp_path / "a.exr")
-
-
-def test_foreign_and_broken_files_are_refused(tmp_path):
     with pytest.raises(UserError, match="no file"):
         read_maps(tmp_path / "none.exr")
     (tmp_path / "text.exr").write_text("not an image")

@@ -7,7 +7,7 @@ from relight.core.errors import UserError
 from relight.meshes import Material, Mesh
 
 
-def test_round_trip(tmp_path, person):
+def test_round_trip_of_a_mesh_and_of_outfits_which_change_materials_only(tmp_path, person):
     mesh = person()
     mesh.materials[1].texture = np.random.default_rng(0).integers(0, 256, (5, 7, 3)).astype(np.uint8)
     mesh.info = {"name": "person", "repairs": {"holes": 3}, "turn": 1.5}
@@ -19,10 +19,6 @@ def test_round_trip(tmp_path, person):
         assert value.dtype == getattr(mesh, field).dtype
     assert again.info == mesh.info and again.materials[0].texture is None
     np.testing.assert_array_equal(again.materials[1].texture, mesh.materials[1].texture)
-
-
-def test_outfits_are_kept_and_change_materials_only(tmp_path, person):
-    mesh = person()
     red = Material(np.array([0.5, 0.1, 0.1], np.float32), np.full((2, 3, 3), 9, np.uint8), "", 0.25, 0.75)
     mesh.outfits = [{1: red}, {}]
     mesh.save(tmp_path / "a.npz")

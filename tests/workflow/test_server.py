@@ -35,7 +35,7 @@ def test_a_port_that_another_program_has_is_refused(started, capsys, taken):
     assert not started and not capsys.readouterr().out
 
 
-def test_a_port_that_was_closed_just_now_is_free(started, capsys):
+def test_a_port_that_was_closed_just_now_is_free_and_a_server_of_others_needs_none(started, capsys):
     """The connection that the former server closed still waits in the kernel."""
     with socket.create_server(("127.0.0.1", 0)) as former:
         port = former.getsockname()[1]
@@ -43,10 +43,7 @@ def test_a_port_that_was_closed_just_now_is_free(started, capsys):
             former.accept()[0].close()
             assert caller.recv(1) == b""
     server.serve(Track("sqlite:///a.db", "test"), port)
-    assert started[0][-1] == str(port) and f"http://127.0.0.1:{port}/#/experiments/1" in capsys.readouterr().out
-
-
-def test_a_server_of_others_needs_no_port_here(started, capsys):
+    assert started.pop()[-1] == str(port) and f"http://127.0.0.1:{port}/#/experiments/1" in capsys.readouterr().out
     with socket.create_server(("127.0.0.1", 0)) as other:
         server.serve(Track("http://example.org:5000/", "test"), other.getsockname()[1])
     assert not started and "http://example.org:5000/#/experiments/1" in capsys.readouterr().out

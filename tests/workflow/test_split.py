@@ -69,6 +69,8 @@ def test_too_few_subjects():
 
 
 def test_sitting_figures_are_set_apart_or_dealt():
+    assert is_seated({"pose": "sitting wide"}) and not is_seated({"pose": "walking"}) and not is_seated({})
+    assert is_seated({"sitting": True}) and not is_seated({"pose": "sitting", "sitting": False})
     sitting = set(NAMES[::7])
     for kind in ("subject", "paper"):
         parts = split_figures(NAMES, SUBJECTS, split(kind), sitting)
@@ -76,8 +78,3 @@ def test_sitting_figures_are_set_apart_or_dealt():
         assert not sitting & {*parts["train"], *parts["test"]}
         dealt = replace(split(kind), sitting="dealt")
         assert split_figures(NAMES, SUBJECTS, dealt, sitting) == split_figures(NAMES, SUBJECTS, split(kind))
-
-
-def test_who_sits():
-    assert is_seated({"pose": "sitting wide"}) and not is_seated({"pose": "walking"}) and not is_seated({})
-    assert is_seated({"sitting": True}) and not is_seated({"pose": "sitting", "sitting": False})
