@@ -102,16 +102,12 @@ def ends(done) -> list[tuple[int, str]]:
 
 
 @pytest.mark.slow
-def test_commands_of_the_core_run(core, photo):
+def test_commands_and_python_interface_of_the_core_run(core, photo):
     lines = "photo PHOTO --light lamps:5 --out relit --maps", "photo PHOTO --light PHOTO --out relit"
     lines += "view PHOTO --out me.html", "light room:7 --out room.json", "photo --help", "--help"
     commands = [line.replace("PHOTO", str(photo)).split() for line in lines]
     found = ends(core(json.dumps(commands), program=COMMANDS))
     assert [code for code, _ in found] == [0] * len(commands), found
-
-
-@pytest.mark.slow
-def test_python_interface_of_the_core(core, photo):
     done = core(program=f"import relight; print(relight.load().relight({str(photo)!r}, light='room:12').shape)")
     assert done.stdout.strip() == "(256, 256, 3)", done.stderr
 

@@ -92,10 +92,7 @@ def test_placing_is_pillows_resampling(side, cubic):
 
 
 def test_huge_and_tiny():
-    huge = np.zeros((8000, 8000), np.uint8)
-    huge[0:8000, 3000:5000] = 255
-    f = crop_around(huge, 64)
-    rows = (7900, 8000)
+    f, rows = crop_around(figure(8000, 8000, 0, 3000, 8000, 5000), 64), (7900, 8000)
     placed = f.place(network_coordinates(f)[..., 0], (slice(*rows), slice(*f.columns)))
     assert np.abs(placed - (np.arange(*rows) + 0.5)[:, None]).max() < 0.1  # of 8889 pixels
     tiny = crop_around(figure(600, 800, 580, 790, 600, 800), 256)
