@@ -71,7 +71,7 @@ def render_picture(figures: list[Maps], kind: str, number: int) -> tuple[np.ndar
         places = [(middle - apart / 2, top), (middle + apart / 2, top + rng.uniform(-0.05, 0.05) * side)]
     people: list[np.ndarray] = []
     for maps, (x, y) in zip(figures, places):
-        shading = np.maximum(maps.transport @ light.coefficients.astype(np.float32), 0)
+        shading = np.maximum(maps.transport[..., :9] @ light.coefficients.astype(np.float32), 0)
         lit = dark * maps.albedo * shading / np.percentile(shading[maps.mask], 90)
         scale = len(maps.albedo) / side
         axes = scale * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])

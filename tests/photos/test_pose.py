@@ -96,19 +96,40 @@ def body_of(mask):
     return pose.Body(np.zeros((33, 3), np.float32), mask.astype(np.float32), np.eye(2, 3) / 256)
 
 
-def test_thick_pieces_are_added(monkeypatch):
-    """The first network misses an arm; the second has it, a thin rim, and nothing of what is held."""
+def test_thick_pieces_are_added_and_gaps_dropped(monkeypatch):
+    """The first network misses an arm, and has a gap too much, which a bag beside it has a color of its own from."""
     y, x = np.mgrid[:256, :256]
     trunk, arm = (abs(x - 128) < 30) & (y > 40) & (y < 230), (abs(y - 100) < 9) & (x >= 158) & (x < 220)
     held, rim = (np.hypot(x - 85, y - 150) < 16) & (x <= 98), (abs(x - 128) < 31) & (y > 40) & (y < 230) & ~trunk
-    pixels = np.where((trunk | arm | held)[..., None], (220, 190, 170), (40, 60, 50)).astype(np.uint8)
-    monkeypatch.setattr(selfie, "segment_coarsely", lambda _: (trunk | held).astype(np.float32))
+    gap, bag = ((abs(y - row) < 12) & (x >= 158) & (x < 176) for row in (140, 180))
+    true = trunk | arm | held | bag
+    pixels = np.where(true[..., None], (220, 190, 170), (40, 60, 50)).astype(np.uint8)
+    pixels[bag] = 40, 30, 160
+    monkeypatch.setattr(selfie, "segment_coarsely", lambda _: (trunk | held | gap | bag).astype(np.float32))
     monkeypatch.setattr(selfie, "find_bodies", lambda _: [body_of(trunk | arm | rim)])
     found, bodies = selfie.segment(pixels)
-    true = trunk | arm | held
     assert len(bodies) == 1 and ((found > 127) & true).sum() / ((found > 127) | true).sum() > 0.98
     joined = selfie.with_parts(trunk.astype(np.float32), (trunk | arm | rim).astype(np.float32))
     assert not joined[rim & (y > 120)].any() and joined[arm].all()
+    small, people = (mask.astype(np.float32) for mask in (trunk | gap, trunk & (y > 190)))
+    assert (selfie.without_background(small, people, pixels) == small).all()  # what is large may be a person
+
+
+def test_those_whom_others_hide_are_found_without_them(monkeypatch):
+    """Behind one person stands another, and a crowd that the first network hardly takes for people."""
+    x = np.indices((224, 224))[1]
+    people = {hips: body_of(np.pad(abs(x - hips) < 30, 16)) for hips in (80, 140)}
+
+    def search(photo):
+        assert (photo[112, 80] == (128 if photo[112, 80, 0] else 0)).all()
+        is_hidden = photo[112, 80, 0] == 128
+        for score, hips in [(0.8, 140.0), (0.7, 200.0)] if is_hidden else [(0.6, 80.0)]:
+            yield score, (np.array([hips, 112]), np.array([hips, 20]))
+
+    monkeypatch.setattr(pose, "_search", search)
+    monkeypatch.setattr(pose, "_look_at", lambda _, hips, top: people[int(hips[0])])
+    monkeypatch.setattr(pose, "_are_one", lambda *_: False)
+    assert [body.score for body in pose.find_bodies(np.zeros((224, 224, 3), np.uint8))] == [0.6, 0.8]
 
 
 def test_people_who_touch_are_two_and_a_ball_is_none():

@@ -17,11 +17,13 @@ from relight.photos.mask.networks import DETECTOR, LANDMARKS, load_network
 SEEN, LOOKED_AT = 224, 256  # sides of what the two networks see, pixels
 ANCHORS = (28, 2), (14, 2), (7, 6)  # cells along a side of each layer of the first, and boxes of each cell
 FOUND, SAME = 0.5, 0.3  # least score of a person; intersection over union of two boxes of one person
+HIDDEN = 0.75  # least score of a person whom others hide
 ROOM = 1.25  # side of the square over the circle's diameter
 LARGEST = 1.5  # radius of a circle over the photo's longer side; larger ones are in blurred crowds
 WINDOW = 0.6  # width over height of the windows in which a wide photo is searched
 CLOSE, ALIKE = 0.25, 2  # two people with hips that near, in radii of their circles, and radii that alike, are one
 NEAR = 0.15  # median distance of the joints of two people, over the diagonal of their box, below which they are one
+COVERED, GREY = 0.3, np.uint8(128)  # least value of a mask that hides somebody, while others are sought, and its color
 JOINTS = 33
 Place = tuple[np.ndarray, np.ndarray]  # the middle of the hips and the point of the circle, (2,) in pixels
 
@@ -51,29 +53,40 @@ class Body:
 
 
 def find_bodies(pixels: np.ndarray) -> list[Body]:
-    """Finds the people of a photo (H,W,3) uint8, the surest first."""
-    height, width = pixels.shape[:2]
+    """Finds the people of a photo (H,W,3) uint8, the surest first; then those whom these hide."""
+    step = max(len(pixels) // (2 * SEEN), 1)
+    photo = left = np.asarray(Image.fromarray(pixels).reduce(step))
+    bodies: list[Body] = []
+    places: list[tuple[np.ndarray, float]] = []
+    while True:
+        known = len(bodies)
+        for score, (hips, top) in sorted(_search(left), key=lambda each: -each[0]):
+            radius = float(np.hypot(*(top - hips)))
+            is_known = any(
+                np.hypot(*(hips - other)) < CLOSE * max(radius, size) and 1 / ALIKE < radius / size < ALIKE
+                for other, size in places
+            )
+            if is_known or radius > LARGEST * max(photo.shape) or (left is not photo and score < HIDDEN):
+                continue
+            places.append((hips, radius))
+            body = _look_at(pixels, step * hips, step * top)
+            if body and not any(_are_one(body, other) for other in bodies):
+                bodies.append(replace(body, score=score))
+        if len(bodies) == known:
+            return bodies
+        covered = np.maximum.reduce([body.mask((photo.shape[1], photo.shape[0])) for body in bodies]) > COVERED
+        left = np.where(covered[..., None], GREY, photo)
+
+
+def _search(photo: np.ndarray) -> Iterator[tuple[float, Place]]:
+    """Yields the score and the place of each person in a photo (H,W,3) uint8, also in windows of a wide one."""
+    height, width = photo.shape[:2]
     window = min(round(WINDOW * height), width)
     count = 1 + int(np.ceil((width - window) / (window / 2)))
     starts = np.linspace(0, width - window, count).astype(int)
-    found: list[tuple[float, Place]] = []
     for left, right in sorted({(0, width), *((start, start + window) for start in starts)}):
-        found += [(score, (hips + [left, 0], top + [left, 0])) for score, (hips, top) in _detect(pixels[:, left:right])]
-    bodies: list[Body] = []
-    places: list[tuple[np.ndarray, float]] = []
-    for score, (hips, top) in sorted(found, key=lambda each: -each[0]):
-        radius = float(np.hypot(*(top - hips)))
-        is_known = any(
-            np.hypot(*(hips - other)) < CLOSE * max(radius, size) and 1 / ALIKE < radius / size < ALIKE
-            for other, size in places
-        )
-        if is_known or radius > LARGEST * max(height, width):
-            continue
-        places.append((hips, radius))
-        body = _look_at(pixels, hips, top)
-        if body and not any(_are_one(body, other) for other in bodies):
-            bodies.append(replace(body, score=score))
-    return bodies
+        for score, (hips, top) in _detect(photo[:, left:right]):
+            yield score, (hips + [left, 0], top + [left, 0])
 
 
 def _are_one(body: Body, other: Body) -> bool:

@@ -2,14 +2,17 @@
 
 The first, selfie segmentation (256 x 256, 106,000 parameters, a MobileNetV3 with a decoder), sees all people at once,
 three times. It is good at hair and at what people hold, and loses limbs. The second (relight.photos.mask.pose) sees
-them one by one: of its masks the pieces that the first lacks are added, if they are thick.
+them one by one: of its masks the pieces that the first lacks are added, if they are thick, and those that it alone has
+are dropped, if they look like the background beside them.
 """
 
 import math
+from functools import reduce
 
 import numpy as np
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, label, maximum_filter, minimum_filter, uniform_filter
+from scipy.spatial import cKDTree
 
 from relight.maps.square import extent
 from relight.photos.mask.networks import SELFIE, load_network
@@ -21,8 +24,13 @@ PASSES = 3  # of the network: over the whole photo, then over the box of the fig
 MARGIN = 0.06  # around that box, as a share of the figure's height
 SHARE = 0.05  # of the largest part's area: smaller parts are dropped,
 NEAR = 0.01  # unless they are nearer than this share of SIDE to one that is kept
-THICK = 0.009  # of a person's height: half the least thickness of pieces that are added
+THICK = 0.009  # of a person's height: half the least thickness of pieces that are added or dropped
 SEAM = 5  # pixels across, in which the soft edges of such pieces are taken, too
+BESIDE = 0.06  # of a person's height: how far from a piece its colors are compared
+SURE = 0.9  # least value of both masks on people, and of what both lack on the background, in that comparison
+ALIKE, MOST = 12, 0.9  # largest distance of like colors, 8-bit codes; share of a dropped piece's that are so
+LARGEST = 0.25  # of the people's area: larger pieces are not dropped, since they may be people
+STEP = 7  # of the pixels that are compared, one in so many
 DETAIL = 900  # pixels of the figure's longer side at which its edge is fitted to the photo
 WINDOW = 1 / 90  # of those: radius in which the edge is fitted
 SMOOTH = 1e-4  # variance of the colors under which a window counts as flat
@@ -55,21 +63,49 @@ def segment(pixels: np.ndarray) -> tuple[np.ndarray, list[Body]]:
         scale = min(DETAIL / max(right - left, lower - upper), 1)
         detail = max(round((right - left) * scale), 1), max(round((lower - upper) * scale), 1)
         small = np.asarray(Image.fromarray(found[window]).resize(detail, Image.Resampling.BILINEAR))
-        for body in bodies:
-            small = with_parts(small, body.mask(detail, box / (*size, *size)))
+        if bodies:
+            masks = [body.mask(detail, box / (*size, *size)) for body in bodies]
+            picture = np.asarray(Image.fromarray(pixels[window]).resize(detail, Image.Resampling.BOX))
+            small = without_background(reduce(with_parts, masks, small), np.maximum.reduce(masks), picture)
         found[window] = fit_to_edges(pixels[window], small)
     return np.round(found * 255).astype(np.uint8), bodies
 
 
 def with_parts(mask: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Adds to a mask (h,w) in [0,1] the pieces of another one that it lacks and that are thicker than 2 THICK."""
-    rows = np.flatnonzero((other > 0.5).any(1))
-    if not len(rows):
-        return mask
-    side = 2 * max(int(THICK * (rows[-1] - rows[0])), 1) + 1
-    beyond = (other > 0.5) & (mask <= 0.5)
-    pieces = maximum_filter(minimum_filter(beyond, side), 2 * side - 1) & beyond
-    return np.where(maximum_filter(pieces, SEAM), np.maximum(mask, other), mask)
+    """Adds to a mask (h,w) in [0,1] the thick pieces of another one that it lacks."""
+    pieces, _ = thick_pieces((other > 0.5) & (mask <= 0.5), other)
+    return np.where(maximum_filter(pieces > 0, SEAM), np.maximum(mask, other), mask)
+
+
+def without_background(mask: np.ndarray, other: np.ndarray, picture: np.ndarray) -> np.ndarray:
+    """Drops from a mask (h,w) in [0,1] the thick pieces that another one lacks and that look like the background.
+
+    So gaps between limbs are no part of a person, and hair and bags are. `picture` is (h,w,3) uint8.
+    """
+    pieces, reach = thick_pieces((mask > 0.5) & (other <= 0.5), other)
+    sure = minimum_filter(np.minimum(mask, other), SEAM) > SURE, np.maximum(mask, other) < 1 - SURE
+    for number in range(1, pieces.max() + 1):
+        piece = pieces == number
+        (top, bottom), (left, right) = extent(piece)
+        box = np.s_[max(top - reach, 0) : bottom + reach, max(left - reach, 0) : right + reach]
+        colors, *known = (picture[box][where[box]][::STEP].astype(np.float32) for where in (piece, *sure))
+        if min(map(len, known)) and piece.sum() < LARGEST * (other > 0.5).sum():
+            to_people, to_background = (cKDTree(some).query(colors)[0] for some in known)
+            if (to_background < np.minimum(to_people, ALIKE)).mean() > MOST:
+                mask = np.where(maximum_filter(piece, SEAM), np.minimum(mask, other), mask)
+    return mask
+
+
+def thick_pieces(beyond: np.ndarray, person: np.ndarray) -> tuple[np.ndarray, int]:
+    """Numbers the pieces (h,w) of what one mask has beyond another that are thicker than 2 THICK of a person's height.
+
+    Returns how far from them colors are compared, pixels, too.
+    """
+    rows = np.flatnonzero((person > 0.5).any(1))
+    height = rows[-1] - rows[0] if len(rows) else len(person)
+    side = 2 * max(int(THICK * height), 1) + 1
+    pieces, _ = label(maximum_filter(minimum_filter(beyond, side), 2 * side - 1) & beyond)
+    return pieces, max(round(BESIDE * height), 1)
 
 
 def segment_coarsely(pixels: np.ndarray) -> np.ndarray:
