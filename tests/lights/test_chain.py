@@ -8,21 +8,12 @@ import pytest
 from samples import write_exr
 
 from relight.core.errors import UserError
-from relight.lights import (
-    build_light_set,
-    chain,
-    load_light,
-    measure,
-    read_light_set,
-    reference_brightness,
-    select_lights,
-    write_light_set,
-)
+from relight.lights import build_light_set, chain, measure, read_light_set, reference_brightness, write_light_set
 from relight.lights.chain import generated_light, project_panoramas
 from relight.lights.cluster import choose_validation_lights, irradiance_features, medoids
-from relight.lights.load import GENERATED, NAMED
+from relight.lights.load import GENERATED, NAMED, load_light
 from relight.lights.select import RULES as ALL_RULES
-from relight.lights.select import broken_rules
+from relight.lights.select import broken_rules, select_lights
 from relight.lights.table import SPLITS
 from relight.panoramas.color import blackbody, daylight
 from relight.photos.commands import LIGHTS
@@ -57,9 +48,7 @@ def test_the_light_set_has_the_properties_that_the_settings_ask_for(rooms, order
     for mark in ("unusual", "rich"):
         assert len(lights.of(mark)) and all(lights.of(mark).reason)
     assert not any(usual.reason)
-    train, validation, test, unusual, rich = (
-        {*lights.of(mark).source} for mark in ("train", "validation", "test", "unusual", "rich")
-    )
+    train, validation, test, unusual, rich = ({*lights.of(mark).source} for mark in SPLITS)
     assert not unusual & (train | validation | rich) and not rich & (test - train) and not validation & (train | test)
     assert abs(len(lights.of("unusual")) - len(lights.of("rich"))) <= len(usual)
     by_source = dict(zip(sources, coefficients))
@@ -203,6 +192,9 @@ def test_table_round_trip(rooms, tmp_path):
     assert len(lines) == 1 + len(lights) and "L2-1_G" in lines[0] and lights.source[0] in lines[1]
     with np.load(tmp_path / "set" / "lights.npz") as stored:  # what learning reads, without pandas or pickle
         assert stored["coefficients"].dtype == np.float32 and set(stored["split"]) <= set(SPLITS)
+    np.testing.assert_array_equal(load_light(f"{text}:1").coefficients, lights.coefficients[1])
+    with pytest.raises(UserError, match=r"lights.csv is a set of lights: name one of them, such as .*lights.csv:0$"):
+        load_light(text)
     text.write_text("\n".join([lines[0], *lines[2:]]))  # a row less, so that numbers mean other lights
     with pytest.raises(UserError, match=r"lights\.csv has been changed, but .*lights\.npz, .* is read: name that"):
         load_light(f"{text}:1")
@@ -275,7 +267,6 @@ def test_what_a_folder_does_not_give_is_said(tmp_path):
 
 @pytest.mark.parametrize("source", ["generated", "folder"])
 def test_every_setting_of_panoramas_is_read_or_says_that_it_is_not(tmp_path, monkeypatch, source):
-    """A setting that the source does not read is refused where a user gives it: none is forgotten."""
     write_exr(tmp_path / "a.exr", np.ones((8, 16, 3)))
     read = set()
 

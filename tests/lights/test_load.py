@@ -9,7 +9,7 @@ from samples import write_exr
 from typer.testing import CliRunner
 
 from relight.core.errors import UserError
-from relight.lights import Light, LightSet, load_light, reference_brightness, write_light, write_light_set
+from relight.lights import Light, load_light, reference_brightness, write_light
 from relight.lights.commands import app
 from relight.panoramas import generate_room, orient, project
 from relight.photos.look import Look
@@ -168,7 +168,7 @@ def test_normalised_scales_the_front_to_the_target_and_limits_back_lit_lights():
             light.normalised(target)
 
 
-def test_the_command_prints_writes_and_draws(tmp_path, monkeypatch):
+def test_the_command_prints_lights_of_every_size_writes_and_draws(tmp_path, monkeypatch):
     run = CliRunner().invoke
     out = ["--out", str(tmp_path / "a.json"), "-o", str(tmp_path / "a.npy")]
     done = run(app, ["room:12", *out, "--to", "kanamori2018"])
@@ -188,25 +188,13 @@ def test_the_command_prints_writes_and_draws(tmp_path, monkeypatch):
         done = run(app, ["even", *(f"--out={tmp_path / name}" for name in ("first.png", "first.json", wrong))])
         assert why in str(done.exception) and not [*tmp_path.glob("first.*")], "nothing is written"
     assert run(app, ["--help"]).exit_code == 0
-
-
-@pytest.mark.parametrize("scale", [1, 1e-6])
-def test_the_command_prints_lights_of_every_size(tmp_path, scale):
-    np.savetxt(tmp_path / "a.txt", scale * np.eye(9, 3))
-    done = CliRunner().invoke(app, [str(tmp_path / "a.txt")])
-    assert float(re.search(r"0, 0 \D*([-.e\d]+)", done.output)[1]) == pytest.approx(scale, rel=1e-6)
-
-
-def test_the_table_of_a_light_set_is_recognised(tmp_path):
-    rows = (np.full(1, value) for value in ("train", "room:7", 0.0, 1.0, ""))
-    write_light_set(LightSet(np.ones((1, 9, 3), np.float32), *rows), tmp_path)
-    assert load_light(f"{tmp_path / 'lights.csv'}:0").coefficients.shape == (9, 3)
-    with pytest.raises(UserError, match=r"lights.csv is a set of lights: name one of them, such as .*lights.csv:0$"):
-        load_light(tmp_path / "lights.csv")
+    for scale in (1, 1e-6):
+        np.savetxt(tmp_path / "a.txt", scale * np.eye(9, 3))
+        shown = re.search(r"0, 0 \D*([-.e\d]+)", run(app, [str(tmp_path / "a.txt")]).output)[1]
+        assert float(shown) == pytest.approx(scale, rel=1e-6)
 
 
 ROWS = [[round(0.5 - 0.1 * row + 0.2 * column, 2) for column in range(3)] for row in range(9)]
-# what a table of coefficients may look like
 TABLES = {
     "blanks": "\n".join(" ".join(map(str, row)) for row in ROWS).encode(),
     "a mark and CR LF": ("\ufeff" + "\r\n".join(",".join(map(str, row)) for row in ROWS)).encode(),

@@ -24,8 +24,7 @@ def street(seed, size=(36, 48)):
 
 
 def test_place_light_of_the_mirror_image_is_mirrored():
-    for seed in range(5):
-        picture = street(seed)
+    for picture in map(street, range(5)):
         np.testing.assert_allclose(place_light(picture[:, ::-1]), place_light(picture) * MIRROR, atol=2e-3)
 
 

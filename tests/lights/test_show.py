@@ -16,14 +16,11 @@ def constant(value=1.0):
     return light
 
 
-def test_a_ball_under_constant_light_is_constant_and_round():
+def test_a_ball_under_constant_light_is_constant_and_round_and_has_no_main_direction():
     picture = lit_ball(constant(), 64)
     assert picture.shape == (64, 64, 4)
     np.testing.assert_allclose(picture[32, 32], [*encode(np.full(3, ALBEDO)), 1], atol=1e-9)
     assert picture[0, 0, 3] == 0 and abs(picture[..., 3].mean() - np.pi / 4) < 2e-3
-
-
-def test_even_light_has_no_main_direction():
     assert dict(format_statistics(Light(constant(), "even")))["main direction: right, up"] == "none"
     lamp = dict(format_statistics(load_light("key:#ffffff@40,10")))
     assert lamp["main direction: right, up"] == "+40°  +10°"
