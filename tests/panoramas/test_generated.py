@@ -2,24 +2,10 @@ import numpy as np
 import pytest
 
 from relight.lights import measure
-from relight.panoramas import Panorama, generate_lamps, generate_room, generate_sky, project
+from relight.panoramas import Panorama, generate_lamps, generate_room, generate_sky, project, radiosity
 from relight.panoramas.color import XYZ_TO_RGB, blackbody, daylight
 from relight.panoramas.projection import latlong_solid_angles
-from relight.panoramas.radiosity import (
-    CELLS,
-    AreaLight,
-    Box,
-    Grid,
-    Lamp,
-    Room,
-    Sun,
-    direct_irradiance,
-    form_factors,
-    indirect_irradiance,
-    intersect_walls,
-    is_sunlit,
-    render_room,
-)
+from relight.panoramas.radiosity import CELLS, AreaLight, Box, Grid, Lamp, Room, Sun
 from relight.panoramas.rooms import CLEARANCE, sample_room
 
 
@@ -27,11 +13,13 @@ def lights_of(generate, count):
     return np.stack([project(Panorama(generate(seed))) for seed in range(count)])
 
 
-def test_rooms_are_physically_possible_and_few_are_dark_or_lit_from_below():
-    """How they spread, and how measured maps do: docs/lab/lights.md."""
+def test_rooms_and_skies_are_physically_possible_and_few_rooms_are_dark_or_lit_from_below():
     rooms = measure(lights_of(generate_room, 60))
     assert rooms["moment"].min() > 0
     assert np.mean(rooms["reference"] < 0.2) < 0.12 and np.mean(rooms["elevation"] < 0) < 0.1
+    skies = measure(lights_of(generate_sky, 60))
+    assert skies["elevation"].min() > 5 and skies["moment"].min() > 0 and skies["first"].max() < np.sqrt(3)
+    assert (skies["up"] > skies["down"]).all()
 
 
 def test_every_room_has_a_source_of_light_and_nothing_is_close_to_the_camera():
@@ -89,15 +77,9 @@ def test_panoramas_are_whole_and_the_same_from_the_same_seed(generate):
     assert not np.array_equal(first, other)
 
 
-def test_skies_are_physically_possible_and_lit_from_above():
-    m = measure(lights_of(generate_sky, 60))
-    assert m["elevation"].min() > 5 and m["moment"].min() > 0 and m["first"].max() < np.sqrt(3)
-    assert (m["up"] > m["down"]).all()
-
-
 def test_form_factors_sum_to_one_and_agree_with_a_closed_form():
     walls = Grid(np.zeros((1, 3)), np.full((1, 3), 4.0), CELLS, inside=True)
-    factors = form_factors(walls, walls)
+    factors = radiosity.form_factors(walls, walls)
     np.testing.assert_allclose(factors.sum(1), 1, atol=1e-9)
     ceiling, floor = slice(3 * CELLS**2, 4 * CELLS**2), slice(2 * CELLS**2, 3 * CELLS**2)
     # Opposite faces of a cube: 0.1998 (Howell, C-11).
@@ -113,14 +95,16 @@ def test_walls_absorb_all_light(albedo):
     for _ in range(12):
         size = np.array([[rng.uniform(2.8, 14), rng.uniform(2.3, 6), rng.uniform(2.8, 14)]])
         walls = Grid(np.zeros((1, 3)), size, CELLS, inside=True)
-        factors, reflects = form_factors(walls, walls), np.full((len(walls.area), 3), albedo)
+        factors, reflects = radiosity.form_factors(walls, walls), np.full((len(walls.area), 3), albedo)
         falls = np.zeros((len(walls.area), 3))
         falls[rng.integers(0, len(falls), 30)] = 1
-        total = falls + indirect_irradiance(factors, reflects, falls)
+        total = falls + radiosity.indirect_irradiance(factors, reflects, falls)
         shares.append(((1 - albedo) * walls.area @ total / (walls.area @ falls)).mean())
     assert abs(np.mean(shares) - 1) < 0.02 and np.ptp(shares) < 0.15
     even = np.ones((len(walls.area), 3))
-    np.testing.assert_allclose(even + indirect_irradiance(factors, reflects, even), 1 / (1 - albedo), rtol=0.01)
+    np.testing.assert_allclose(
+        even + radiosity.indirect_irradiance(factors, reflects, even), 1 / (1 - albedo), rtol=0.01
+    )
 
 
 def test_a_lamp_obeys_the_inverse_square_and_throws_shadows():
@@ -128,11 +112,13 @@ def test_a_lamp_obeys_the_inverse_square_and_throws_shadows():
     scene = Room(np.array([4.0, 3.0, 4.0]), np.array([0.5, 1.5, 0.5]), np.full((6, 3), 0.5), boxes=[box])
     scene.lamps.append(Lamp(np.array([2.0, 2.5, 2.0]), 0.1, np.full(3, 100.0)))
     up = np.array([[0.0, 1.0, 0.0]])
-    free = direct_irradiance(scene, np.array([[2.0, 1.0, 2.0]]), up)[0, 0]  # on top of the box, 1.5 m below the lamp
+    free = radiosity.direct_irradiance(scene, np.array([[2.0, 1.0, 2.0]]), up)[
+        0, 0
+    ]  # on top of the box, 1.5 m below the lamp
     assert free == pytest.approx(100 * np.pi * 0.01 / (1.5**2 + 0.05), rel=0.01)
-    floor = direct_irradiance(scene, np.array([[2.7, 0.0, 2.0], [3.2, 0.0, 2.0]]), np.repeat(up, 2, 0))[:, 0]
+    floor = radiosity.direct_irradiance(scene, np.array([[2.7, 0.0, 2.0], [3.2, 0.0, 2.0]]), np.repeat(up, 2, 0))[:, 0]
     assert floor[0] == 0 < floor[1]  # the shadow of the box ends 0.83 m from its axis
-    image = render_room(scene)
+    image = radiosity.render_room(scene)
     weight = np.repeat(latlong_solid_angles(64, 128), 128)
     lamp = image.reshape(-1, 3)[:, 0] > 5  # energy of the lamp's own pixels: radiance times its true solid angle
     distance = np.linalg.norm(scene.lamps[0].centre - scene.camera)
@@ -145,6 +131,6 @@ def test_the_sun_falls_where_the_window_lets_it():
     scene = Room(np.array([4.0, 3.0, 4.0]), np.full(3, 1.5), np.full((6, 3), 0.5), [window])
     toward = np.array([1.0, 0.5, 0.0]) / np.sqrt(1.25)
     points = np.array([[1.0, 0.0, 1.5], [3.5, 0.0, 1.5], [1.0, 0.0, 3.0]])  # in the beam, below it, beside it
-    assert is_sunlit(scene, Sun(toward, np.ones(3)), points).tolist() == [True, False, False]
-    distance, wall = intersect_walls(scene.size, points[:1], toward[None])
+    assert radiosity.is_sunlit(scene, Sun(toward, np.ones(3)), points).tolist() == [True, False, False]
+    distance, wall = radiosity.intersect_walls(scene.size, points[:1], toward[None])
     assert wall[0] == 1 and distance[0] == pytest.approx(3 * np.sqrt(1.25))

@@ -158,8 +158,7 @@ def test_a_damaged_exr_is_one_sentence_and_no_other_part_of_it_is_read(tmp_path,
     # Two tables of four places each, then the first part's first rows.
     table = next(i for i in range(len(two)) if int.from_bytes(two[i : i + 8], "little") == i + 64)
     first = two[: table + 64] + b"\xff" * 20 + two[table + 84 :]
-    files = {"cut": whole[: len(whole) // 2], "half": two[: 2 * len(two) // 3], "first": first}
-    for name, content in files.items():
+    for name, content in {"cut": whole[: len(whole) // 2], "half": two[: 2 * len(two) // 3], "first": first}.items():
         (tmp_path / f"{name}.exr").write_bytes(content)
         with pytest.raises(UserError, match=rf"^[^\n]*{name}.exr: cut short or damaged: [^\n]* cannot be read[^\n]*$"):
             read_panorama(tmp_path / f"{name}.exr")

@@ -36,9 +36,8 @@ def relight(light):
     return shade(light, OURS, lambda x, y, z: (x, y, z))
 
 
-def kanamori(light):
-    names = ["1", "x", "y", "z", "xy", "yz", "xz", "3z2-1", "x2-y2"]
-    return shade(light[:, ::-1], names, lambda x, y, z: (x, y, z))  # columns B, G, R
+def kanamori(light):  # columns B, G, R
+    return shade(light[:, ::-1], "1 x y z xy yz xz 3z2-1 x2-y2".split(), lambda x, y, z: (x, y, z))
 
 
 def dpr(light):
