@@ -42,12 +42,8 @@ def paint_picture(recipe, mesh, settings) -> Picture:
     linear = maps.albedo * shading + 0.1 * ~maps.mask[..., None]
     window = crop_window(maps.mask, recipe.cut)
     relit = [to_bytes(encode(maps.albedo * np.maximum(maps.transport @ project(one, 2), 0)))[window] for one in new]
-
-    def expose(gain):
-        return to_bytes(encode(linear * gain))[window]
-
     maps = crop_maps(maps, window)
-    shots = variants(expose, to_bytes(maps.coverage), settings.side)
+    shots = variants(lambda gain: to_bytes(encode(linear * gain))[window], to_bytes(maps.coverage), settings.side)
     shots = {name: shot for name, shot in shots.items() if recipe.varied or not name}
     truth = on_square(maps, shading[window], coefficients, shots[""].square)
     return Picture(shots, light, new, maps, np.stack(relit), truth)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from samples import ssim_in_the_box
@@ -19,13 +21,9 @@ def two():
     rng = np.random.default_rng(1)
     row, column = np.mgrid[:SIDE, :SIDE]
     mask = np.hypot(row - 12, 1.5 * (column - 11)) < 10
-
-    def one():
-        channels = {"albedo": 3, "transport": 9, "shading": 3}
-        maps = {name: rng.uniform(0, 1, (SIDE, SIDE, n)) for name, n in channels.items()}
-        return Intrinsics(mask, **maps, light=rng.normal(size=(9, 3)))
-
-    return one(), one()
+    channels = {"albedo": 3, "transport": 9, "shading": 3}
+    maps = [{name: rng.uniform(0, 1, (SIDE, SIDE, n)) for name, n in channels.items()} for _ in range(2)]
+    return tuple(Intrinsics(mask, **each, light=rng.normal(size=(9, 3))) for each in maps)
 
 
 def rmse(first, second, inside):
@@ -49,10 +47,6 @@ def test_errors_agree_with_scikit_image(two):
     assert np.isclose(found["light"], norm) and found["light_factor"] <= found["light"]
 
 
-def turned(seen: Intrinsics, **changes) -> Intrinsics:
-    return Intrinsics(**{**vars(seen), **changes})
-
-
 def mirrored(seen: Intrinsics) -> Intrinsics:
     maps = {name: getattr(seen, name)[:, ::-1] for name in ("mask", "albedo", "shading")}
     return Intrinsics(**maps, transport=seen.transport[:, ::-1] * MIRROR, light=seen.light * MIRROR[:, None])
@@ -61,8 +55,8 @@ def mirrored(seen: Intrinsics) -> Intrinsics:
 def test_invariances_of_an_ideal_method(two):
     usual = two[0]
     seen = dict.fromkeys(SHOTS, usual) | {"mirror": mirrored(usual)}
-    seen["dark"] = turned(usual, shading=usual.shading / 2)
-    seen["warm"] = turned(usual, shading=usual.shading * [1.2, 1, 1 / 1.2])
+    seen["dark"] = replace(usual, shading=usual.shading / 2)
+    seen["warm"] = replace(usual, shading=usual.shading * [1.2, 1, 1 / 1.2])
     found = invariances(seen)
     assert set(found) == set(INVARIANCES)
     ideal = {name: {"dark_albedo": 1.0, "dark_shading": 0.5, "tint": 1.0}.get(name, 0.0) for name in INVARIANCES}
@@ -73,7 +67,7 @@ def test_invariances_of_an_ideal_method(two):
 @pytest.mark.parametrize("black", ["", "knee", "warm", "plain", "mirror", "all", "but the picture"])
 def test_a_black_answer_counts(two, black):
     """A black light is as far from any other as that is from black, and black shading has no tint."""
-    dark = turned(two[0], light=np.zeros((9, 3)), shading=np.zeros_like(two[0].shading))
+    dark = replace(two[0], light=np.zeros((9, 3)), shading=np.zeros_like(two[0].shading))
     chosen = {"all": set(SHOTS), "but the picture": {*SHOTS} - {""}}.get(black, {black})
     found = invariances({name: dark if name in chosen else two[0] for name in SHOTS})
     assert set(found) == set(INVARIANCES) and np.isfinite([*found.values()]).all()
@@ -91,12 +85,12 @@ def test_invariances_depend_on_their_own_variant(two):
         ("down_4", 0.5, "shift_4"), ("right_8", 0.5, "shift_8"), ("larger", 1, "larger"), ("smaller", 1, "smaller"),
         ("fatter", 1, "fatter"), ("thinner", 1, "thinner"), ("knee", 1, "knee"), ("waist", 1, "waist"),
     ):  # fmt: skip
-        found = invariances(still | {variant: turned(usual, light=other.light)})
+        found = invariances(still | {variant: replace(usual, light=other.light)})
         assert np.isclose(found[row], share * moves)
         assert all(np.isclose(v, 0) for k, v in found.items() if k != row and k not in ("dark_albedo", "dark_shading"))
 
 
-def test_leaks_of_known_edges():
+def test_leaks_of_known_edges_and_of_flat_maps():
     """Albedo's edges copied by half into the shading, and every second row brighter."""
     rng = np.random.default_rng(3)
     size = 64
@@ -110,9 +104,6 @@ def test_leaks_of_known_edges():
     shading = np.exp(np.add.outer(np.cumsum(steps), 0.2 * np.arange(size)) - 12)[..., None].repeat(3, 2) + 0.02
     striped = leaks(Intrinsics(mask, albedo=edges, shading=np.maximum(shading, 0.02)))
     assert np.isclose(striped["stripes"], 0.5, atol=0.05)  # (.3 - .1) / .2 down, 0 across
-
-
-def test_leaks_of_flat_maps():
     flat = np.full((32, 32, 3), 0.5)
     assert leaks(Intrinsics(np.ones((32, 32), bool), albedo=flat, shading=flat)) == dict.fromkeys(LEAKS, 0.0)
     for rows in (0, 2 * MARGIN + 1):  # nothing is left, or a line, which has no neighbours above
@@ -123,11 +114,7 @@ def test_variants_of_a_picture():
     y, x = np.mgrid[:96, :80]
     mask = ((np.abs(x - 30) < 14) & (np.abs(y - 50) < 40)).astype(np.uint8) * 255
     linear = np.stack([x / 200, y / 200, (x + y) / 400], -1)
-
-    def expose(gain):
-        return to_bytes(encode(linear * gain))
-
-    shots = variants(expose, mask, SIDE)
+    shots = variants(lambda gain: to_bytes(encode(linear * gain)), mask, SIDE)
     usual = shots[""]
     assert usual.square == crop_around(mask, SIDE)
     pixel = usual.square.side / SIDE

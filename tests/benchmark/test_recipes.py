@@ -18,10 +18,6 @@ from relight.transport.tracer import sky_directions, sky_weights
 from relight.transport.view import View
 
 
-def test_draw_recipes_of_the_published_sets():
-    assert {kind: digest(draw_recipes(kind)) for kind in HASHES} == HASHES
-
-
 def test_draw_recipes_of_real_lights():
     """A photograph and its four new lights are five panoramas, and each of the eighteen is used about as often."""
     made = draw_recipes("real")
@@ -32,13 +28,6 @@ def test_draw_recipes_of_real_lights():
     assert len(counts) == len(NAMES) == 18 and counts.min() > 20 and counts.max() < 55
     generated = draw_recipe(made[0].seed, 1)
     assert replace(made[0], light=generated.light, new=generated.new) == generated
-
-
-def test_make_of_real_lights_needs_the_panoramas(monkeypatch, tmp_path, settings):
-    monkeypatch.setenv("RELIGHT_DATA", str(tmp_path))
-    monkeypatch.setattr(make, "import_mitsuba", lambda: None)
-    with pytest.raises(UserError, match="not set up: run once `relight light setup`"):
-        make.make(tmp_path / "set", "real", 1, settings)
 
 
 def test_panorama_of_a_real_place_keeps_the_power_of_its_sun(monkeypatch, tmp_path):
@@ -54,13 +43,17 @@ def test_panorama_of_a_real_place_keeps_the_power_of_its_sun(monkeypatch, tmp_pa
         assert np.linalg.norm(found[1:4]) / found[0] == pytest.approx(np.linalg.norm(light[1:4]) / light[0], rel=0.03)
 
 
-def test_make_refuses_changed_recipes(monkeypatch, painter, tmp_path, settings):
+def test_make_refuses_changed_recipes_and_needs_the_panoramas_of_real_lights(monkeypatch, painter, tmp_path, settings):
+    monkeypatch.setenv("RELIGHT_DATA", str(tmp_path))
+    with pytest.raises(UserError, match="not set up: run once `relight light setup`"):
+        make.make(tmp_path / "set", "real", 1, settings)
     monkeypatch.setattr(recipes_module, "TINT", 0.16)
     with pytest.raises(RuntimeError, match="those of a published set must not"):
         make.make(tmp_path, "report", None, settings)
 
 
-def test_draw_recipes_refuses_names_and_counts():
+def test_draw_recipes_gives_the_published_sets_and_refuses_other_names_and_counts():
+    assert {kind: digest(draw_recipes(kind)) for kind in HASHES} == HASHES
     with pytest.raises(UserError, match="--set best: must be report or choose or real"):
         draw_recipes("best")
     with pytest.raises(UserError, match="--count 0"):
