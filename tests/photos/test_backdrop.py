@@ -22,7 +22,6 @@ def smooth(shape, seed=0):
 @pytest.mark.parametrize("layout", SHAPES)
 @pytest.mark.parametrize("orientation", [{"yaw": 35.0, "flip": True}, {"yaw": -495.0, "front": "+z"}])
 def test_lookup_is_the_inverse_of_projection(layout, orientation):
-    """Integrating what `lookup` sees over the sphere gives the light that `project` computes from the pixels."""
     panorama = Panorama(smooth(SHAPES[layout]), layout=layout, **orientation)
     directions, weights = sphere_quadrature(120)
     light, expected = basis(directions, 2).T @ (weights[:, None] * lookup(panorama, directions)), project(panorama, 2)

@@ -74,12 +74,6 @@ def test_fit_edge_keeps_what_is_neither_color():
     assert fitted[79, 128:140].min() > 200 and fitted[79, 141:150].max() < 60
 
 
-def soft_hair(inward):
-    mask = masks(inward)["binary"]
-    mask[:80] = soft(inward)[:80]
-    return mask
-
-
 def coded(mask, coder, quality):
     file = io.BytesIO()
     Image.fromarray(mask).save(file, coder, quality=quality)
@@ -88,7 +82,8 @@ def coded(mask, coder, quality):
 
 @pytest.mark.parametrize(
     "draw",
-    [soft, lambda inward: soft(inward + 2), lambda inward: soft(inward / 9), soft_hair,
+    [soft, lambda inward: soft(inward + 2), lambda inward: soft(inward / 9),
+     lambda inward: np.vstack([soft(inward)[:80], masks(inward)["binary"][80:]]),
      lambda inward: np.rint(0.6 * soft(inward)).astype(np.uint8), lambda inward: coded(soft(inward), "JPEG", 75)],
     ids=["matte", "too large", "wide", "soft hair", "half transparent", "coded"],
 )  # fmt: skip

@@ -14,13 +14,9 @@ def averaged(image):
     return image.reshape(SIDE, SCALE, SIDE, SCALE, -1).mean((1, 3))
 
 
-def placed(maps):
-    return WHOLE.place(maps)
-
-
 def upsampled(maps, guide, photo, **options):
     fit = fit_map(maps, Guide(guide, np.ones((SIDE, SIDE), bool)), **options)
-    return fit.place(WHOLE, photo - placed(guide), WHOLE.window)
+    return fit.place(WHOLE, photo - WHOLE.place(guide), WHOLE.window)
 
 
 def test_an_edge_of_the_photo_becomes_the_maps_edge():
@@ -29,7 +25,7 @@ def test_an_edge_of_the_photo_becomes_the_maps_edge():
     arm = (np.arange(LARGE)[None] < edge[:, None])[..., None]
     photo, gain = np.where(arm, 0.7, 0.3), np.where(arm, 2.0, 0.5)
     found = upsampled(averaged(gain), averaged(photo), photo)
-    off = [np.abs(each - gain).mean() for each in (found, placed(averaged(gain)))]
+    off = [np.abs(each - gain).mean() for each in (found, WHOLE.place(averaged(gain)))]
     assert off[0] < 0.4 * off[1]
     assert found.min() > 0.35 and found.max() < 2.15  # no halo beyond what both sides have
 
@@ -41,14 +37,14 @@ def test_albedo_gains_the_photos_detail():
     photo = 0.8 * albedo
     coarse = square_root(averaged(albedo))
     found = upsampled(coarse, square_root(averaged(photo)), square_root(photo), textured=True)
-    assert np.abs(found**2 - albedo).mean() < 0.35 * np.abs(placed(coarse) ** 2 - albedo).mean()
+    assert np.abs(found**2 - albedo).mean() < 0.35 * np.abs(WHOLE.place(coarse) ** 2 - albedo).mean()
 
 
 def test_what_the_photo_does_not_show_stays_as_the_network_said():
     rng = np.random.default_rng(1)
     maps = rng.random((SIDE, SIDE, 4))
     flat = np.full((SIDE, SIDE, 1), 0.4)
-    assert np.abs(upsampled(maps, flat, np.full((LARGE, LARGE, 1), 0.4)) - placed(maps)).max() < 0.25
+    assert np.abs(upsampled(maps, flat, np.full((LARGE, LARGE, 1), 0.4)) - WHOLE.place(maps)).max() < 0.25
     same = Crop(0.0, 0.0, float(SIDE), (0, SIDE), (0, SIDE), SIDE)
     guide = rng.random((SIDE, SIDE, 1))
     fit = fit_map(maps, Guide(guide, np.ones((SIDE, SIDE), bool)))

@@ -21,8 +21,7 @@ from relight.pictures.picture import Picture
 from relight.pictures.profile import _curve, to_srgb
 
 RNG = np.random.default_rng(0)
-RGB = RNG.integers(0, 256, (40, 30, 3)).astype(np.uint8)
-DEEP = RNG.integers(0, 65536, (40, 30, 3)).astype(np.uint16)
+RGB, DEEP = (RNG.integers(0, top, (40, 30, 3)).astype(kind) for top, kind in ((256, np.uint8), (65536, np.uint16)))
 SMOOTH = np.stack(np.broadcast_arrays(np.arange(30) * 8, np.arange(40)[:, None] * 6, 99), -1).astype(np.uint8)
 SRGB = np.array([[0.4361, 0.3851, 0.1431], [0.2225, 0.7169, 0.0606], [0.0139, 0.0971, 0.7141]])  # to XYZ with D50
 P3 = np.array([[0.5151, 0.2920, 0.1571], [0.2412, 0.6922, 0.0666], [-0.0011, 0.0419, 0.7841]])
@@ -77,10 +76,6 @@ def gama(gamma):
     return b"gAMA", struct.pack(">I", round(gamma * 100000))
 
 
-def chrm(*xy):
-    return b"cHRM", struct.pack(">8I", *(round(value * 100000) for value in xy))
-
-
 def cicp(primaries, transfer):
     return b"cICP", bytes([primaries, transfer, 0, 1])
 
@@ -91,11 +86,12 @@ def camera(space, mark):
     return b"eXIf", exif.tobytes().removeprefix(b"Exif\0\0")
 
 
-LINEAR_SRGB = profile("built-in Linear sRGB", SRGB, LINEAR)
-DISPLAY_P3 = profile("Display P3", P3, CURVE)
+LINEAR_SRGB, DISPLAY_P3 = profile("built-in Linear sRGB", SRGB, LINEAR), profile("Display P3", P3, CURVE)
 REC2020 = np.array([[0.6735, 0.1656, 0.1251], [0.2790, 0.6753, 0.0456], [-0.0019, 0.0300, 0.7968]])
-REC709 = (0.3127, 0.3290, 0.64, 0.33, 0.30, 0.60, 0.15, 0.06)
-XY_P3 = (0.3127, 0.3290, 0.680, 0.320, 0.265, 0.690, 0.150, 0.060)
+XY_709, XY_P3 = (
+    (b"cHRM", struct.pack(">8I", 31270, 32900, *xy))
+    for xy in ((64000, 33000, 30000, 60000, 15000, 6000), (68000, 32000, 26500, 69000, 15000, 6000))
+)
 CODED, LEFT_OUT, GIVEN = "that its file codes", "it was left out", "gamma that the file gives"
 # chunks of a PNG, the codes in [0,1] that a picture of codes in [0,1] becomes, and what a note says
 PNGS = {
@@ -116,9 +112,9 @@ PNGS = {
     "PNG's gamma of 1": ([gama(1)], lambda c: encode(c), GIVEN),
     "gamma of old Macintoshes": ([gama(0.55556)], lambda c: encode(c**1.8), GIVEN),
     "gamma of sRGB": ([gama(0.45455)], lambda c: c, ""),
-    "gamma of sRGB with its primaries": ([gama(0.45455), chrm(*REC709)], lambda c: c, ""),
+    "gamma of sRGB with its primaries": ([gama(0.45455), XY_709], lambda c: c, ""),
     "gamma of 1, but sRGB": ([gama(1), (b"sRGB", b"\0")], lambda c: c, ""),
-    "gamma of 1, primaries of P3": ([gama(1), chrm(*XY_P3)], lambda c: converted(c, P3, lambda x: x), GIVEN),
+    "gamma of 1, primaries of P3": ([gama(1), XY_P3], lambda c: converted(c, P3, lambda x: x), GIVEN),
     "codes of sRGB before gamma": ([cicp(1, 13), gama(1)], lambda c: c, ""),
     "codes of sRGB before a profile": ([icc(DISPLAY_P3), cicp(1, 13)], lambda c: c, ""),  # unlike AVIF and HEIC
     "codes of BT.709": ([cicp(1, 1), gama(1)], lambda c: c, ""),
@@ -365,12 +361,6 @@ def test_read_photo_of_several_pictures(tmp_path, name):
         assert photo.pixels.shape == found.shape and np.abs(photo.pixels.astype(int) - found).mean() < 3
 
 
-def rgba(pixels):
-    alpha = np.full((*pixels.shape[:2], 1), 65535, np.uint16)
-    alpha[:20] = 1000
-    return np.concatenate([pixels, alpha], axis=-1)
-
-
 TIFFS = [{}, {"compression": "zlib", "predictor": True}, {"tile": (16, 16)}, {"planarconfig": "separate"}]
 
 
@@ -425,11 +415,13 @@ def test_a_png_may_have_one_color_that_is_transparent(tmp_path, values):
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".PNG", ".Tif", ".exr"])
 @pytest.mark.parametrize("has_alpha", [False, True])
 def test_write_picture_of_16_bits_and_of_openexr_is_read_back(tmp_path, suffix, has_alpha):
-    values, alpha = (DEEP, rgba(DEEP)[..., 3:]) if suffix != ".exr" else (SCENE, SCENE[..., :1] / 5 + np.float32(0.1))
-    values = np.concatenate([values, alpha], -1) if has_alpha else values
+    alpha = np.linspace(0.1, 1, 1200, dtype=np.float32).reshape(40, 30)
+    values, alpha = (SCENE, alpha) if suffix == ".exr" else (DEEP, (65535 * alpha).astype(np.uint16))
+    values = np.dstack([values, alpha]) if has_alpha else values
     write_picture(tmp_path / f"a{suffix}", values)
     photo = Picture.of(tmp_path / f"a{suffix}")
     np.testing.assert_allclose(photo.rgba, values, rtol=1e-5 if suffix == ".exr" and has_alpha else 0)
+    np.testing.assert_array_equal(photo.rgba[..., 3:], values[..., 3:])
     assert photo.suffix == suffix.lower() and (photo.alpha is None) != has_alpha
     if suffix == ".tif":
         np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), values)
@@ -486,19 +478,15 @@ def test_read_photo_of_openexr_divides_by_alpha_without_nan_and_converts_primari
 @pytest.mark.parametrize("name", "a.png a.jpg alpha.png deep.png deep.tif color.png turned.jpg a.exr".split())
 def test_read_photo_of_grey_pictures(tmp_path, name):
     grey = np.round(255 * SCENE[..., 0] / SCENE.max()).astype(np.uint8)
-    path, deep = tmp_path / name, grey.astype(np.uint16) * 257
+    path, deep, color = tmp_path / name, grey.astype(np.uint16) * 257, np.dstack([grey] * 3)
+    alpha = np.dstack([grey, np.arange(grey.size).reshape(grey.shape).astype(np.uint8)])
     if name == "a.exr":
         OpenEXR.File({}, {"Y": np.ascontiguousarray(SCENE[..., 0])}).write(str(path))
-    elif name.startswith("deep"):
-        Image.fromarray(deep).save(path)
-    elif name == "alpha.png":
-        Image.fromarray(np.dstack([grey, np.arange(grey.size, dtype=np.uint8).reshape(grey.shape)])).save(path)
-    elif name == "color.png":
-        Image.fromarray(grey).convert("RGB").save(path)
     else:
+        stored = {"alpha.png": alpha, "color.png": color, "deep.png": deep, "deep.tif": deep}.get(name, grey)
         exif = Image.Exif()
         exif[ExifTags.Base.Orientation] = 6 if name == "turned.jpg" else 1
-        Image.fromarray(grey).save(path, exif=exif, **({"quality": 100} if name.endswith("jpg") else {}))
+        Image.fromarray(stored).save(path, exif=exif, **({"quality": 100} if name.endswith("jpg") else {}))
     photo = Picture.of(path)
     expected = {"a.exr": SCENE[..., 0], "turned.jpg": np.rot90(grey, -1)}.get(name, deep if "deep" in name else grey)
     atol = 3 if name.endswith("jpg") else 0
@@ -517,37 +505,24 @@ def test_read_photo_of_fewer_bits_in_16_says_so(tmp_path, suffix, bits, says):
     assert says in " ".join(photo.notes) and bool(says) == bool(photo.notes)
 
 
-KINDS = {
-    "a.png": (lambda path, pixels: write_picture(path, np.round(pixels * 65535).astype(np.uint16)), np.uint16),
-    "a.tif": (lambda path, pixels: write_picture(path, np.round(pixels * 65535).astype(np.uint16)), np.uint16),
-    "a.exr": (lambda path, pixels: exr(path, decode(pixels).astype(np.float32)), np.float32),
-}
-
-
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".exr"])
 @pytest.mark.slow
-def test_photo_command_writes_in_kind(tmp_path, run, weights, draw, name):
+def test_photo_command_writes_in_kind(tmp_path, run, weights, draw, suffix):
     """Relit as the 8-bit picture is, but finer: more codes than 8 bits have, each within half a step and rounding."""
     codes, mask = draw()
-    Image.fromarray(codes).save(tmp_path / "eight.png")
-    for mask_name in ("eight_mask.png", "a_mask.png"):
-        Image.fromarray(mask).save(tmp_path / mask_name)
-    make, type = KINDS[name]
-    make(tmp_path / name, codes / 255)
-    light = ("--weights", weights, "--light", "key:#ffffff@60,20", "--stops", "-1", "--maps")
-    for source in ("eight.png", name):
-        says = run("photo", tmp_path / source, "--out", tmp_path / source[:-4], *light)
-    suffix = name[-4:]
-    assert f"relit{suffix}" in says
-    found = Picture.of(tmp_path / "a" / f"relit{suffix}")
-    eight = Picture.of(tmp_path / "eight" / "relit.png")
-    assert found.pixels.dtype == type
+    values = decode(codes / 255).astype(np.float32) if suffix == ".exr" else codes.astype(np.uint16) * 257
+    for name, pixels in (("eight.png", codes), (f"a{suffix}", values)):
+        write_picture(tmp_path / name, pixels)
+        Image.fromarray(mask).save(tmp_path / f"{name[:-4]}_mask.png")
+        options = ("--light", "key:#ffffff@60,20", "--stops", "-1", "--maps", "--weights", weights)
+        says = run("photo", tmp_path / name, "--out", tmp_path / name[:-4], *options)
+    found, eight = Picture.of(tmp_path / "a" / f"relit{suffix}"), Picture.of(tmp_path / "eight" / "relit.png")
+    assert f"relit{suffix}" in says and found.pixels.dtype == values.dtype
     assert np.abs(found.codes.astype(int) - eight.pixels).max() <= 1
     assert len(np.unique(found.pixels[mask == 255])) > 300
     outside = np.asarray(Image.open(tmp_path / "a" / "albedo.png"))[..., 3] == 0
     assert outside.mean() > 0.3
-    want = {np.uint16: codes.astype(np.uint16) * 257, np.float32: decode(codes / 255).astype(np.float32)}[type]
-    np.testing.assert_array_equal(found.pixels[outside], want[outside])
+    np.testing.assert_array_equal(found.pixels[outside], values[outside])
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".exr"])
@@ -640,9 +615,8 @@ LABELS = {
 @pytest.mark.parametrize("name", ["m.exr", "M.EXR"])
 @pytest.mark.parametrize("alpha", [False, True])
 def test_read_mask_of_openexr(tmp_path, name, alpha):
-    soft = SOFT[..., None] / np.float32(255)
-    values = np.concatenate([soft / 2, soft / 2, soft / 2, soft], -1) if alpha else np.repeat(soft, 3, -1)
-    write_picture(tmp_path / name, values)
+    soft = SOFT / np.float32(255)
+    write_picture(tmp_path / name, np.dstack([soft / 2, soft / 2, soft / 2, soft] if alpha else [soft] * 3))
     mask, notes = read_mask(tmp_path / name, (40, 30))
     assert not notes
     np.testing.assert_array_equal(mask, SOFT)

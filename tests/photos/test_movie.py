@@ -21,18 +21,17 @@ from relight.photos.write import write_picture
 from relight.pictures.picture import Picture
 from relight.pictures.video import is_video, read_frames, write_video
 
-COLORS = [(200, 60, 40), (40, 180, 60), (60, 80, 220), (128, 128, 128), (250, 250, 250)]
-
 
 @pytest.mark.parametrize("suffix", [".mp4", ".webm", ".gif"])
 def test_written_and_read_back(suffix, tmp_path):
     path = tmp_path / f"a{suffix}"
-    frames = [np.full((49, 65, 3), c, np.uint8) for c in COLORS]  # odd sizes
+    colors = [(200, 60, 40), (40, 180, 60), (60, 80, 220), (128, 128, 128), (250, 250, 250)]
+    frames = [np.full((49, 65, 3), c, np.uint8) for c in colors]  # odd sizes
     write_video(path, frames, fps=20)
     stream, _, fps = read_frames(path)
     back = [photo.pixels for photo in stream]
-    assert len(back) == len(COLORS) and fps == pytest.approx(20)
-    for color, image in zip(COLORS, back):
+    assert len(back) == len(colors) and fps == pytest.approx(20)
+    for color, image in zip(colors, back):
         assert np.abs(image.reshape(-1, 3).mean(0) - color).max() < 6, (suffix, color)
         assert image.shape[0] in (49, 50) and image.shape[1] in (65, 66)
 
@@ -193,7 +192,6 @@ def test_frames_without_a_person_stay_and_a_clip_tells_what_a_photo_does(run, we
 
 @pytest.mark.slow
 def test_movie_of_a_clip(run, weights, tmp_path, draw):
-    """A folder of frames with a folder of masks, or with masks beside them; too few masks are said."""
     pixels, mask = draw(64, 48)
     frames, masks = (
         saved(tmp_path / name, (np.roll(each, i, 1) for i in range(5)))
@@ -240,7 +238,6 @@ def test_frames_and_masks_are_paired_by_name_and_by_number(tmp_path):
 
 @pytest.mark.parametrize("masks", ["masks.mp4", "masks"])
 def test_masks_of_a_clip_are_fitted_where_they_have_two_values(masks, tmp_path):
-    """A video or a folder of them, two pixels too large; a soft mask in a folder stays as it is."""
     y, x = np.mgrid[:96, :96]
     inward = 30 - np.hypot(x - 48, y - 48)
     alpha = np.clip(inward + 0.5, 0, 1)

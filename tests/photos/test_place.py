@@ -85,11 +85,9 @@ def test_light_command_of_a_photo(run, street):
     for name in ("a@7.png", "a@7.png@-60,40", "street.png + key:red@9"):
         assert f"place:{name}, convention" in run("light", name)
     np.testing.assert_allclose(load_light("a.json").coefficients, place_light(street))
-    run("light", "--order", 2, "street.png@-60,40", "-o", "b.json")
-    stated = place_light(street, direction(-60, 40, ""))
-    np.testing.assert_allclose(load_light("b.json").coefficients, stated)
-    run("light", "place:street.png@-60,40", "--yaw", 0, "-o", "b.json")
-    np.testing.assert_allclose(load_light("b.json").coefficients, stated)
+    for words in (["--order", 2, "street.png@-60,40"], ["place:street.png@-60,40", "--yaw", 0]):
+        run("light", *words, "-o", "b.json")
+        np.testing.assert_allclose(load_light("b.json").coefficients, place_light(street, direction(-60, 40, "")))
     run("light", "place:street.png", "-o", "ball.png")
     assert Image.open("ball.png").size
     assert "place:street.png" in named_lights(["place:street.png"])

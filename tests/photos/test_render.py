@@ -74,7 +74,6 @@ def test_several_people_each_by_their_own_light(relighter, draw):
 
 
 def test_known_ball_is_relit_right():
-    """The photo of a known ball under a new light equals the picture rendered under it, in both modes."""
     pixels, figure, mask = ball()
     expected = figure.albedo * shade(figure.transport, OTHER)
     floor = shading_floor(figure.shading, mask)
@@ -141,9 +140,8 @@ def test_the_brightest_turn_is_that_of_all_turns():
     for count in (9, 16, 4):
         transport, light = rng.normal(size=count), rng.normal(size=(count, 3))
         grey = light @ [0.2126, 0.7152, 0.0722]
-        turns = [
-            transport @ rotate_y(grey[:, None], 2 * np.pi * k / shading.ANGLES)[:, 0] for k in range(shading.ANGLES)
-        ]
+        angles = 2 * np.pi * np.arange(shading.ANGLES) / shading.ANGLES
+        turns = [transport @ rotate_y(grey[:, None], angle)[:, 0] for angle in angles]
         assert shading.max_luminance(transport, light) == pytest.approx(max(turns), rel=1e-3)
 
 
@@ -255,20 +253,16 @@ def test_parts_do_not_show(relighter, monkeypatch, draw):
     assert np.abs(render(*given).astype(int) - whole).max() <= 1
 
 
-def blocks(path):
-    pixels = np.random.default_rng(0).integers(0, 256, (90, 70, 3)).astype(np.uint8)
-    Image.fromarray(pixels).resize((140, 180), 0).save(path)
-    return str(path)
-
-
 @pytest.mark.slow
 def test_backgrounds(relighter, tmp_path, draw):
     pixels, mask = draw()
     figures = relighter.infer(pixels, mask)
     mask = figures[0].coverage
+    blocks = np.random.default_rng(0).integers(0, 256, (90, 70, 3)).astype(np.uint8)
+    Image.fromarray(blocks).resize((140, 180), 0).save(tmp_path / "b.png")
     keep, green, behind, clear = (
         render(pixels, figures, OTHER, "ratio", replace(read_background(name), shadow=False))
-        for name in ("keep", "#10c81e", blocks(tmp_path / "b.png"), "transparent")
+        for name in ("keep", "#10c81e", str(tmp_path / "b.png"), "transparent")
     )
     away, picture = mask == 0, np.asarray(Image.open(tmp_path / "b.png"))
     assert np.array_equal(keep[away], pixels[away]) and (keep[mask == 255] != pixels[mask == 255]).any()
@@ -284,7 +278,6 @@ def test_backgrounds(relighter, tmp_path, draw):
 
 @pytest.mark.slow
 def test_paper_networks_see_coded_values(relighter, weights, draw):
-    """A network trained with color=paper gets the 8-bit values as they are."""
     pixels, mask = draw()
     networks = (replace(relighter.network, config={"train": {"color": color}}) for color in ("paper", "photo"))
     paper, photo = (infer_person(network, pixels, mask) for network in networks)

@@ -8,7 +8,6 @@ from pathlib import Path
 from PIL import Image
 
 WEB = Path(__file__).parents[2] / "relight/viewer/web"
-PROGRAM = ["-c", "import relight; relight.load().relight('me.png', light='room:7')"]
 
 
 def test_nothing_is_kept_to_be_sent(tmp_path):
@@ -19,6 +18,7 @@ def test_nothing_is_kept_to_be_sent(tmp_path):
     for variable in ("HOME", "XDG_CACHE_HOME", "XDG_DATA_HOME", "TMPDIR", "LOCALAPPDATA"):
         environment[variable] = str(tmp_path / variable)
         (tmp_path / variable).mkdir()
-    subprocess.run([sys.executable, *PROGRAM], env=environment, cwd=tmp_path, check=True, capture_output=True)
+    program = "import relight; relight.load().relight('me.png', light='room:7')"
+    subprocess.run([sys.executable, "-c", program], env=environment, cwd=tmp_path, check=True, capture_output=True)
     kept = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
     assert kept == {"me.png", "me_mask.png"}

@@ -36,11 +36,8 @@ def test_convert_of_every_operation(tflite):
     writer = tflite()
     first = writer.tensor(shape=[1, 9, 7, 3])
 
-    def held(values):
-        return writer.operation(DEQUANTIZE, [writer.tensor(values)])
-
     def weights(name):
-        return [held(w[name]), held(bias[name])]
+        return [writer.operation(DEQUANTIZE, [writer.tensor(each[name])]) for each in (w, bias)]
 
     swish = writer.operation(HARD_SWISH, [writer.operation(CONV, [first, *weights("conv")], window(0, 2))])
     relu = writer.operation(RELU, [writer.operation(DEPTHWISE, [swish, *weights("depth")], window(0, 2))])

@@ -10,13 +10,6 @@ HUES = [(1, 1, 1), (1, 0.62, 0.4), (1, 0.3, 0.2), (0.4, 0.6, 1), (0.5, 1, 0.4), 
 GAINS = [(0.5, 0.5, 0.5), (0.2, 0.2, 0.2), (2, 2, 2), (3, 1.5, 0.6), (0.3, 0.4, 1.6), (0.15, 0.15, 3), (3, 0.2, 0.2)]
 
 
-def exposures(hue):
-    """Codes (N,3) of a hue that grows through white, as a camera that clips stores it; each code once."""
-    light = np.linspace(0.05, 4, 20_001)[:, None] * np.array(hue) / max(hue)
-    codes = np.round(encode(light) * 255).astype(np.uint8)
-    return codes[np.r_[True, (np.diff(codes.astype(int), axis=0) != 0).any(1)]]
-
-
 def spread(color, like):
     return np.broadcast_to(np.asarray(color, np.float32), like.shape)
 
@@ -64,7 +57,9 @@ def test_hue_is_kept_and_stays_in_the_gamut():
 @pytest.mark.parametrize("hue", HUES)
 def test_no_edge_on_the_way_through_white(hue):
     """A code more in the photo is never a visible step more in the result, and never less of the largest channel."""
-    codes = exposures(hue)
+    light = np.linspace(0.05, 4, 20_001)[:, None] * np.array(hue) / max(hue)  # grows through white
+    codes = np.round(encode(light) * 255).astype(np.uint8)
+    codes = codes[np.r_[True, (np.diff(codes.astype(int), axis=0) != 0).any(1)]]  # each once
     linear = LINEAR[codes]
     near = (codes.max(1) >= 235)[1:]  # where codes are not far apart for being dark
     own = np.array(hue) / sum(hue)
