@@ -45,7 +45,7 @@ class Static(SimpleHTTPRequestHandler):
 def serving(folder):
     """A server of a folder."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Static, directory=folder))
-    server.asked = []
+    server.asked, server.url = [], f"http://127.0.0.1:{server.server_port}/"
     Thread(target=server.serve_forever, daemon=True).start()
     try:
         yield server

@@ -22,7 +22,6 @@ bpy = importlib.import_module("bpy") if importlib.util.find_spec("bpy") else Non
 
 
 def load(name: str, path: Path, **options):
-    """Imports a file as the module `name`."""
     spec = importlib.util.spec_from_file_location(name, path, **options)
     sys.modules[name] = module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -115,7 +114,6 @@ def rendered(scene, path: Path, samples: int) -> np.ndarray:
 
 
 def read_render(path: Path) -> np.ndarray:
-    """Returns a render (SIZE,SIZE,4) that Blender wrote."""
     values = np.empty(SIZE * SIZE * 4, np.float32)
     bpy.data.images.load(str(path)).pixels.foreach_get(values)
     return values.reshape(SIZE, SIZE, 4)[::-1]
@@ -310,7 +308,6 @@ def two_backgrounds(nodes, link, source):
 
 
 def turned_texture(nodes, link, source):
-    """The panorama, turned the other way round."""
     mapping = nodes["Mapping"]
     mapping.vector_type, mapping.inputs["Rotation"].default_value = "TEXTURE", (0.3, 0.2, 2)
 
@@ -349,7 +346,6 @@ def driven_by_the_scene(nodes, link, source):
 
 
 def of_the_view_layer(nodes, link, source):
-    """Another world, which only the view layer has."""
     other = bpy.context.scene.world.copy()
     other.node_tree.nodes["Mapping"].inputs["Rotation"].default_value = (0, 1, 3)
     bpy.context.view_layer.world_override = other

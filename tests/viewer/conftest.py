@@ -20,7 +20,6 @@ from relight.sh import basis
 
 @pytest.fixture(scope="session")
 def maps():
-    """A figure of 96 px: body and head, darker toward the neck."""
     return snowman(96, 0)
 
 

@@ -24,16 +24,14 @@ def test_page_is_one_file_that_asks_the_network_for_nothing(tmp_path, maps, ligh
     assert "<title>A &amp; B &lt;/script&gt;&lt;b&gt;</title>" in text
     assert text.count("</script>") == text.count("<script")
     assert not re.search(r"%(title|style|page|figures|fragment|script)%", text)
-    embedded = json.loads(re.search(r'class="figure"[^>]*>(.*?)</script>', text, re.S)[1])
-    assert embedded["title"] == "A & B </script><b>"
+    assert json.loads(re.search(r'class="figure"[^>]*>(.*?)</script>', text, re.S)[1])["title"] == "A & B </script><b>"
     assert list(tmp_path.iterdir()) == [tmp_path / "a.html"]
 
 
 @pytest.mark.parametrize("part", ["page/template.html", "studio/panel.html", "studio/stage.html"])
 def test_a_label_has_one_control(part):
     """HTML allows one; `output` is one, too. The page and what a site adds to it, as they are read by a browser."""
-    text = (Path(build.__file__).parent / "web" / part).read_text()
-    for label in re.findall(r"<label\b.*?</label>", text, re.S):
+    for label in re.findall(r"<label\b.*?</label>", (Path(build.__file__).parent / "web" / part).read_text(), re.S):
         assert len(re.findall(r"<(?:input|output|select|meter|progress|textarea|button)\b", label)) == 1, label
 
 

@@ -1,4 +1,5 @@
 import subprocess
+from pathlib import Path
 
 import pytest
 from samples import node
@@ -45,3 +46,10 @@ def test_pages_use_all_of_their_modules():
     for path in STUDIO.glob("*.js"):
         if path.name != "sw.js":
             assert (site + worker).count(f"const ${path.stem} = ") == 1, path.name
+
+
+def test_javascript_passes_its_own_tests():
+    tests = Path(__file__).parent / "web"
+    words = [node(), "--test", *map(str, sorted(tests.glob("*.test.js")))]
+    done = subprocess.run(words, cwd=tests, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]

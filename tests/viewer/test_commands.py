@@ -43,10 +43,9 @@ def test_view_writes_a_page_for_baked_maps(tmp_path, maps):
 
 
 def test_lights_are_brought_to_one_brightness(tmp_path):
-    lights = named_lights()
-    first = next(iter(lights.values()))
-    assert irradiance(first, np.array([0, 0, 1.0])).max() == pytest.approx(0.8)
-    means = [np.maximum(light[0], 0) for light in lights.values()]
+    lights = [*named_lights().values()]
+    assert irradiance(lights[0], np.array([0, 0, 1.0])).max() == pytest.approx(0.8)
+    means = [np.maximum(light[0], 0) for light in lights]
     brightness = [max(mean @ [0.2126, 0.7152, 0.0722], 0.6 * mean.max()) for mean in means]
     np.testing.assert_allclose(brightness, brightness[0])
     for names, expected in ((("#ffffff", "#ff0000"), (0.8, 0.8 / 0.6)), (("#ff0000", "#ffffff"), (0.8, 0.8 * 0.6))):

@@ -134,6 +134,7 @@ def test_a_figure_is_that_of_the_view_command(shape, centres):
     above = EXCESS_STEPS * clipping_excess(own[window], chroma(LINEAR[pixels], fitted > 0)[window])
     np.testing.assert_allclose(found["excess"].reshape(height, width, 4)[inside][:, :3], above[inside], atol=0.51)
     assert above.max() > 10
+    assert node("infer", "const main = (mask) => $infer.splitPeople(Uint8Array.from(mask), 90);", [0] * 90) == []
 
 
 @pytest.mark.parametrize("size, kind", [(150, "soft"), (150, "binary"), (640, "soft"), (150, "hair"), (150, "noisy")])
@@ -154,7 +155,8 @@ def test_fit_edge_is_that_of_python(size, kind):
         "noisy": np.abs(hard.astype(int) - np.random.default_rng(5).integers(0, 40, hard.shape)).astype(np.uint8),
     }[kind]
     expected = fit_edge(pixels, mask)
-    assert (expected != mask).any() == (kind in ("binary", "noisy"))
+    away = np.abs(expected.astype(int) - mask)
+    assert away.max() == 0 if kind in ("soft", "hair") else (away > 50).sum() >= 100 * (kind == "binary")
     image = [LINEAR[pixels[..., channel]].ravel().tolist() for channel in range(3)]
     program = """const main = ({ image, mask, width }) =>
     $edges.fitEdge(image.map((plane) => Float32Array.from(plane)), Uint8Array.from(mask), width);"""
@@ -162,11 +164,7 @@ def test_fit_edge_is_that_of_python(size, kind):
     assert np.abs(found.reshape(mask.shape).astype(int) - expected).max() <= 1
 
 
-def test_an_empty_mask_holds_nobody():
-    assert node("infer", "const main = (mask) => $infer.splitPeople(Uint8Array.from(mask), 90);", [0] * 90) == []
-
-
-def test_planes_come_back_from_the_codec_in_any_region():
+def test_planes_come_back_from_the_codec_in_any_region_smooth_ones_are_small_and_steep_ones_refused():
     cases, expected = [], []
     for seed in range(6):
         generator = np.random.default_rng(seed)
@@ -181,11 +179,7 @@ def test_planes_come_back_from_the_codec_in_any_region():
     $codec.decodePlanes(Uint8Array.from(data), Uint8Array.from(region), width, predictors));"""
     for found, planes in zip(node("codec", program, cases), expected, strict=True):
         np.testing.assert_array_equal(np.stack(found, -1).reshape(planes.shape), planes)
-
-
-def test_smooth_planes_shrink_and_too_large_steps_are_refused():
-    region = np.ones((64, 64), bool)
-    ramp = np.add.outer(3 * np.arange(64), np.arange(64))[..., None]
+    region, ramp = np.ones((64, 64), bool), np.add.outer(3 * np.arange(64), np.arange(64))[..., None]
     assert len(encode_planes(ramp, region)[0]) < 100  # of 4096 values
     with pytest.raises(ValueError, match="16 bits"):
         encode_planes(np.where(np.arange(64) % 2, 40000, -40000)[None, :, None] + 0 * ramp, region)

@@ -17,8 +17,7 @@ from relight.maps import Maps
 from relight.maps.square import Crop
 from relight.panoramas import Panorama, project
 from relight.photos.background import Background
-from relight.photos.person import Person as Inferred
-from relight.photos.person import balanced, with_light
+from relight.photos.person import Person, balanced, with_light
 from relight.photos.shading import exposure_factor, shade, steady
 from relight.photos.tone import display_shading, roll_off
 from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
@@ -155,12 +154,11 @@ def test_backgrounds_and_soft_edges_are_mixed_as_light(page, tmp_path, maps, lig
 def inferred(photo, coverage, maps, light):
     """The figure of `maps`, as it is inferred of a photo whose square is all of it."""
     square = Crop(0, 0, len(photo), (0, len(photo)), (0, len(photo)), len(photo))
-    return Inferred(square, coverage, maps.mask, LINEAR[photo], maps.albedo, maps.transport, light.astype(np.float32))
+    return Person(square, coverage, maps.mask, LINEAR[photo], maps.albedo, maps.transport, light.astype(np.float32))
 
 
 @pytest.mark.slow
 def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photograph):
-    """Against relight.photos.render, soft edges, extended maps, exposure and backgrounds included."""
     photo, own = photograph
     coverage = np.rint(255 * gaussian_filter(maps.mask.astype(np.float32), 1.5)).astype(np.uint8)
     soft = replace(maps, coverage=coverage / np.float32(255))
@@ -253,14 +251,10 @@ def test_a_panorama_is_seen_behind_the_figure(balls, maps, lights):
 
 
 def test_lamps_are_those_of_python_and_add_to_the_dimmed_room(balls, maps, lights):
-    lamps = [
-        {"azimuth": 45, "elevation": 30, "color": "#ffaa66", "strength": 1.5, "softness": 0},
-        {"azimuth": -120, "elevation": -10, "color": "#6699ff", "strength": 0.7, "softness": 0},
-    ]
+    names, room = ("azimuth", "elevation", "color", "strength", "softness"), lights["Window"]
+    lamps = [dict(zip(names, lamp)) for lamp in ((45, 30, "#ffaa66", 1.5, 0), (-120, -10, "#6699ff", 0.7, 0))]
     state = START | {"lamps": lamps, "room": 0.25, "yaw": 60}
-    room = lights["Window"]
-    mean = 0.886227 * float(room[0] @ [0.2126, 0.7152, 0.0722])
-    light = 0.25 * turned(room, 60, 0)
+    mean, light = 0.886227 * float(room[0] @ [0.2126, 0.7152, 0.0722]), 0.25 * turned(room, 60, 0)
     for lamp in lamps:
         own = key_light(lamp["color"][1:], lamp["azimuth"], lamp["elevation"], 0, 2)
         light = light + lamp["strength"] * mean * deringed(own)
@@ -291,12 +285,9 @@ def test_deringed_is_that_of_python(balls):
 
 
 def test_lamps_are_placed_by_mouse_and_keys(balls):
-    balls.run(f"relight.set({json.dumps(START)})")
-    balls.run("document.getElementById('add-lamp').click()")
-    lamp, stage = (
-        balls.run(f"document.querySelector('{name}').getBoundingClientRect().toJSON()")
-        for name in ("button.lamp", "#stage")
-    )
+    balls.run(f"relight.set({json.dumps(START)}), document.getElementById('add-lamp').click()")
+    boxes = "['button.lamp', '#stage'].map((name) => document.querySelector(name).getBoundingClientRect().toJSON())"
+    lamp, stage = balls.run(boxes)
     x, y, side = stage["width"] / 2, stage["height"] / 2, 0.46 * min(stage["width"], stage["height"]) / 2
     middle = lamp["x"] + lamp["width"] / 2, lamp["y"] + lamp["height"] / 2
     for kind, at in {"mousePressed": middle, "mouseMoved": (x + side, y), "mouseReleased": (0, 0)}.items():
@@ -400,23 +391,20 @@ def test_keyboard_mouse_and_touch_turn_the_light(page, html):
     page.open(html, 390, 844, 2, mobile=True)
     page.run(f"relight.set({json.dumps(START)})")
 
-    def state(name):
-        return page.run(f"relight.state.{name}")
-
     keys = {"ArrowRight": ("yaw", 5), "ArrowUp": ("tilt", 5), "]": ("light", 1), "3": ("view", "shading")}
     for key, (name, value) in keys.items():
         for kind in ("keyDown", "keyUp"):
             page.send("Input.dispatchKeyEvent", type=kind, key=key)
-        assert state(name) == value
+        assert page.run(f"relight.state.{name}") == value
     page.run(f"relight.set({json.dumps(START)})")
     for kind, x in [("touchStart", 150), ("touchMove", 190), ("touchMove", 250)]:
         page.send("Input.dispatchTouchEvent", type=kind, touchPoints=[{"x": x, "y": 200}])
     page.send("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
-    assert state("yaw") == pytest.approx(50) and state("tilt") == 0
+    assert page.run("[relight.state.yaw, relight.state.tilt]") == pytest.approx([50, 0])
     page.open(html)
     for kind, y in [("mousePressed", 300), ("mouseMoved", 260), ("mouseReleased", 260)]:
         page.send("Input.dispatchMouseEvent", type=kind, x=200, y=y, button="left", buttons=1, clickCount=1)
-    assert state("tilt") == pytest.approx(20) and state("yaw") == 0
+    assert page.run("[relight.state.yaw, relight.state.tilt]") == pytest.approx([0, 20])
 
 
 SAVED = """(button) => new Promise((done) => {
@@ -459,26 +447,20 @@ def test_a_figure_has_its_maps_from_each_source(page, tmp_path, maps, lights):
     build_viewer(tmp_path / "g.html", figures, lights)
     page.open(tmp_path / "g.html")
 
-    def pick(name: str, text: str) -> None:
-        page.call(
-            """async (name, text) => {
-              const list = document.getElementById(name);
-              list.value = [...list.options].find((option) => option.text === text).value;
-              list.dispatchEvent(new Event("change"));
-              while (!document.getElementById("loading").hidden) await new Promise(requestAnimationFrame);
-            }""",
-            name,
-            text,
-        )
-
+    pick = """async (name, text) => {
+      const list = document.getElementById(name);
+      list.value = [...list.options].find((option) => option.text === text).value;
+      list.dispatchEvent(new Event("change"));
+      while (!document.getElementById("loading").hidden) await new Promise(requestAnimationFrame);
+    }"""
     chosen = "['figure', 'source'].map((name) => document.getElementById(name).selectedOptions[0].text)"
     assert page.run("document.getElementById('figure').options.length") == 2 and page.run(chosen) == ["One", "truth"]
     bright, half = (codes(a * relit_shading(maps, lights["Window"])) for a in (maps.albedo, dark.albedo))
     assert farthest(page.pixels(**START), bright, maps.mask) <= 2
-    pick("source", "net")
+    page.call(pick, "source", "net")
     assert page.run(chosen) == ["One", "net"]
     assert farthest(page.pixels(**START), half, maps.mask) <= 2
-    pick("figure", "Two")
+    page.call(pick, "figure", "Two")
     assert page.run(chosen) == ["Two", "net"]
 
 
@@ -530,7 +512,6 @@ def opened_place(page, pixels, is_behind, alpha=255):
 
 @pytest.mark.slow
 def test_a_place_lights_the_figure_before_its_picture_as_in_python(page, photo_html, maps, photograph, street):
-    """Against relight.photos.render with the light and the background of `relight photo --background`."""
     page.open(photo_html)
     photo, own = photograph
     before = page.run("relight.state.background")

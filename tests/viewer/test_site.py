@@ -47,10 +47,6 @@ def server(site):
         yield server
 
 
-def address(server):
-    return f"http://127.0.0.1:{server.server_port}/"
-
-
 def until(page, expression, seconds=120):
     end = time.monotonic() + seconds
     while not page.run(expression):
@@ -76,8 +72,7 @@ def png(*layers):
     return encoded(Image.fromarray(np.dstack(layers)), "png")
 
 
-def photograph():
-    return photo_of_people(150, 110, (55,), 4)
+PIXELS, ALPHA = photo_of_people(150, 110, (55,), 4)
 
 
 def by_python(page, folder, exported, lights, *layers):
@@ -91,27 +86,30 @@ STATE = {"light": 0, "yaw": 40, "tilt": 0, "stops": 0, "background": "photo", "b
 
 
 def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, exported, lights, tmp_path):
-    pixels, alpha = photograph()
-    page.open(address(server))
+    page.open(server.url)
     page.run("relight.engine()")
     before = list(server.asked)
     assert {line.split()[1] for line in before} >= {"/", "/sw.js", "/network.onnx"}
-    opened(page, png(pixels, alpha))
+    opened(page, png(PIXELS, ALPHA))
     states = [STATE | {"mode": "full", "view": view} for view in ("albedo", "shading", "ao", "relit")]
     found = [page.pixels(**state) for state in states]
-    for url in (f"{address(server)}index.html?photo", "http://127.0.0.1:9/", "data:,x"):
+    for url in (f"{server.url}index.html?photo", "http://127.0.0.1:9/", "data:,x"):
         assert page.call("(url) => fetch(url).then(() => 'sent', () => 'refused')", url) == "refused"
     assert page.run(
         "new Promise((done) => { const image = new Image(); image.onload = () => done('sent'); "
         "image.onerror = () => done('refused'); image.src = 'index.html?photo'; })"
     ) == "refused"  # fmt: skip
     assert server.asked == before
-    by_python(page, tmp_path, exported, lights, pixels, alpha)
+    by_python(page, tmp_path, exported, lights, PIXELS, ALPHA)
     for state, mine in zip(states, found):
         assert np.abs(mine.astype(int) - page.pixels(**state)).max() <= 2, state["view"]
 
 
-def saved(page):
+def test_a_photo_is_saved_at_its_own_size(page, server, exported, lights, tmp_path):
+    pixels, alpha = (np.asarray(Image.fromarray(part).resize((300, 1200))) for part in (PIXELS, ALPHA))
+    page.open(server.url)
+    opened(page, png(pixels, alpha))
+    shown = page.pixels(**STATE | {"mode": "ratio"})
     text = page.run(
         """new Promise((done) => { const made = URL.createObjectURL;
         URL.createObjectURL = (blob) => {
@@ -119,15 +117,7 @@ def saved(page):
           reader.readAsDataURL(blob); URL.createObjectURL = made; return made(blob); };
         document.getElementById("save").click(); })"""
     )
-    return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))))
-
-
-def test_a_photo_is_saved_at_its_own_size(page, server, exported, lights, tmp_path):
-    pixels, alpha = (np.asarray(Image.fromarray(part).resize((300, 1200))) for part in photograph())
-    page.open(address(server))
-    opened(page, png(pixels, alpha))
-    shown = page.pixels(**STATE | {"mode": "ratio"})
-    mine = saved(page)
+    mine = np.asarray(Image.open(io.BytesIO(base64.b64decode(text))))
     assert shown.shape[:2] == (1024, 256) and mine.shape[:2] == (1200, 300)
     assert np.array_equal(page.pixels(), shown), "the page shows what it showed"
     by_python(page, tmp_path, exported, lights, pixels, alpha)
@@ -135,7 +125,7 @@ def test_a_photo_is_saved_at_its_own_size(page, server, exported, lights, tmp_pa
 
 
 def test_a_place_is_read_only_when_nothing_can_be_sent_any_more(page, server):
-    page.open(address(server))
+    page.open(server.url)
     sent, name = page.call(
         """async (text) => { const decode = window.createImageBitmap; let sent = "not read";
         window.createImageBitmap = async (...values) => {
@@ -144,13 +134,13 @@ def test_a_place_is_read_only_when_nothing_can_be_sent_any_more(page, server):
         };
         await relight.openPlace(new File([Uint8Array.from(atob(text), (c) => c.charCodeAt(0))], "street.png"), true);
         return [sent, relight.lights().at(-1).name]; }""",
-        base64.b64encode(png(photograph()[0])).decode(),
+        base64.b64encode(png(PIXELS)).decode(),
     )
     assert sent == "refused" and name == "street"
 
 
 def test_the_site_works_without_its_server(page, server):
-    page.open(address(server))
+    page.open(server.url)
     page.run("relight.engine()")
     until(
         page,
@@ -159,9 +149,9 @@ def test_the_site_works_without_its_server(page, server):
     )
     server.shutdown()
     server.server_close()
-    page.open(address(server))
+    page.open(server.url)
     page.run("relight.engine()")
-    opened(page, png(*photograph()), "offline.png")
+    opened(page, png(PIXELS, ALPHA), "offline.png")
 
 
 def released(site, folder, mark):
@@ -175,29 +165,26 @@ def released(site, folder, mark):
 
 def test_a_returning_visitor_gets_the_new_release_whatever_the_browser_kept(page, site, tmp_path):
     """Not the page of the browser's own cache; and no page runs with the network of another release."""
-    released(site, tmp_path / "live", "one ")
     with serving(tmp_path / "live") as server:
-        page.open(address(server))
-        page.run("relight.engine()")
-        until(page, "caches.keys().then((names) => names.some((name) => name.includes('one ')))")
-        released(site, tmp_path / "live", "two ")
-        page.open(address(server))
-        page.run("relight.engine()")
-        until(page, "caches.keys().then((names) => names.some((name) => name.includes('two ')))")
+        for mark in ("one ", "two "):
+            released(site, tmp_path / "live", mark)
+            page.open(server.url)
+            page.run("relight.engine()")
+            until(page, f"caches.keys().then((names) => names.some((name) => name.includes('{mark}')))")
         until(page, "caches.keys().then((names) => !names.some((name) => name.includes('one ')))")
-        page.open(address(server))
+        page.open(server.url)
         assert page.run("document.title").startswith("two ")
         network = (tmp_path / "live" / "network.onnx").read_bytes()
         (tmp_path / "live" / "network.onnx").write_bytes(network[:-1] + bytes([network[-1] ^ 1]))
         page.run("caches.keys().then((names) => Promise.all(names.map((name) => caches.delete(name))))")
-        page.open(address(server))
+        page.open(server.url)
         with pytest.raises(RuntimeError, match=r"network\.onnx is of another version than this page: reload the page"):
             page.run("relight.engine()")
 
 
 def test_a_mask_is_painted_where_there_is_none(page, server):
-    page.open(address(server), 900, 700)
-    opened(page, png(photograph()[0]), is_whole=False)
+    page.open(server.url, 900, 700)
+    opened(page, png(PIXELS), is_whole=False)
     until(page, "!document.getElementById('brush').hidden")
     box = page.run("document.getElementById('brush').getBoundingClientRect().toJSON()")
     left, top, width, height = (box[name] for name in ("left", "top", "width", "height"))
@@ -236,8 +223,8 @@ def press(page, *keys):
 
 
 def test_a_mask_is_painted_by_keys_and_not_lost_by_escape(page, server):
-    page.open(address(server), 900, 700)
-    opened(page, png(*photograph()))
+    page.open(server.url, 900, 700)
+    opened(page, png(PIXELS, ALPHA))
     figures = page.run("document.getElementById('figure').length")
     errors = [event for event in page.events if event.get("method") == "Runtime.exceptionThrown"]
     is_open = "!document.getElementById('brush').hidden"
@@ -272,7 +259,7 @@ def test_a_mask_is_painted_by_keys_and_not_lost_by_escape(page, server):
 
 
 def test_that_nobody_was_found_is_told_before_the_brush(page, server):
-    page.open(address(server))
+    page.open(server.url)
     page.run("relight.engine()")
     page.call(
         """async () => { const send = Worker.prototype.postMessage;
@@ -281,7 +268,7 @@ def test_that_nobody_was_found_is_told_before_the_brush(page, server):
         const { width, height } = task.values.photo; Worker.prototype.postMessage = send;
         this.onmessage({ data: { id: task.id, result: new Uint8Array(width * height) } }); }; }"""
     )
-    opened(page, png(photograph()[0]), is_whole=False)
+    opened(page, png(PIXELS), is_whole=False)
     until(page, "document.getElementById('brush-why').checkVisibility()")
     assert page.run("document.getElementById('brush-why').innerText") == "Nobody was found in this photo."
 
@@ -290,7 +277,7 @@ def test_a_browser_without_simd_is_told_before_anything_is_loaded(page, server):
     source = "WebAssembly.validate = () => false;"
     script = page.send("Page.addScriptToEvaluateOnNewDocument", source=source)["identifier"]
     try:
-        page.open(address(server))
+        page.open(server.url)
         with pytest.raises(RuntimeError, match="no WebAssembly with SIMD"):
             page.run("relight.engine()")
     finally:
@@ -299,7 +286,7 @@ def test_a_browser_without_simd_is_told_before_anything_is_loaded(page, server):
 
 
 def test_what_is_no_picture_is_told(page, server):
-    page.open(address(server))
+    page.open(server.url)
     opened(page, b"no picture", is_whole=False)
     until(page, "document.getElementById('toast').innerText.includes('no picture that this browser reads')")
     assert page.run("relight.figure().title") == "Balls"

@@ -53,7 +53,7 @@ def test_three_shows_transport_per_vertex_times_light(page, tmp_path, bounces):
     baked.save(tmp_path / "baked.glb")
     light = rng.normal(size=(9, 3))
     with serving(tmp_path) as server:
-        page.open(f"http://127.0.0.1:{server.server_port}/index.html")
+        page.open(f"{server.url}index.html")
         pixels = page.call("(light, size) => relight.draw(light, 'baked.glb', size)", light.tolist(), SIZE)
     shown = np.reshape(pixels, (SIZE, SIZE, 4))[1:-1, 1:-1, :3]
     total = baked.transport[..., None] + (0 if baked.bounced is None else baked.bounced)
