@@ -194,15 +194,14 @@ def test_the_nearest_pixel_is_scipys_also_where_several_are(share):
     np.testing.assert_array_equal(found, np.ravel_multi_index(tuple(nearest), inside.shape).ravel())
 
 
-SIZES = {"lanczos": (21, 13), "bicubic": (90, 70), "bilinear": (23, 40), "box": (9, 17)}
+SIZES = {"lanczos": (21, 13), "bicubic": (90, 70), "bilinear": (23, 40), "box": (9, 17)}.items()
 
 
-@pytest.mark.parametrize("name", SIZES)
-def test_resampling_is_pillows(name):
-    generator, size = np.random.default_rng(2), SIZES[name]
+@pytest.mark.parametrize(("name", "size"), SIZES)
+def test_resampling_is_pillows(name, size):
     program = """const main = ({ plane, size, part }) => [Float32Array, Uint8Array].map((Kind) =>
     $resample.resample(Kind.from(plane), 52, size, $resample[FILTER], part));""".replace("FILTER", json.dumps(name))
-    plane, part = generator.integers(0, 256, (37, 52)).astype(np.uint8), [3.3, 2.1, 47.9, 30.5]
+    plane, part = np.random.default_rng(2).integers(0, 256, (37, 52)).astype(np.uint8), [3.3, 2.1, 47.9, 30.5]
     floats, integers = node("resample", program, {"plane": plane.ravel().tolist(), "size": size, "part": part})
     images = (Image.fromarray(values) for values in (plane.astype(np.float32), plane))
     exact, rounded = (np.asarray(image.resize(size, Image.Resampling[name.upper()], part)) for image in images)

@@ -21,7 +21,8 @@ from relight.viewer.site import build_site
 from relight.viewer.source import photo_figure
 
 SIDE = 128  # of the network
-
+PIXELS, ALPHA = photo_of_people(150, 110, (55,), 4)
+STATE = {"light": 0, "yaw": 40, "tilt": 0, "stops": 0, "background": "photo", "before": "none", "view": "relit"}
 pytestmark = pytest.mark.slow
 
 
@@ -72,17 +73,11 @@ def png(*layers):
     return encoded(Image.fromarray(np.dstack(layers)), "png")
 
 
-PIXELS, ALPHA = photo_of_people(150, 110, (55,), 4)
-
-
 def by_python(page, folder, exported, lights, *layers):
     """Opens the page that `relight view` makes of a photo."""
     figure = photo_figure(Scene.of(Image.fromarray(np.dstack(layers)), network=read_network(exported)))
     build_viewer(folder / "me.html", [figure], lights)
     page.open(folder / "me.html")
-
-
-STATE = {"light": 0, "yaw": 40, "tilt": 0, "stops": 0, "background": "photo", "before": "none", "view": "relit"}
 
 
 def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, exported, lights, tmp_path):
