@@ -79,9 +79,8 @@ def encoded(image: Image.Image, kind: str, **options) -> bytes:
 
 def png_chunks(*chunks: tuple[bytes, bytes]) -> bytes:
     """Chunks of a PNG, by kind and content."""
-    return b"".join(
-        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in chunks
-    )
+    sized = ((struct.pack(">I", len(body)), kind + body) for kind, body in chunks)
+    return b"".join(size + chunk + struct.pack(">I", zlib.crc32(chunk)) for size, chunk in sized)
 
 
 def png_of_size(width: int, height: int) -> bytes:

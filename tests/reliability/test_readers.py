@@ -22,10 +22,8 @@ from relight.core.errors import UserError
 from relight.lights import load_light
 
 CASES = int(os.environ.get("RELIGHT_FUZZ", "450"))
-READERS = (
-    "light light_set training_lights split record mesh maps packed network photo mask textured scores axes".split()
-)
-READERS.append("panorama")
+READERS = "light light_set training_lights split record mesh maps packed network photo mask textured scores".split()
+READERS += ["axes", "panorama"]
 FOUND = Path(__file__).parent / "found"
 MEMORY = 900_000  # kilobytes of one reader, torch and its libraries among them
 
