@@ -102,6 +102,7 @@ def open_session(path: Path, threads: int = 0) -> Any:
 
     if hasattr(onnxruntime, "disable_telemetry_events"):  # where another program has imported it
         onnxruntime.disable_telemetry_events()
+    np.ones((99, 99)) @ np.ones((99, 99))  # OpenBLAS takes its memory once, and ends the program where it finds none
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.log_severity_level = 4  # fatal errors only

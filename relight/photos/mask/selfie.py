@@ -12,7 +12,6 @@ from functools import reduce
 import numpy as np
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, label, maximum_filter, minimum_filter, uniform_filter
-from scipy.spatial import cKDTree
 
 from relight.maps.square import extent
 from relight.photos.mask.networks import SELFIE, load_network
@@ -82,6 +81,8 @@ def without_background(mask: np.ndarray, other: np.ndarray, picture: np.ndarray)
 
     So gaps between limbs are no part of a person, and hair and bags are. `picture` is (h,w,3) uint8.
     """
+    from scipy.spatial import cKDTree
+
     pieces, reach = thick_pieces((mask > 0.5) & (other <= 0.5), other)
     sure = minimum_filter(np.minimum(mask, other), SEAM) > SURE, np.maximum(mask, other) < 1 - SURE
     for number in range(1, pieces.max() + 1):
