@@ -77,13 +77,16 @@ def test_the_checker_of_the_w3c_finds_no_error(tmp_path):
 
 
 @pytest.mark.parametrize(("suffix", "codec"), [(".mp4", "h264"), (".webm", "vp9"), (".gif", "gif")])
-def test_ffprobe_reads_all_frames(tmp_path, suffix, codec):
+def test_ffprobe_reads_all_frames_and_their_colors(tmp_path, suffix, codec):
     write_video(tmp_path / f"a{suffix}", [np.full((48, 64, 3), 20 * i, np.uint8) for i in range(10)], 20)
     words = "-v error -count_frames -select_streams v -show_streams -show_format -of json".split()
     read = json.loads(judge("ffprobe", *words, tmp_path / f"a{suffix}"))
     (stream,) = read["streams"]
     assert (stream["codec_name"], stream["nb_read_frames"], stream["r_frame_rate"]) == (codec, "10", "20/1")
     assert float(read["format"]["duration"]) == pytest.approx(0.5, abs=0.01)
+    if codec != "gif":
+        colors = [stream[f"color_{name}"] for name in ("space", "transfer", "primaries", "range")]
+        assert colors == ["bt709", "bt709", "bt709", "tv"]
 
 
 def test_exrinfo_reads_the_maps(tmp_path):

@@ -55,18 +55,18 @@ class Body:
 def find_bodies(pixels: np.ndarray) -> list[Body]:
     """Finds the people of a photo (H,W,3) uint8, the surest first; then those whom these hide."""
     step = max(len(pixels) // (2 * SEEN), 1)
-    photo = left = np.asarray(Image.fromarray(pixels).reduce(step))
+    photo = rest = np.asarray(Image.fromarray(pixels).reduce(step))
     bodies: list[Body] = []
     places: list[tuple[np.ndarray, float]] = []
     while True:
         known = len(bodies)
-        for score, (hips, top) in sorted(_search(left), key=lambda each: -each[0]):
+        for score, (hips, top) in sorted(_search(rest), key=lambda each: -each[0]):
             radius = float(np.hypot(*(top - hips)))
             is_known = any(
                 np.hypot(*(hips - other)) < CLOSE * max(radius, size) and 1 / ALIKE < radius / size < ALIKE
                 for other, size in places
             )
-            if is_known or radius > LARGEST * max(photo.shape) or (left is not photo and score < HIDDEN):
+            if is_known or radius > LARGEST * max(photo.shape) or (rest is not photo and score < HIDDEN):
                 continue
             places.append((hips, radius))
             body = _look_at(pixels, step * hips, step * top)
@@ -75,7 +75,7 @@ def find_bodies(pixels: np.ndarray) -> list[Body]:
         if len(bodies) == known:
             return bodies
         covered = np.maximum.reduce([body.mask((photo.shape[1], photo.shape[0])) for body in bodies]) > COVERED
-        left = np.where(covered[..., None], GREY, photo)
+        rest = np.where(covered[..., None], GREY, photo)
 
 
 def _search(photo: np.ndarray) -> Iterator[tuple[float, Place]]:

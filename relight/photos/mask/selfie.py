@@ -72,7 +72,7 @@ def segment(pixels: np.ndarray) -> tuple[np.ndarray, list[Body]]:
 
 def with_parts(mask: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Adds to a mask (h,w) in [0,1] the thick pieces of another one that it lacks."""
-    pieces, _ = thick_pieces((other > 0.5) & (mask <= 0.5), other)
+    pieces = thick_pieces((other > 0.5) & (mask <= 0.5), height_of(other))
     return np.where(maximum_filter(pieces > 0, SEAM), np.maximum(mask, other), mask)
 
 
@@ -83,7 +83,8 @@ def without_background(mask: np.ndarray, other: np.ndarray, picture: np.ndarray)
     """
     from scipy.spatial import cKDTree
 
-    pieces, reach = thick_pieces((mask > 0.5) & (other <= 0.5), other)
+    height = height_of(other)
+    pieces, reach = thick_pieces((mask > 0.5) & (other <= 0.5), height), max(round(BESIDE * height), 1)
     sure = minimum_filter(np.minimum(mask, other), SEAM) > SURE, np.maximum(mask, other) < 1 - SURE
     for number in range(1, pieces.max() + 1):
         piece = pieces == number
@@ -97,16 +98,16 @@ def without_background(mask: np.ndarray, other: np.ndarray, picture: np.ndarray)
     return mask
 
 
-def thick_pieces(beyond: np.ndarray, person: np.ndarray) -> tuple[np.ndarray, int]:
-    """Numbers the pieces (h,w) of what one mask has beyond another that are thicker than 2 THICK of a person's height.
+def height_of(mask: np.ndarray) -> int:
+    """Returns the rows that the values above .5 of a mask (h,w) reach over; 0 if there are none."""
+    rows = np.flatnonzero((mask > 0.5).any(1))
+    return int(rows[-1] - rows[0]) if len(rows) else 0
 
-    Returns how far from them colors are compared, pixels, too.
-    """
-    rows = np.flatnonzero((person > 0.5).any(1))
-    height = rows[-1] - rows[0] if len(rows) else len(person)
+
+def thick_pieces(mask: np.ndarray, height: int) -> np.ndarray:
+    """Numbers the pieces of a mask (h,w) bool, from 1, that are thicker than 2 THICK of a person's height, pixels."""
     side = 2 * max(int(THICK * height), 1) + 1
-    pieces, _ = label(maximum_filter(minimum_filter(beyond, side), 2 * side - 1) & beyond)
-    return pieces, max(round(BESIDE * height), 1)
+    return label(maximum_filter(minimum_filter(mask, side), 2 * side - 1) & mask)[0]
 
 
 def segment_coarsely(pixels: np.ndarray) -> np.ndarray:
