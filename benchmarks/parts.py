@@ -1,7 +1,7 @@
 """Tells what wrong parts of transport and light add to the error of `ratio`: parts are made true in turn.
 
     relight benchmark make --out build/drafts --count 24 --size 256 --samples 48 --detail draft
-    python benchmarks/parts.py build/drafts relight/weights/photo.onnx [benchmarks/photo_order4.onnx ...]
+    python benchmarks/parts.py build/drafts relight/weights/photo.onnx [other.onnx ...]
 
 Each row has the RMSE and the RMSE* of `ratio` over the pictures of a set, and half the 95 % intervals over its figures:
 as they are, and less those of the first network as it infers.

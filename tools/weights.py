@@ -118,7 +118,7 @@ def main(results: Path, training: str) -> None:
     kept["train"] = {**kept["train"], "start": None}  # a path of this machine
     out = OUT / "photo.onnx"
     new = out.with_suffix(".new.onnx")
-    export(network, new, {**kept, "stages": stages, "lights": np.round(lights, 5).ravel().tolist()})
+    export(network, new, {**kept, "stages": stages, "lights": np.round(lights.astype(float), 5).ravel().tolist()})
     if (size := new.stat().st_size) > LIMIT:
         new.unlink()
         sys.exit(f"the weights have {size / 2**20:.1f} MiB, over {LIMIT / 2**20:.0f}: give a smaller model.width")

@@ -158,14 +158,16 @@ class PooledHead(nn.Module):
 class Refinement(nn.Module):
     """Refines a light by ridge regression of the image on the inferred maps (not in the paper).
 
-    The refined L minimises sum_c mean_p (a_pc T_p.L_c - I_pc)^2 + sum_k |C_k^T (L_k - L0_k)|^2 over the pixels p of the
-    figure and the color channels c, in closed form. a is the inferred albedo, T the inferred transport, I the image,
-    L0 the light of the head. The matrices C_k (3,3) are learned: `trust` is the logarithm of their squared scale, and
-    `coupling` their difference from diagonal ones, since the errors of the channels go together. The maps are detached:
-    errors of the light pass no gradient to them.
+    The refined L minimises sum_c mean_p (a_pc T_p.L_c - I_pc)^2 + sum_k |C_k^T (L_k - s L0_k)|^2 over the pixels p of
+    the figure and the color channels c, in closed form. a is the inferred albedo, T the inferred transport, I the image
+    and L0 the light of the head. How bright the light is, is known twice: by the head, and by the factor within
+    `FACTORS` with which L0 explains the image best. s is its square root: their geometric mean. The matrices C_k (3,3)
+    are learned: `trust` is the logarithm of their squared scale, and `coupling` their difference from diagonal ones,
+    since the errors of the channels go together. The maps are detached: errors of the light pass no gradient to them.
     """
 
     SIDE = 64  # pixels per side to which maps are subsampled: hundreds of equations for 27 unknowns
+    FACTORS = 0.25, 4.0
 
     def __init__(self, coefficients: int):
         super().__init__()
@@ -201,11 +203,14 @@ class Refinement(nn.Module):
         albedo, transport, image, mask = (x.flatten(2) for x in (albedo, transport, image, mask))
         pixels = mask.sum((1, 2)).clamp_min(1)[:, None, None]
         transport = transport * mask
+        shaded = albedo * (light.mT @ transport)
+        factor = ((shaded * image).sum((1, 2)) + 1e-6) / (shaded.square().sum((1, 2)) + 1e-6)
+        light = light * factor.clamp(*self.FACTORS).sqrt()[:, None, None]
         weighted = (albedo**2)[:, :, None] * transport[:, None]  # (B,3,K,P)
         data = weighted @ transport[:, None].mT / pixels[..., None]
         eye = torch.eye(3, device=light.device)
-        factor = (0.5 * self.trust).exp()[:, None, None] * (eye + self.coupling)
-        prior = factor @ factor.mT  # (K,3,3)
+        root = (0.5 * self.trust).exp()[:, None, None] * (eye + self.coupling)
+        prior = root @ root.mT  # (K,3,3)
         blocks = torch.diag_embed(prior.permute(1, 2, 0)) + data[:, :, None] * eye.view(3, 3, 1, 1)  # (B,3,3,K,K)
         right = (albedo * image) @ transport.mT / pixels + (prior @ light[..., None])[..., 0].mT
         return blocks.transpose(2, 3).flatten(3).flatten(1, 2), right.flatten(1)

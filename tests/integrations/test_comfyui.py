@@ -294,7 +294,7 @@ def test_maps_times_each_other_are_about_the_image(nodes, image, mask):
     inside = (mask[0] == 1).numpy()
     product = srgb.decode(albedo[0].numpy()) * srgb.decode(shading[0].numpy()) * 2
     codes, expected = srgb.encode(product.clip(0, 1))[inside], image[0].numpy()[inside]
-    assert np.corrcoef(codes.ravel(), expected.ravel())[0, 1] > 0.95 and np.abs(codes - expected).mean() < 0.1
+    assert np.corrcoef(codes.ravel(), expected.ravel())[0, 1] > 0.93 and np.abs(codes - expected).mean() < 0.12
     assert (albedo[0].numpy()[alpha[0].numpy() == 0] == 0).all()
     vectors = 2 * normal[0].numpy() - 1
     np.testing.assert_allclose(np.linalg.norm(vectors, axis=-1), 1, atol=3e-3)

@@ -123,6 +123,7 @@ def test_refined_light_solves_the_weighted_least_squares(size):
     albedo, transport, image = (torch.rand(2, c, size, size, generator=generator) for c in (3, 9, 3))
     mask = (torch.rand(2, 1, size, size, generator=generator) > 0.5).float()
     light, refinement = torch.randn(2, 9, 3, generator=generator), Refinement(9)
+    light[1] = 0.2 + 0.02 * light[1]  # its factor is about 1, that of the other at a bound
     nn.init.normal_(refinement.trust, -3, 1, generator=generator)
     nn.init.normal_(refinement.coupling, 0, 0.3, generator=generator)
     refined = refinement(light, albedo, transport, image * mask, mask)
@@ -132,17 +133,20 @@ def test_refined_light_solves_the_weighted_least_squares(size):
     for b in range(2):
         rows, columns = np.nonzero(mask[b, 0, ::every, ::every].numpy())
         at = (b, slice(None), rows * every, columns * every)
+        shaded = albedo[at] * torch.einsum("kp,kc->cp", transport[at], light[b])
+        factor = np.linalg.lstsq(shaded.reshape(-1, 1), image[at].flatten(), rcond=None)[0].item()
+        head = light[b].double().numpy() * np.clip(factor, *Refinement.FACTORS) ** 0.5
         equations, values = [], []
         for c in range(3):
             block = np.zeros((len(rows), 3, 9))
             block[:, c] = (albedo[at][c] * transport[at]).double().numpy().T / len(rows) ** 0.5
             equations.append(block.reshape(-1, 27))
             values.append(image[at][c].double().numpy() / len(rows) ** 0.5)
-        for k in range(9):  # three equations: C_k^T L_k = C_k^T L0_k
+        for k in range(9):  # three equations: C_k^T L_k = C_k^T s L0_k
             block = np.zeros((3, 3, 9))
             block[:, :, k] = roots[k].double().numpy().T
             equations.append(block.reshape(-1, 27))
-            values.append(block[:, :, k] @ light[b, k].double().numpy())
+            values.append(block[:, :, k] @ head[k])
         expected = np.linalg.lstsq(np.concatenate(equations), np.concatenate(values), rcond=None)[0]
         np.testing.assert_allclose(refined[b].T.flatten().detach().numpy(), expected, rtol=2e-3, atol=2e-3)
 
