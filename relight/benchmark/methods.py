@@ -134,9 +134,8 @@ def mean_light(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
 @cache
 def mean_training_light() -> np.ndarray:
     """Returns the mean (9,3) of the lights that the package's network was trained on."""
-    lights = read_network().lights
-    assert lights is not None  # the package's weights hold them
-    return lights[:, :9].mean(0).astype(np.float64)
+    network = read_network()
+    return np.reshape(network.config["lights"], (-1, (network.order + 1) ** 2, 3))[:, :9].mean(0)
 
 
 def true_maps(benchmark: BenchmarkSet, entry: Entry, order: int = 2) -> dict[str, np.ndarray]:

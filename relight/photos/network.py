@@ -4,7 +4,6 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -40,12 +39,6 @@ class PhotoNetwork:
     def order(self) -> int:
         """The order of the spherical harmonics of transport and light: K = (order + 1)^2."""
         return int(self.config["model"]["order"])
-
-    @cached_property
-    def lights(self) -> np.ndarray | None:
-        """(N,K,3) of its training, or None if unknown."""
-        lights = self.config.get("lights")
-        return np.asarray(lights, np.float32).reshape(-1, (self.order + 1) ** 2, 3) if lights else None
 
     @property
     def stops(self) -> float:
