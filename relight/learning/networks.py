@@ -160,14 +160,13 @@ class Refinement(nn.Module):
 
     The refined L minimises sum_c mean_p (a_pc T_p.L_c - I_pc)^2 + sum_k |C_k^T (L_k - s L0_k)|^2 over the pixels p of
     the figure and the color channels c, in closed form. a is the inferred albedo, T the inferred transport, I the image
-    and L0 the light of the head. How bright the light is, is known twice: by the head, and by the factor within
-    `FACTORS` with which L0 explains the image best. s is its square root: their geometric mean. The matrices C_k (3,3)
-    are learned: `trust` is the logarithm of their squared scale, and `coupling` their difference from diagonal ones,
-    since the errors of the channels go together. The maps are detached: errors of the light pass no gradient to them.
+    and L0 the light of the head. How bright the light is, is known twice: by the head, and by the factor from 0.25 to 4
+    with which L0 explains the image best. s is its square root: their geometric mean. The matrices C_k (3,3) are
+    learned: `trust` is the logarithm of their squared scale, and `coupling` their difference from diagonal ones, since
+    the errors of the channels go together. The maps are detached: errors of the light pass no gradient to them.
     """
 
     SIDE = 64  # pixels per side to which maps are subsampled: hundreds of equations for 27 unknowns
-    FACTORS = 0.25, 4.0
 
     def __init__(self, coefficients: int):
         super().__init__()
@@ -205,7 +204,7 @@ class Refinement(nn.Module):
         transport = transport * mask
         shaded = albedo * (light.mT @ transport)
         factor = ((shaded * image).sum((1, 2)) + 1e-6) / (shaded.square().sum((1, 2)) + 1e-6)
-        light = light * factor.clamp(*self.FACTORS).sqrt()[:, None, None]
+        light = light * factor.clamp(0.25, 4).sqrt()[:, None, None]
         weighted = (albedo**2)[:, :, None] * transport[:, None]  # (B,3,K,P)
         data = weighted @ transport[:, None].mT / pixels[..., None]
         eye = torch.eye(3, device=light.device)
