@@ -24,7 +24,7 @@ from relight.learning.train import Recipe, draw_batch, select_training_data
 from relight.lights import read_light_set
 
 SHARE = 0.7  # of the second network
-TRUST = -0.5  # added to the trust of its refinement, which it learned without the factor of the image
+RESCALE, TRUST = 0.5, -0.5  # of its refinement, which learned to trust the head without the image's factor
 BATCHES = 200  # for the statistics
 GROUPS = {"model": config.Model, "loss": config.Loss, "train": config.Train, "augment": config.Augment}
 
@@ -41,8 +41,10 @@ def main(results: Path, start: Path, end: Path, out: Path) -> None:
             weights[name] = torch.where(known[name] > 0, mean, weights[name])
     network.load_state_dict(weights)
     assert network.refinement is not None
+    network.refinement.rescale = RESCALE
     network.refinement.trust.data += TRUST
     kept = {name: settings[name] for name in GROUPS}
+    kept["model"] |= {"rescale": RESCALE}
     kept["train"] |= {"start": None, "seed": 1}
     measure_statistics(network, results, Recipe(**{name: group(**kept[name]) for name, group in GROUPS.items()}))
     lights = read_light_set(results / "lights" / "lights.npz").of("train").coefficients

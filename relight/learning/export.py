@@ -94,7 +94,7 @@ class OpenRefinement(Refinement):
     STEPS = 16
 
     def __init__(self, refinement: Refinement):
-        super().__init__(len(refinement.trust))
+        super().__init__(len(refinement.trust), refinement.rescale)
         self.load_state_dict(refinement.state_dict())
 
     def forward(self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor) -> Tensor:

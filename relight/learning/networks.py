@@ -159,22 +159,23 @@ class Refinement(nn.Module):
     """Refines a light by ridge regression of the image on the inferred maps (not in the paper).
 
     The refined L minimises sum_c mean_p (a_pc T_p.L_c - I_pc)^2 + sum_k |C_k^T (L_k - s L0_k)|^2 over the pixels p of
-    the figure and the color channels c, in closed form. a is the inferred albedo, T the inferred transport, I the image
-    and L0 the light of the head. How bright the light is, is known twice: by the head, and by the factor from 0.25 to 4
-    with which L0 explains the image best. s is its square root: their geometric mean. The matrices C_k (3,3) are
-    learned: `trust` is the logarithm of their squared scale, and `coupling` their difference from diagonal ones, since
-    the errors of the channels go together. The maps are detached: errors of the light pass no gradient to them.
+    the figure and the color channels c, in closed form. a is the inferred albedo, T the inferred transport, I the
+    image, L0 the light of the head, and s the factor from 0.25 to 4 with which L0 explains the image best, to the power
+    of `rescale`. The matrices C_k (3,3) are learned: `trust` is the logarithm of their squared scale, and `coupling`
+    their difference from diagonal ones, since the errors of the channels go together. The maps are detached: errors of
+    the light pass no gradient to them.
     """
 
     SIDE = 64  # pixels per side to which maps are subsampled: hundreds of equations for 27 unknowns
 
-    def __init__(self, coefficients: int):
+    def __init__(self, coefficients: int, rescale: float = 0.0):
         super().__init__()
+        self.rescale = rescale
         self.trust = nn.Parameter(torch.full((coefficients,), -4.0))
         self.coupling = nn.Parameter(torch.zeros(coefficients, 3, 3))
 
     def forward(self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor) -> Tensor:
-        """Returns the refined light, the solution of the regression.
+        """Returns the refined light (B,K,3), the solution of the regression.
 
         Args:
             light: (B,K,3) of the head.
@@ -182,9 +183,6 @@ class Refinement(nn.Module):
             transport: inferred (B,K,S,S).
             image: linear (B,3,S,S).
             mask: (B,1,S,S).
-
-        Returns:
-            The refined light (B,K,3).
         """
         with torch.autocast(light.device.type, enabled=False):
             step = max(1, image.shape[2] // self.SIDE)
@@ -202,9 +200,10 @@ class Refinement(nn.Module):
         albedo, transport, image, mask = (x.flatten(2) for x in (albedo, transport, image, mask))
         pixels = mask.sum((1, 2)).clamp_min(1)[:, None, None]
         transport = transport * mask
-        shaded = albedo * (light.mT @ transport)
-        factor = ((shaded * image).sum((1, 2)) + 1e-6) / (shaded.square().sum((1, 2)) + 1e-6)
-        light = light * factor.clamp(0.25, 4).sqrt()[:, None, None]
+        if self.rescale:
+            shaded = albedo * (light.mT @ transport)
+            factor = ((shaded * image).sum((1, 2)) + 1e-6) / (shaded.square().sum((1, 2)) + 1e-6)
+            light = light * factor.clamp(0.25, 4.0)[:, None, None] ** self.rescale
         weighted = (albedo**2)[:, :, None] * transport[:, None]  # (B,3,K,P)
         data = weighted @ transport[:, None].mT / pixels[..., None]
         eye = torch.eye(3, device=light.device)
@@ -300,7 +299,7 @@ class PaperNetwork(Network):
             self.light: StridedHead | PooledHead = StridedHead(bottleneck, light, 3 * coefficients, side, model.norm)
         else:
             self.light = PooledHead(bottleneck, light, 3 * coefficients, STRIDE)
-        self.refinement = Refinement(coefficients) if model.refine else None
+        self.refinement = Refinement(coefficients, model.rescale) if model.refine else None
         if not on_meta(self):
             self.initialise(scaled=model.light_head == "pooled" or side < 16)
 
@@ -374,7 +373,7 @@ class UNet(Network):
         self.last = nn.Conv2d(sharp, self.coefficients + 3, 3, 1, 1)
         head = [scaled(c, model.width) for c in LIGHT]
         self.light = PooledHead(sizes[PLAIN_LEVELS], head, 3 * self.coefficients, 2 ** (PLAIN_LEVELS + 1))
-        self.refinement = Refinement(self.coefficients) if model.refine else None
+        self.refinement = Refinement(self.coefficients, model.rescale) if model.refine else None
         if not on_meta(self):
             self.initialise()
 
