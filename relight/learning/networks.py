@@ -161,9 +161,9 @@ class Refinement(nn.Module):
     The refined L minimises sum_c mean_p (a_pc T_p.L_c - I_pc)^2 + sum_k |C_k^T (L_k - s L0_k)|^2 over the pixels p of
     the figure and the color channels c, in closed form. a is the inferred albedo, T the inferred transport, I the
     image, L0 the light of the head, and s the factor from 0.25 to 4 with which L0 explains the image best, to the power
-    of `rescale`. The matrices C_k (3,3) are learned: `trust` is the logarithm of their squared scale, and `coupling`
-    their difference from diagonal ones, since the errors of the channels go together. The maps are detached: errors of
-    the light pass no gradient to them.
+    of `rescale`; 1 in training. The matrices C_k (3,3) are learned: `trust` is the logarithm of their squared scale,
+    and `coupling` their difference from diagonal ones, since the errors of the channels go together. The maps are
+    detached: errors of the light pass no gradient to them.
     """
 
     SIDE = 64  # pixels per side to which maps are subsampled: hundreds of equations for 27 unknowns
@@ -200,7 +200,7 @@ class Refinement(nn.Module):
         albedo, transport, image, mask = (x.flatten(2) for x in (albedo, transport, image, mask))
         pixels = mask.sum((1, 2)).clamp_min(1)[:, None, None]
         transport = transport * mask
-        if self.rescale:
+        if self.rescale and not self.training:
             shaded = albedo * (light.mT @ transport)
             factor = ((shaded * image).sum((1, 2)) + 1e-6) / (shaded.square().sum((1, 2)) + 1e-6)
             light = light * factor.clamp(0.25, 4.0)[:, None, None] ** self.rescale

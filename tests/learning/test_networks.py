@@ -122,7 +122,7 @@ def test_refined_light_solves_the_weighted_least_squares(size):
     generator = torch.Generator().manual_seed(7)
     albedo, transport, image = (torch.rand(2, c, size, size, generator=generator) for c in (3, 9, 3))
     mask = (torch.rand(2, 1, size, size, generator=generator) > 0.5).float()
-    light, refinement = torch.randn(2, 9, 3, generator=generator), Refinement(9, 0.5)
+    light, refinement = torch.randn(2, 9, 3, generator=generator), Refinement(9, 0.5).eval()
     light[1] = 0.2 + 0.02 * light[1]  # its factor is about 1, that of the other at a bound
     nn.init.normal_(refinement.trust, -3, 1, generator=generator)
     nn.init.normal_(refinement.coupling, 0, 0.3, generator=generator)
@@ -149,6 +149,9 @@ def test_refined_light_solves_the_weighted_least_squares(size):
             values.append(block[:, :, k] @ head[k])
         expected = np.linalg.lstsq(np.concatenate(equations), np.concatenate(values), rcond=None)[0]
         np.testing.assert_allclose(refined[b].T.flatten().detach().numpy(), expected, rtol=2e-3, atol=2e-3)
+    trained = refinement.train()(light, albedo, transport, image * mask, mask)
+    refinement.rescale = 0.0
+    assert torch.equal(trained, refinement.eval()(light, albedo, transport, image * mask, mask))
 
 
 @pytest.mark.parametrize("name", ["ours", "sfsnet_ao"])
