@@ -5,7 +5,8 @@ python tools/mean.py results/photo4 start.onnx end.onnx out.onnx
 `results/photo4` is the folder of the run whose data the second was trained on. Such an average often has smaller errors
 on pictures that differ from those of the last training (Wortsman et al. 2022, Robust Fine-Tuning of Zero-Shot Models).
 Bands that the first lacks are those of the second. The statistics of the batch normalisation are those of the average's
-own activations on training pictures (Izmailov et al. 2018, Averaging Weights Leads to Wider Optima).
+own activations on training pictures (Izmailov et al. 2018, Averaging Weights Leads to Wider Optima). The header of what
+ships also got, by hand, the stages that the second lacks.
 """
 
 import sys

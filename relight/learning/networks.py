@@ -166,7 +166,7 @@ class Refinement(nn.Module):
     detached: errors of the light pass no gradient to them.
     """
 
-    SIDE = 64  # pixels per side to which maps are subsampled: hundreds of equations for 27 unknowns
+    SIDE = 64  # pixels per side to which maps are subsampled: hundreds of equations for 27 or 75 unknowns
 
     def __init__(self, coefficients: int, rescale: float = 0.0):
         super().__init__()
