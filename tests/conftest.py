@@ -80,7 +80,7 @@ def exported_network(once) -> Path:
         torch.set_num_threads(1)
         torch.manual_seed(0)
         changes = {"name": "unet", "width": 0.125, "norm": "batch", "light_head": "pooled", "dropout": 0.0}
-        settings = Model(**{**dict(composed().model), **changes, "refine": True, "rescale": 0.5})
+        settings = Model(**{**dict(composed().model), **changes, "refine": True, "rescale": 0.5, "rebalance": 0.3})
         network = build(settings, 128).train()
         with torch.no_grad():
             network.last.bias.copy_(torch.tensor([0.8, 0.1, 0.3, 0.1, 0, 0, 0, 0, 0, 0.5, 0.4, 0.3]))

@@ -21,7 +21,7 @@ from relight.core.errors import UserError
 from relight.core.files import atomic_write
 from relight.learning.checkpoint import HALF, PREFIX
 from relight.learning.harmonics import mirror_signs
-from relight.learning.networks import STRIDE, InstanceNorm, Network, Refinement, with_transport
+from relight.learning.networks import STRIDE, InstanceNorm, Network, Refinement
 from relight.photos.network import INPUTS, METADATA, OUTPUTS, read_network
 
 TOLERANCE = 5e-3  # largest difference between the file and torch, of values of about 1: weights are rounded
@@ -42,7 +42,7 @@ class PhotoGraph(nn.Module):
 
     def __init__(self, network: Network):
         super().__init__()
-        self.network, self.order = network.eval(), network.order
+        self.network = network.eval()
         self.register_buffer("signs", mirror_signs(network.order), persistent=False)
 
     def forward(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -51,9 +51,7 @@ class PhotoGraph(nn.Module):
         It is albedo (B,3,H,W) and transport (B,K,H,W), 0 outside the mask (B,1,H,W), and light (B,K,3).
         """
         maps = self.network(torch.cat([image, image.flip(3)]), torch.cat([mask, mask.flip(3)]))
-        dense = {name: values.permute(0, 2, 3, 1) for name, values in maps.items() if name != "light"}
-        dense = {name: values.permute(0, 3, 1, 2) for name, values in with_transport(dense, self.order).items()}
-        n, albedo, transport, light = image.shape[0], dense["albedo"], dense["transport"], maps["light"]
+        n, albedo, transport, light = image.shape[0], maps["albedo"], self.network.transport(maps), maps["light"]
         albedo = (albedo[:n] + albedo[n:].flip(3)) / 2
         transport = (transport[:n] + self.signs[:, None, None] * transport[n:].flip(3)) / 2
         light = (light[:n] + self.signs[:, None] * light[n:]) / 2

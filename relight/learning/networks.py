@@ -18,6 +18,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from relight.core.errors import UserError
+from relight.core.srgb import LUMINANCE
 from relight.extensions import extension
 from relight.learning.harmonics import unoccluded
 from relight.settings import Model
@@ -226,6 +227,8 @@ class Network(nn.Module):
         albedo: how albedo is constrained, see `constrain_albedo`.
         sees: `image`, or `mask` for a network that is given the silhouette only.
         refinement: refines the light, or None.
+        rebalance: power of the light's color by which the image is divided at inference before it is seen: networks
+            take a part of a warm light for warm cloth, and less of what is left of it. 0 to leave it.
     """
 
     unlearned: frozenset[str] = frozenset()  # outputs that no loss trained; set by the evaluation
@@ -236,6 +239,7 @@ class Network(nn.Module):
         """Keeps the settings; subclasses create the layers. `size` is the side of the images, pixels."""
         super().__init__()
         self.order, self.size, self.albedo, self.sees = model.order, size, model.albedo, model.sees
+        self.rebalance = model.rebalance
 
     def infer(self, seen: Tensor, mask: Tensor) -> tuple[dict[str, Tensor], Tensor]:
         """Runs the layers; subclasses implement it.
@@ -261,6 +265,28 @@ class Network(nn.Module):
             (B,3,S,S), unit vectors in the camera frame, with `ao` (B,1,S,S) for `sfsnet_ao`. Maps are valid inside the
             mask only.
         """
+        if not self.rebalance or self.training:
+            return self.look(image, mask)
+        color = self.color_of_light(image, mask)
+        outputs = self.look(image / color[..., None, None], mask)
+        outputs["light"] = outputs["light"] * color[:, None]
+        return outputs
+
+    def color_of_light(self, image: Tensor, mask: Tensor) -> Tensor:
+        """Returns the color (B,3) of the mean shading over its luminance, to the power of `rebalance`.
+
+        It is inferred at half the size, which shows it as well.
+        """
+        side = STRIDE * max(self.size // (2 * STRIDE), 2)
+        image, mask = (F.interpolate(x, (side, side), mode="bilinear") for x in (image * mask, mask))
+        mask = (mask > 0.5).to(image.dtype)
+        outputs = self.look(image, mask)
+        transport = (self.transport(outputs) * mask).sum((2, 3))
+        color = (transport[:, None] @ outputs["light"])[:, 0].clamp_min(1e-3)
+        return (color / (color @ color.new_tensor(LUMINANCE))[:, None]).clamp(0.25, 4.0) ** self.rebalance
+
+    def look(self, image: Tensor, mask: Tensor) -> dict[str, Tensor]:
+        """Infers from an image (B,3,S,S) and a mask (B,1,S,S) once, as `forward` returns it."""
         x = (2 * image - 1) * mask if self.sees == "image" else mask.expand_as(image)
         outputs, light = self.infer(x.contiguous(memory_format=torch.channels_last), mask)
         outputs["light"] = light.unflatten(1, (-1, 3))
@@ -268,10 +294,14 @@ class Network(nn.Module):
         if "normal" in outputs:
             outputs["normal"] = F.normalize(outputs["normal"].float(), dim=1, eps=1e-6)
         if self.refinement:
-            maps = {name: values.movedim(1, -1) for name, values in outputs.items() if name != "light"}
-            transport = with_transport(maps, self.order)["transport"].movedim(-1, 1)
+            transport = self.transport(outputs)
             outputs["light"] = self.refinement(outputs["light"], outputs["albedo"], transport, image, mask)
         return outputs
+
+    def transport(self, outputs: dict[str, Tensor]) -> Tensor:
+        """Returns the transport (B,K,S,S) of inferred maps, as `with_transport` adds it."""
+        maps = {name: values.movedim(1, -1) for name, values in outputs.items() if name != "light"}
+        return with_transport(maps, self.order)["transport"].movedim(-1, 1)
 
 
 class PaperNetwork(Network):

@@ -124,6 +124,7 @@ class Model:
     light_head: str = setting("head of the light: strided, or pooled over the figure", choices=("strided", "pooled"))
     refine: bool = setting("whether the light is refined to explain the image by the inferred maps")
     rescale: float = setting("exponent of the image's factor on the refined light, at inference", 0.0, least=0, most=1)
+    rebalance: float = setting("exponent of the light's color on the image, at inference", 0.0, least=0, most=1)
     sees: str = setting("input: the image and its mask, or the mask alone", choices=("image", "mask"))
 
 

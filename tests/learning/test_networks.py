@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import torch
 from torch import nn
+from torch.nn import functional as F
 from torch.utils.flop_counter import FlopCounterMode
 
 from relight.core.errors import UserError
-from relight.learning.networks import PooledHead, Refinement, build, constrain_albedo, widened
+from relight.learning.networks import Network, PooledHead, Refinement, build, constrain_albedo, widened
 
 HEAD = {"ours": "strided", "unet": "pooled"}
 
@@ -164,6 +165,28 @@ def test_refinement_teaches_the_head_and_its_trust_but_not_the_maps(model, name)
     assert all(decoder.last.weight.grad is None for decoder in network.decoders.values())
     empty = network(torch.rand(2, 3, 64, 64), torch.zeros(2, 1, 64, 64))["light"]
     assert empty.isfinite().all(), "without a single pixel the head's own light stands"
+
+
+def test_a_picture_is_balanced_by_the_color_of_its_light_before_it_is_seen(model):
+    """A network that takes the mean of what it sees for the light, and what it sees for albedo."""
+
+    class Eye(Network):
+        refinement = None
+
+        def infer(self, seen, mask):
+            albedo = (seen + mask) / 2
+            light = F.pad((albedo.sum((2, 3)) / mask.sum((2, 3)))[:, None], (0, 0, 0, 8)).flatten(1)
+            return {"albedo": albedo, "transport": mask.expand(-1, 9, -1, -1)}, light
+
+    network, mask = Eye(model(rebalance=0.5), 128), torch.zeros(2, 1, 128, 128)
+    mask[..., 16:96, 32:64] = 1
+    mean = torch.tensor([[0.4, 0.2, 0.1], [0.001, 0.05, 0.3]])
+    image = mask * mean[..., None, None].expand(-1, -1, 128, 128)
+    color = (mean / (mean @ torch.tensor([0.2126, 0.7152, 0.0722]))[:, None]).clamp(0.25, 4) ** 0.5
+    outputs = network.eval()(image, mask)
+    np.testing.assert_allclose(outputs["albedo"][..., 50, 50], mean / color, rtol=1e-4)
+    np.testing.assert_allclose(outputs["light"][:, 0], mean, rtol=1e-4)
+    assert torch.equal(network.train()(image, mask)["albedo"], network.look(image, mask)["albedo"])
 
 
 def test_shape_from_the_mask_alone(model):
