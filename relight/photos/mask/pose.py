@@ -21,9 +21,8 @@ HIDDEN = 0.75  # least score of a person whom others hide
 ROOM = 1.25  # side of the square over the circle's diameter
 LARGEST = 1.5  # radius of a circle over the photo's longer side; larger ones are in blurred crowds
 WINDOW = 0.6  # width over height of the windows in which a wide photo is searched
-CLOSE, ALIKE = 0.25, 2  # two people with hips that near, in radii of their circles, and radii that alike, are one
-NEAR = 0.15  # median distance of the joints of two people, over the diagonal of their box, below which they are one
-COVERED, GREY = 0.3, np.uint8(128)  # least value of a mask that hides somebody, while others are sought, and its color
+NEW = 0.5  # share of a body's mask that no other one's covers, from which it is somebody else
+COVERED, GREY = 0.3, np.uint8(128)  # least value of a mask that covers others, and its color while they are sought
 JOINTS = 33
 Place = tuple[np.ndarray, np.ndarray]  # the middle of the hips and the point of the circle, (2,) in pixels
 
@@ -53,28 +52,25 @@ class Body:
 
 
 def find_bodies(pixels: np.ndarray) -> list[Body]:
-    """Finds the people of a photo (H,W,3) uint8, the surest first; then those whom these hide."""
+    """Finds the people of a photo (H,W,3) uint8, the surest first; then those whom these hide, once they are grey."""
     step = max(len(pixels) // (2 * SEEN), 1)
     photo = rest = np.asarray(Image.fromarray(pixels).reduce(step))
     bodies: list[Body] = []
-    places: list[tuple[np.ndarray, float]] = []
+    covered = np.zeros(photo.shape[:2], bool)
     while True:
         known = len(bodies)
         for score, (hips, top) in sorted(_search(rest), key=lambda each: -each[0]):
-            radius = float(np.hypot(*(top - hips)))
-            is_known = any(
-                np.hypot(*(hips - other)) < CLOSE * max(radius, size) and 1 / ALIKE < radius / size < ALIKE
-                for other, size in places
-            )
-            if is_known or radius > LARGEST * max(photo.shape) or (rest is not photo and score < HIDDEN):
+            if np.hypot(*(top - hips)) > LARGEST * max(photo.shape) or (rest is not photo and score < HIDDEN):
                 continue
-            places.append((hips, radius))
-            body = _look_at(pixels, step * hips, step * top)
-            if body and not any(_are_one(body, other) for other in bodies):
+            body = _look_at(pixels, step * hips, step * top) if rest is photo else _look_at(rest, hips, top)
+            if body is None:
+                continue
+            mask = body.mask((photo.shape[1], photo.shape[0]))
+            if (mask > 0.5)[~covered].sum() > NEW * (mask > 0.5).sum():
                 bodies.append(replace(body, score=score))
+                covered |= mask > COVERED
         if len(bodies) == known:
             return bodies
-        covered = np.maximum.reduce([body.mask((photo.shape[1], photo.shape[0])) for body in bodies]) > COVERED
         rest = np.where(covered[..., None], GREY, photo)
 
 
@@ -87,11 +83,6 @@ def _search(photo: np.ndarray) -> Iterator[tuple[float, Place]]:
     for left, right in sorted({(0, width), *((start, start + window) for start in starts)}):
         for score, (hips, top) in _detect(photo[:, left:right]):
             yield score, (hips + [left, 0], top + [left, 0])
-
-
-def _are_one(body: Body, other: Body) -> bool:
-    one, two = body.joints[:, :2], other.joints[:, :2]
-    return bool(np.median(np.hypot(*(one - two).T)) < NEAR * np.hypot(*np.ptp(two, axis=0)))
 
 
 def _detect(pixels: np.ndarray) -> Iterator[tuple[float, Place]]:
