@@ -32,6 +32,14 @@ def hollow(points: np.ndarray) -> float:
     return float(-(points @ sides[:, :2].T + sides[:, 2]).max(1).min())
 
 
+def test_a_skirt_hangs_on_the_waist_of_a_dress_whose_sleeves_end_lower(body):
+    short, long = (cut(body, "long dress", sleeve_end=end).levels[0].rest_shape for end in (0.2, 2.0))
+    for shape in (short, long):
+        hem = shape[shape[:, 1] < shape[:, 1].min() + 0.03]
+        assert hem[:, 0].min() < -0.15 and hem[:, 0].max() > 0.15
+    np.testing.assert_allclose(long[:, 1].min(), short[:, 1].min(), atol=1e-3)
+
+
 @pytest.mark.parametrize("name", ["sweater", "t-shirt", "short skirt"])
 def test_build_pattern_has_no_length_for_the_hollow_of_the_seat(body, name):
     at, level = body.heights, cut(body, name).levels[0]

@@ -15,17 +15,18 @@ HANGING_FLARE = 0.35  # share of its flare that a drop keeps as it hangs
 HIP_CLEARANCE = 0.014  # metres between a drop and the hull of the hips
 
 
-def lowest_border(faces: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Finds the lowest part of the border of a garment as it was cut.
+def lowest_border(faces: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Finds the lowest part of the border of a garment as it was cut; long sleeves end lower than a high waist.
 
     Args:
         faces: (F,3).
-        y: (n,) heights of the vertices on the rest pose, metres.
+        x: (n,) of the vertices on the rest pose, 0 in the middle of the body.
+        y: (n,) their heights on it, metres.
 
     Returns:
         Its vertices (m,) in order, and whether it is a closed loop.
     """
-    ring = min(border_loops(faces), key=lambda ring: y[ring].min())
+    ring = min(border_loops(faces), key=lambda ring: (x[ring].min() * x[ring].max() > 0, y[ring].min()))
     low = y[ring] < y[ring].min() + 0.003  # metres
     if low.all():
         return ring, True
@@ -152,7 +153,7 @@ def add_drop(garment: Garment, level: Level, fields: Fields, hull: Hull) -> tupl
         rises to 1 at the drop's lower end. Its rest shape is as wide as it is cut; its start is in
         folds around the hull; no pin holds it.
     """
-    ring, closed = lowest_border(level.faces, fields["y"])
+    ring, closed = lowest_border(level.faces, level.rest_shape[:, 0], fields["y"])
     cut_rows, start_rows = _drop_rows(garment, level.rest_shape[ring].copy(), fields["y"][ring], closed, hull)
     points, strip = extruded(ring, cut_rows, offset=len(level.rest_shape), closed=closed)
     start, count = np.concatenate(start_rows), len(cut_rows)

@@ -88,7 +88,8 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
     level = Level(rest_shape, start, fitted, pin_weight=pins, weights=weights, faces=faces)
     if garment.drop:
         if garment.gather:  # gathers are finer than the suit
-            matrix, split_faces, parent = split_border(faces, len(points), lowest_border(faces, fields["y"])[0])
+            ring, _ = lowest_border(faces, rest_shape[:, 0], fields["y"])
+            matrix, split_faces, parent = split_border(faces, len(points), ring)
             level, sleeve = level.resampled(matrix, split_faces), sleeve[parent]
             fields = {name: matrix @ values for name, values in fields.items()}
         level, fields = add_drop(garment, level, fields, hull)
