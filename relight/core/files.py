@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from relight.core.errors import UserError
+from relight.core.errors import UserError, causes
 
 FILE_SYSTEM_ERRORS = frozenset({
     errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EIO,
@@ -63,13 +63,12 @@ def system_errno(error: BaseException | None) -> int | None:
     Returns:
         One of FILE_SYSTEM_ERRORS, or None for other reasons.
     """
-    while error is not None:
-        if isinstance(error, OSError) and error.errno in FILE_SYSTEM_ERRORS:
-            return error.errno
+    for cause in causes(error):
+        if isinstance(cause, OSError) and cause.errno in FILE_SYSTEM_ERRORS:
+            return cause.errno
         for number in FILE_SYSTEM_ERRORS:
-            if os.strerror(number) in str(error) or f"(os error {number})" in str(error):
+            if os.strerror(number) in str(cause) or f"(os error {number})" in str(cause):
                 return number
-        error = error.__cause__ or error.__context__
     return None
 
 
@@ -90,8 +89,7 @@ def writable_folder(path: Path | str, what: str, needed: int = 0) -> Path:
     path = Path(path)
     made: list[Path] = []
     try:
-        missing = [folder for folder in (path, *path.parents) if not folder.exists()]
-        for folder in reversed(missing):
+        for folder in reversed([folder for folder in (path, *path.parents) if not folder.exists()]):
             folder.mkdir()
             made.append(folder)
         if not path.is_dir():

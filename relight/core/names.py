@@ -11,8 +11,7 @@ def find_path(folder: Path, parts: tuple[str, ...]) -> Path | None:
     for part in parts:
         if not os.path.lexists(path / part):
             names = sorted(os.listdir(path)) if path.is_dir() else []
-            alike = next((name for name in names if folded(name) == folded(part)), None)
-            if alike is None:
+            if (alike := next((name for name in names if folded(name) == folded(part)), None)) is None:
                 return None
             part = alike
         path = path / part

@@ -39,9 +39,8 @@ def progress(items: Iterable[T], what: str, total: int | None = None) -> Iterato
     done = 0
 
     def show(time_words: str, end: str) -> None:
-        line = f"{what} {done}{of_total}{time_words}"
-        replaced = f"\r\x1b[K{line}"  # to the start of the line, and clear it
-        print(replaced if terminal else line, end=end, file=sys.stderr, flush=True)
+        clear = "\r\x1b[K" if terminal else ""  # to the start of the line, and clear it
+        print(f"{clear}{what} {done}{of_total}{time_words}", end=end, file=sys.stderr, flush=True)
 
     for done, item in enumerate(items, 1):
         yield item

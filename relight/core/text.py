@@ -6,6 +6,7 @@ import io
 import os
 import re
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -48,10 +49,8 @@ def decodings(data: bytes) -> Iterator[str]:
         return
     data = data.removeprefix(codecs.BOM_UTF8)
     for page in CODE_PAGES:
-        try:
+        with suppress(UnicodeDecodeError):
             yield data.decode(page)
-        except UnicodeDecodeError:
-            continue
 
 
 def _wide_encoding(start: bytes) -> str | None:

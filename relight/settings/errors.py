@@ -6,6 +6,7 @@ import yaml
 from hydra.errors import MissingConfigException, OverrideParseException
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
+from relight.core.errors import causes
 from relight.settings.checks import no_choice, no_such
 from relight.settings.schema import field_of
 from relight.settings.setting import type_in_words
@@ -18,8 +19,7 @@ def explain(error: Exception, groups: Mapping[str, Iterable[str]]) -> str:
         error: error that Hydra, OmegaConf or the YAML reader raised.
         groups: names of the presets of all groups of settings.
     """
-    cause: BaseException | None = error
-    while cause is not None:
+    for cause in causes(error):
         match cause:
             case yaml.MarkedYAMLError(problem_mark=yaml.Mark() as mark):
                 return f"{mark.name}, line {mark.line + 1}: {cause.problem}"
@@ -41,7 +41,6 @@ def explain(error: Exception, groups: Mapping[str, Iterable[str]]) -> str:
                 return f"{key.partition('[')[0]} must be {type_in_words(field.type)}, not {value}"
             case OmegaConfBaseException(full_key=str(key), msg=str(text)) if key:
                 return f"{key}: {_first_line(text)}"
-        cause = cause.__cause__ or cause.__context__
     return _first_line(str(error))
 
 

@@ -115,6 +115,4 @@ def type_in_words(kind: Any) -> str:
         return f"{type_in_words(get_args(kind)[0])}, or null"
     if get_origin(kind) is dict:
         return f"names, each with {type_in_words(get_args(kind)[1])}"
-    if get_origin(kind) is list:
-        return f"a list of {LIST_WORDS[get_args(kind)[0]]}"
-    return TYPE_WORDS[kind]
+    return f"a list of {LIST_WORDS[get_args(kind)[0]]}" if get_origin(kind) is list else TYPE_WORDS[kind]
