@@ -24,29 +24,20 @@ from relight.viewer.commands import web_app as web
 
 # The extra of pyproject.toml that brings a package, by the package's name in imports.
 EXTRAS = {
-    "OpenImageIO": "deep",
-    "anny": "figures",
-    "av": "video",
-    "hydra": "workflow",
-    "jinja2": "workflow",
-    "markdown_it": "workflow",
-    "matplotlib": "workflow",
-    "mitsuba": "bench",
-    "mlflow": "tracking",
-    "onnx": "export",
-    "onnxscript": "export",
-    "open3d": "scans",
-    "pandas": "workflow",
-    "psutil": "workflow",
-    "pymeshlab": "scans",
-    "safetensors": "train",
-    "skimage": "workflow",
-    "sklearn": "workflow",
-    "snakemake": "workflow",
-    "snakemake_executor_plugin_slurm": "slurm",
-    "torch": "train",
-    "trimesh": "scans",
-    "warp": "figures",
+    package: extra
+    for extra, packages in {
+        "bench": "mitsuba",
+        "deep": "OpenImageIO",
+        "export": "onnx onnxscript",
+        "figures": "anny warp",
+        "scans": "open3d pymeshlab trimesh",
+        "slurm": "snakemake_executor_plugin_slurm",
+        "tracking": "mlflow",
+        "train": "safetensors torch",
+        "video": "av",
+        "workflow": "hydra jinja2 markdown_it matplotlib pandas psutil skimage sklearn snakemake",
+    }.items()
+    for package in packages.split()
 }
 
 
