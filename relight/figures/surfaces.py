@@ -31,7 +31,12 @@ def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Returns area-weighted unit vertex normals (V,3)."""
     of_faces = np.repeat(face_normals(vertices, faces), 3, axis=0)
     sums = np.stack([np.bincount(faces.ravel(), of_faces[:, axis], len(vertices)) for axis in range(3)], axis=1)
-    return sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12)
+    return unit_rows(sums, 1e-12)
+
+
+def unit_rows(vectors: np.ndarray, least: float = 1e-9) -> np.ndarray:
+    """Returns vectors (...,k) divided by their length, or by `least` where they are shorter."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), least)
 
 
 def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -37,8 +37,7 @@ def lattice_value(i: int, j: int, seed: int) -> float:
 
 def random_numbers(count: int, columns: int, seed: int) -> np.ndarray:
     """Returns random numbers in [0,1), (count,columns), the same on every machine."""
-    number = np.arange(count)
-    return np.stack([lattice(number, np.full(count, k), seed) for k in range(columns)], -1)
+    return np.stack([lattice(np.arange(count), np.full(count, k), seed) for k in range(columns)], -1)
 
 
 def noise(x: np.ndarray, y: np.ndarray, seed: int = 0) -> np.ndarray:

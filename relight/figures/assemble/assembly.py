@@ -129,8 +129,7 @@ class Assembly:
             neck = collars.neck_of(self.motion)
             vertex_uv = np.zeros((len(positions), 2))
             vertex_uv[faces] = atlas.uv
-            uv_per_metre = atlas.scale / atlas.side
-            collar = collars.collar(positions, faces, vertex_uv, garment.collar, neck, uv_per_metre)
+            collar = collars.collar(positions, faces, vertex_uv, garment.collar, neck, atlas.scale / atlas.side)
             for trim in (collar, trims.band(pattern, positions, vertex_uv)):
                 if trim is not None:
                     self.builder.add(*trim, paint)
@@ -149,8 +148,7 @@ class Assembly:
         keep, facing = np.ones(len(level.faces), bool), normals(positions, level.faces)
         rings = 4 * self.detail.refine  # near the border of a garment one sees under it
         for cover in outer:
-            hidden = cover.hides(level.fitted, positions, facing, rings, self.figure)
-            keep &= ~hidden[level.faces].all(1)
+            keep &= ~cover.hides(level.fitted, positions, facing, rings, self.figure)[level.faces].all(1)
             positions = push_under(positions, level.faces, cover.surface, GAP)
         return positions, keep
 
@@ -162,8 +160,7 @@ class Assembly:
         pattern = self.cut[shirt].pattern
         trunk = pattern.levels[-1].faces[~pattern.sleeve]
         neck = collars.neck_of(self.motion)
-        tie = trims.tie(shown[shirt], trunk, neck)
-        if tie is not None:
+        if (tie := trims.tie(shown[shirt], trunk, neck)) is not None:
             vertices, faces = self._under_outer_tops(tie, shown, shirt)
             flat = np.stack([vertices @ neck.aside, vertices[:, 1]], axis=1)
             uv = (flat - flat.min(0)) / np.ptp(flat[:, 1])
@@ -181,8 +178,7 @@ class Assembly:
         if len(under) < MIN_UNDER_BELT:
             return
         trunk = pattern.levels[-1].faces[~pattern.sleeve]
-        ahead = self.motion.bone("root")[:, 2]
-        parts = trims.belt(positions, trunk, under, ahead, BELT_WIDTH)
+        parts = trims.belt(positions, trunk, under, self.motion.bone("root")[:, 2], BELT_WIDTH)
         buckle = Material(np.array(METAL, np.float32), name="buckle")
         for part, paint in zip(parts, (paints.accessory_paint("belt", self.side(share=8)), buckle)):
             vertices, faces = self._under_outer_tops(part, shown, outermost)
@@ -246,11 +242,10 @@ def refined(
 def mouth_cavity() -> np.ndarray:
     """Returns which faces (F,) of the skin line the mouth, by their centres in the UV map; they are never seen."""
     base = makehuman.base()
-    mask = skin.region("inside-mouth", MASK_SIDE)
     centre = base.uv[base.uv_faces["body"]].mean(1)
     row = ((MASK_SIDE - 1) * (1 - centre[:, 1])).astype(int) % MASK_SIDE
     column = ((MASK_SIDE - 1) * centre[:, 0]).astype(int) % MASK_SIDE
-    return mask[row, column] > 0.5
+    return skin.region("inside-mouth", MASK_SIDE)[row, column] > 0.5
 
 
 def inside_shoes(motion: Motion, outfit: Outfit) -> np.ndarray:
@@ -258,9 +253,8 @@ def inside_shoes(motion: Motion, outfit: Outfit) -> np.ndarray:
     body, shoe = motion.body, outfit.shoe
     if shoe.straps:
         return np.zeros(len(body.skin), bool)
-    ankle = body.joints["foot.L"][1]
     margin = HIGH_SHOE_MARGIN if shoe.top > 0 else LOW_SHOE_MARGIN
-    return body.skin[:, 1] < ankle + shoe.top - margin
+    return body.skin[:, 1] < body.joints["foot.L"][1] + shoe.top - margin
 
 
 def at_belt(pattern: Pattern) -> np.ndarray:

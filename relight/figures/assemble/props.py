@@ -186,8 +186,7 @@ def _bag(motion: Motion, sign: float, grip: np.ndarray, figure: Surface, rng: np
         rise = (1 - s**4) * (grip + 0.006 * face_sign * outward - middle)
         narrowing = 0.55 * half_width * s * (1 - s**4) * 0.75 * axes[:, 0]
         straps.append(strap(line + rise - narrowing, outward, width=0.004, thickness=0.02))
-    pieces = stacked([(x + away * outward, faces), *straps])
-    return [Prop(*pieces, material)]
+    return [Prop(*stacked([(x + away * outward, faces), *straps]), material)]
 
 
 def _stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Generator) -> list[Prop]:
@@ -195,8 +194,7 @@ def _stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Genera
 
     `figure` is posed and dressed, and `ground` the height of the floor, metres.
     """
-    skin = motion.posed_skin
-    thighs = skin[makehuman.bone_weights("root", "pelvis", "upperleg") > 0.5]
+    thighs = motion.posed_skin[makehuman.bone_weights("root", "pelvis", "upperleg") > 0.5]
     lowest = thighs[thighs[:, 1] < thighs[:, 1].min() + 0.04]
     ahead = unit(motion.bone("root")[:, 2] * [1, 0, 1])
     up = np.array([0.0, 1.0, 0.0])
@@ -235,8 +233,7 @@ def props(motion: Motion, pose: Pose, figure: Surface, seed: int) -> list[Prop]:
         seed: random seed of colors and sizes.
     """
     rng = np.random.default_rng([seed, 5])
-    floor = float(figure[0][:, 1].min())
-    built = _stool(motion, figure, floor, rng) if pose.sitting else []
+    built = _stool(motion, figure, float(figure[0][:, 1].min()), rng) if pose.sitting else []
     for side, hand in (("L", pose.left), ("R", pose.right)):
         if hand.holds:
             built += _hand_prop(hand.holds, motion, side, figure, rng)

@@ -25,9 +25,7 @@ def rotation_between(a: np.ndarray, b: np.ndarray) -> Rotation:
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
     axis = np.cross(a, b)
     sine = np.linalg.norm(axis)
-    if sine < 1e-9:
-        return Rotation.identity()
-    return Rotation.from_rotvec(axis / sine * np.arctan2(sine, a @ b))
+    return Rotation.identity() if sine < 1e-9 else Rotation.from_rotvec(axis / sine * np.arctan2(sine, a @ b))
 
 
 def middle_joint(
@@ -145,14 +143,13 @@ class PoseSolver:
     def _arm(self, side: str, sign: int, hand: Hand) -> None:
         """Rotates the arm of a side, "L" or "R" where x has the sign 1 or -1, from collar bone to fingers."""
         mirror = np.array([sign, 1, 1])
-        length = self.arm_length(side)
         raised = np.clip(hand.wrist[1] + 0.25, 0, 1)  # the collar bone helps an arm that goes up: from -3 to 15 degrees
         self.local[f"clavicle.{side}"] = Rotation.from_euler("z", sign * (18 * raised - 3), degrees=True)
         trunk, _ = self.world_transform("spine01")
         _, shoulder = self.world_transform(f"upperarm01.{side}")
         reach = np.array(hand.wrist)
         reach = reach / max(1.0, np.linalg.norm(reach) / MAX_REACH)
-        goal = shoulder + trunk.apply(reach * mirror * length)
+        goal = shoulder + trunk.apply(reach * mirror * self.arm_length(side))
         elbow_direction = trunk.apply(np.array(hand.elbow) * mirror)
         self._limb(f"upperarm01.{side}", f"lowerarm01.{side}", f"wrist.{side}", goal, elbow_direction)
         self._hand(side, mirror, hand, trunk)
@@ -205,9 +202,7 @@ class PoseSolver:
         On tiptoe the toes stay level. A shoe pitches the foot further, by `heels` degrees, but not the toes.
         """
         mirror = np.array([sign, 1, 1])
-        j = self.joints
-        step = np.array(foot.step) - [NARROWER, 0, 0]
-        goal = j[f"foot.{side}"] + step * mirror * length
+        goal = self.joints[f"foot.{side}"] + (np.array(foot.step) - [NARROWER, 0, 0]) * mirror * length
         facing = Rotation.from_euler("y", sign * foot.turn, degrees=True)
         pole = facing.apply([0.05 * sign, 0.25, 1.0])
         self._limb(f"upperleg01.{side}", f"lowerleg01.{side}", f"foot.{side}", goal, pole)

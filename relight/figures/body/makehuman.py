@@ -118,8 +118,7 @@ def rig() -> Rig:
             heads.append(np.array(head["vertex_indices"]))
         else:
             heads.append(np.array([head["vertex_index"]]))
-    parent = np.array([index.get(bones[name]["parent"], -1) for name in order])
-    return Rig(order, parent, weights, heads)
+    return Rig(order, np.array([index.get(bones[name]["parent"], -1) for name in order]), weights, heads)
 
 
 def bone_weights(*prefixes: str) -> np.ndarray:

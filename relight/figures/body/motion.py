@@ -96,8 +96,7 @@ def build_motion(body: Body, pose: Pose, frames: int) -> Motion:
     """
     rig = makehuman.rig()
     solver = PoseSolver(body)
-    local = solver.solve(pose)
-    vectors = rotation_vectors(local)
+    vectors = rotation_vectors(solver.solve(pose))
     shares = smoothstep(np.linspace(0, 1, frames + 1))
     transforms = np.stack([bone_transforms(body, vectors * share, solver.shift * share) for share in shares])
     lowest = skinned(rig.weights[makehuman.BODY], body.skin, transforms[-1])[:, 1].min()

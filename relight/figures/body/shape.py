@@ -88,5 +88,4 @@ def build_body(person: Person, expression: Expression | None = None) -> Body:
     face = person.face | (expression.units if expression else {})
     vertices = makehuman.blended(macro_weights(person) | face)
     rig = makehuman.rig()
-    joints = {bone: vertices[head].mean(0) for bone, head in zip(rig.bones, rig.heads)}
-    return Body(person, vertices, joints)
+    return Body(person, vertices, {bone: vertices[head].mean(0) for bone, head in zip(rig.bones, rig.heads)})

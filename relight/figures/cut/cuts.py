@@ -121,15 +121,9 @@ def cut_from_suit(body: Body, garment: Garment, suit: Fields) -> tuple[sparse.cs
     matrix = sparse.identity(len(body.tights), format="csr")
     for cut in cuts(body, garment):
         matrix, faces = clip(matrix, faces, cut({name: matrix @ values for name, values in suit.items()}))
-    matrix, faces = _largest_piece(matrix, faces)
+    piece = connected_parts(faces, matrix.shape[0])  # a cut may leave small ones beside the largest
+    matrix, faces = compacted(matrix, faces[piece == np.bincount(piece).argmax()])
     sleeve = np.zeros(len(faces), bool)
     if garment.kind == "top":  # edges along the armhole, where the panels of sleeve and body meet
-        on_arm = matrix @ arm_share(suit)
-        matrix, faces, sleeve = split(matrix, faces, on_arm - 0.5)
+        matrix, faces, sleeve = split(matrix, faces, matrix @ arm_share(suit) - 0.5)
     return matrix, faces, sleeve
-
-
-def _largest_piece(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """Returns the largest connected piece of a surface, matrix (n,k) and faces (F,3); a cut may leave small others."""
-    piece = connected_parts(faces, matrix.shape[0])
-    return compacted(matrix, faces[piece == np.bincount(piece).argmax()])

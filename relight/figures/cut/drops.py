@@ -28,10 +28,8 @@ def lowest_border(faces: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.n
     """
     ring = min(border_loops(faces), key=lambda ring: (x[ring].min() * x[ring].max() > 0, y[ring].min()))
     low = y[ring] < y[ring].min() + 0.003  # metres
-    if low.all():
-        return ring, True
     # a garment open in front has one border all round, of which only the longest run at the bottom counts
-    return longest_run(ring, low), False
+    return (ring, True) if low.all() else (longest_run(ring, low), False)
 
 
 def split_border(faces: np.ndarray, n: int, ring: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
@@ -55,8 +53,7 @@ def split_border(faces: np.ndarray, n: int, ring: np.ndarray) -> tuple[sparse.cs
     ends: list[list[int]] = []
     for number, face in enumerate(faces.tolist()):
         rotated = [face[k:] + face[:k] for k in range(3)]
-        on_border = next((corners for corners in rotated if tuple(corners[:2]) in border), None)
-        if on_border is None:
+        if (on_border := next((corners for corners in rotated if tuple(corners[:2]) in border), None)) is None:
             new_faces.append(face)
             parent.append(number)
         else:

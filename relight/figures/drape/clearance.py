@@ -51,8 +51,7 @@ def clear_hands(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
             deficit = float(np.clip(np.percentile(missing, 95), -MAX_STEP if hand.rests else 0, MAX_STEP))
             if abs(deficit) < TOLERANCE or (nearest_face < 0).all():
                 continue
-            worst = missing >= np.percentile(missing, 80)
-            outward = normal[worst].mean(0)
+            outward = normal[missing >= np.percentile(missing, 80)].mean(0)
             outward /= max(np.linalg.norm(outward), 1e-6)
             # The frame of `Hand.wrist`: that of the chest, mirrored, in arm lengths.
             step = chest_rotation.inv().apply(deficit * outward) * [sign, 1, 1]

@@ -19,6 +19,7 @@ from relight.figures.surfaces import (
     smooth_line,
     smoothed,
     thickened,
+    unit_rows,
 )
 from relight.figures.texture import noise
 
@@ -106,8 +107,7 @@ def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: Ne
         smooth: (n,3) the garment close around the body, without folds, metres.
         neck: of the posed figure.
     """
-    border = _neckline(vertices, faces, neck)
-    if border is None:
+    if (border := _neckline(vertices, faces, neck)) is None:
         return vertices
     ring, closed = border
     spacing = np.linalg.norm(np.diff(smooth[ring], axis=0), axis=1).mean()
@@ -164,8 +164,7 @@ def _paths_over(
         points = points - np.where(face >= 0, distance, 0)[:, None] * normal
         places.append(points)
         facing.append(normal)
-        heading = heading - (heading * normal).sum(1, keepdims=True) * normal
-        heading /= np.maximum(np.linalg.norm(heading, axis=1, keepdims=True), 1e-9)
+        heading = unit_rows(heading - (heading * normal).sum(1, keepdims=True) * normal)
         heading = smooth_line(heading, 2, closed=False)
         points = points + heading * (length / PATH_STEPS)[:, None]
     return np.stack(places), np.stack(facing)
@@ -208,8 +207,8 @@ def _lay_lapels(
     cloth = Collider.at_rest(vertices, faces)
     normal = smooth_line(normals(vertices, faces)[ring], 6, closed=False)
     tangent = smooth_line(np.gradient(base, axis=0), 6, closed=False)
-    inward = smooth_line(np.cross(normal, tangent), 12, closed=False)  # borders run so that the cloth is to their left
-    inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
+    # Borders run so that the cloth is to their left.
+    inward = unit_rows(smooth_line(np.cross(normal, tangent), 12, closed=False))
     below = np.clip(-((base - neck.base) @ neck.up), 0, LAPEL)  # metres below the neck's base
     collar = np.clip(1 - below / 0.06, 0, 1)  # 1 on the collar around the neck, 0 on the lapels below it
     from_end = np.minimum(np.arange(len(ring)), np.arange(len(ring))[::-1]) / 8
@@ -254,8 +253,7 @@ def _into_panel(faces: np.ndarray, cloth: np.ndarray, ring: np.ndarray) -> np.nd
     step[np.linalg.norm(step, axis=2).max(1) > TORN] = 0
     summed = np.zeros_like(cloth)
     np.add.at(summed, faces, step)
-    direction = smooth_line(summed[ring], 20, closed=False)  # over seams
-    return direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-9)
+    return unit_rows(smooth_line(summed[ring], 20, closed=False))  # over seams
 
 
 def collar(
@@ -274,8 +272,7 @@ def collar(
     Returns:
         Vertices (V,3), faces (F,3) and corner uv (F,3,2); None if the neckline is not found.
     """
-    border = _neckline(vertices, faces, neck, low=LAPEL if kind == "lapel" else 0.0)
-    if border is None:
+    if (border := _neckline(vertices, faces, neck, low=LAPEL if kind == "lapel" else 0.0)) is None:
         return None
     ring, closed = border
     if kind in ("fold", "lapel", "hood"):
@@ -289,8 +286,7 @@ def collar(
         rows = _lay_lapels(vertices, faces, ring, base, neck)
     else:
         away = base - neck.base
-        out = away - np.outer(away @ neck.up, neck.up)
-        out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-6)
+        out = unit_rows(away - np.outer(away @ neck.up, neck.up), 1e-6)
         spread = np.zeros_like(base)
         if kind == "fold":  # the points stand apart where the collar opens
             travel = np.r_[0, np.cumsum(np.linalg.norm(np.diff(base, axis=0), axis=1))]

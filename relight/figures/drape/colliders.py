@@ -8,7 +8,7 @@ from platformdirs import user_cache_path
 
 from relight.core.processes import without_messages
 from relight.figures.drape.kernels import cast_rays, find_nearest_faces
-from relight.figures.surfaces import normals
+from relight.figures.surfaces import normals, unit_rows
 
 wp.config.log_level = wp.LOG_ERROR
 
@@ -100,6 +100,5 @@ def signed_distance(
     face, weights = surface.nearest(points, max_distance)
     corner = surface.indices.numpy().reshape(-1, 3)[face]
     base = np.einsum("nk,nkd->nd", weights, surface.end.numpy()[corner])
-    normal = np.einsum("nk,nkd->nd", weights, surface.normals.numpy()[corner])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    normal = unit_rows(np.einsum("nk,nkd->nd", weights, surface.normals.numpy()[corner]))
     return face, np.where(face >= 0, np.einsum("nd,nd->n", points - base, normal), np.inf), normal

@@ -16,7 +16,7 @@ from relight.figures.drape.solver import SolverSettings
 from relight.figures.draw.fabrics import Fabric
 from relight.figures.draw.garments import Garment, Worn
 from relight.figures.draw.outfits import Outfit
-from relight.figures.surfaces import Surface, face_normals, normals, smoothed, stacked
+from relight.figures.surfaces import Surface, face_normals, normals, smoothed, stacked, unit_rows
 
 FREE_DROP = 0.2  # length of a drop above which its cloth hangs free, metres
 CLEFT_WIDTH = 0.04  # largest distance of the cleft between the buttocks from the middle, metres
@@ -137,8 +137,7 @@ def drape_outfit(motion: Motion, outfit: Outfit, detail: Detail) -> list[DrapedG
     for item in outfit.garments:
         garment = item.garment
         if garment.kind == "scarf":
-            skin = obstacles.skin[-1], obstacles.under_scarves
-            worn.append(drape_scarf(motion, item, skin, worn, detail))
+            worn.append(drape_scarf(motion, item, (obstacles.skin[-1], obstacles.under_scarves), worn, detail))
             continue
         pattern = patterns.build_pattern(motion.body, garment, detail.refine)
         surface_at = partial(obstacles.below, garment, list(worn))
@@ -188,8 +187,7 @@ def finished(
     crimp = wrinkles.varied(garment.cloth.crimp, fabric.seed)
     hang = np.clip(4 * pattern.fields["drop"], 0, 1) * (garment.drop > FREE_DROP)
     height = wrinkles.folds(pattern.levels, pattern.refine, draped.positions, crimp, hang, fabric.seed)
-    facing = smoothed(normals(draped.positions, level.faces), level.faces, times=3)
-    facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-9)
+    facing = unit_rows(smoothed(normals(draped.positions, level.faces), level.faces, times=3))
     x = draped.positions + height[:, None] * facing
     if garment.kind == "top":
         without_folds = motion.skin(level.weights, level.fitted)
@@ -219,8 +217,7 @@ def drape_scarf(
         if other.pattern.garment.kind == "top":
             x, cloth = other.surface
             no_uv, kind = np.zeros((len(x), 2)), other.pattern.garment.collar
-            collar = collars.collar(x, cloth, no_uv, kind, neck, uv_per_metre=1.0)
-            if collar is not None:
+            if (collar := collars.collar(x, cloth, no_uv, kind, neck, uv_per_metre=1.0)) is not None:
                 parts.append(collar[:2])
     vertices, faces = stacked(parts)
     pattern = scarves.build_scarf(motion, scarf.garment, Collider.at_rest(vertices, faces), detail.refine)

@@ -78,11 +78,10 @@ def _centre_line(wrap: Wrap, surface: Collider, neck: Neck) -> tuple[np.ndarray,
 
     Returns its points (n,3), every EDGE, and the unit directions (n,3) away from the figure there.
     """
-    neck_radius = _outline(surface, neck)
     angle = np.radians(wrap.start - np.arange(0, wrap.turn + 1, RING_STEP))
     layers = LAYER * np.abs(angle - angle[0]) / (2 * np.pi)  # each turn lies on the one before
     bearings = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
-    radius = np.interp(angle, bearings, neck_radius, period=2 * np.pi) + RING_DISTANCE + layers
+    radius = np.interp(angle, bearings, _outline(surface, neck), period=2 * np.pi) + RING_DISTANCE + layers
     outward = np.outer(np.sin(angle), neck.left) + np.outer(np.cos(angle), neck.forward)
     ring = neck.base + wrap.height * neck.up + outward * radius[:, None]
     # The ends hang from the first and the last point of the ring, the second one over the first.
@@ -95,8 +94,7 @@ def _centre_line(wrap: Wrap, surface: Collider, neck: Neck) -> tuple[np.ndarray,
     travel = np.r_[0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]  # metres along the line
     first = travel[len(ends[0])] - wrap.ends[0]
     last = travel[-len(ends[1])] + wrap.ends[1]
-    count = round((last - first) / EDGE)
-    at = np.linspace(first, last, count + 1)
+    at = np.linspace(first, last, round((last - first) / EDGE) + 1)
     line, away = (
         np.stack([np.interp(at, travel, points[:, axis]) for axis in range(3)], axis=1) for points in (line, away)
     )
@@ -131,9 +129,7 @@ def build_scarf(motion: Motion, garment: Garment, surface: Collider, levels: int
     flat = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
     faces = grid_faces(rows, columns)[:, [0, 2, 1]]  # y is upward
     start = start.reshape(-1, 3)
-    fields = {"drop": np.ones(len(flat))}
-    unpinned = np.zeros(len(flat))
     no_skinning = np.zeros((len(flat), 1))
-    coarsest = Level(flat, start, fitted=start, pin_weight=unpinned, weights=no_skinning, faces=faces)
+    coarsest = Level(flat, start, fitted=start, pin_weight=np.zeros(len(flat)), weights=no_skinning, faces=faces)
     no_sleeves = np.zeros(len(faces), bool)
-    return refined(motion.body, garment, coarsest, fields, no_sleeves, levels)
+    return refined(motion.body, garment, coarsest, {"drop": np.ones(len(flat))}, no_sleeves, levels)

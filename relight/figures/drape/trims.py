@@ -56,8 +56,7 @@ def band(pattern: Pattern, positions: np.ndarray, uv: np.ndarray) -> tuple[np.nd
             return None
         matrix, faces = clip(matrix, faces, matrix @ field, snap=0.2)
     flat = matrix @ positions
-    raised = flat + OFFSET * normals(flat, faces)
-    points, shell, corner = thickened(raised, faces, OFFSET, rings=None)
+    points, shell, corner = thickened(flat + OFFSET * normals(flat, faces), faces, OFFSET, rings=None)
     return points, shell, (matrix @ uv)[faces.ravel()[corner]]
 
 
@@ -132,5 +131,4 @@ def tie(vertices: np.ndarray, faces: np.ndarray, neck: Neck) -> Surface | None:
     depth = np.minimum(gaussian_filter1d(depth, 1.5, axis=0, mode="nearest"), depth)  # over folds, not into them
     knot = 0.011 * np.exp(-(((s[rows] - 0.4 * KNOT) / (0.6 * KNOT)) ** 2))[:, None] * (1 - 0.5 * across**2)
     points = origin[rows] - neck.ahead * (depth - 2 * OFFSET - knot)[..., None]
-    face = grid_faces(*points.shape[:2])
-    return thickened(points.reshape(-1, 3), face, OFFSET, rings=None)[:2]
+    return thickened(points.reshape(-1, 3), grid_faces(*points.shape[:2]), OFFSET, rings=None)[:2]

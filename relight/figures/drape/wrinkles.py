@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from relight.figures.cut.level import Level
 from relight.figures.draw.garments import Crimp
-from relight.figures.surfaces import averaged, face_normals, neighbours, normals
+from relight.figures.surfaces import averaged, face_normals, neighbours, normals, unit_rows
 
 NEAREST = 26  # vertices that a point of a crest may lift
 DENSE_FACTOR = 4  # times as many where vertices are at least twice as dense as usual, as in the cleft of the buttocks
@@ -122,8 +122,7 @@ def _trace_crests(
                 samples.append((place[unfinished], vertex[unfinished], unfinished, distance))
             ahead = along[vertex]
             ahead = ahead * np.where(np.einsum("mx,mx->m", ahead, heading) < 0, -1.0, 1.0)[:, None]
-            heading = 0.5 * heading + 0.5 * ahead
-            heading /= np.maximum(np.linalg.norm(heading, axis=1, keepdims=True), 1e-9)
+            heading = unit_rows(0.5 * heading + 0.5 * ahead)
             place = place + step * heading
             vertex = tree.query(place)[1]
             off = np.einsum("mx,mx->m", place - points[vertex], normal[vertex])
@@ -223,8 +222,7 @@ def _smoothness(points: np.ndarray, faces: np.ndarray, average: sparse.csr_matri
     `average` (n,n) takes the values of vertices to the means of their neighbours.
     """
     normal = normals(points, faces)
-    mean = averaged(normal, average, SMOOTHINGS)
-    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
+    mean = unit_rows(averaged(normal, average, SMOOTHINGS))
     return np.clip((np.einsum("nx,nx->n", normal, mean) - SHARP) / (SMOOTH - SHARP), 0, 1)
 
 

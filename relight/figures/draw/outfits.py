@@ -58,8 +58,7 @@ class Outfit:
 
 def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
     """Adapts an outfit to a pose: removes long coats to sit, and scarves where hands are in front of the chest."""
-    wrists = pose.left.wrist, pose.right.wrist
-    crossed = any(outward < CROSSED and ahead > 0 for outward, _, ahead in wrists)
+    crossed = any(outward < CROSSED and ahead > 0 for outward, _, ahead in (pose.left.wrist, pose.right.wrist))
 
     def stays(garment: Garment) -> bool:
         long_coat = garment.collar == "lapel" and garment.drop > 0.2

@@ -129,8 +129,7 @@ def varied(pose: Pose, rng: np.random.Generator) -> Pose:
     )
     closer, turn = float(rng.uniform(*CLOSER_FEET)), float(rng.normal(0, TURN_SPREAD))
     are_level = (outward <= MAX_OUTWARD and up == 0 for outward, up, _ in (foot.step for foot in pose.feet))
-    has_level_feet = not pose.sitting and all(are_level)
-    if rng.random() < 0.5 and has_level_feet:
+    if rng.random() < 0.5 and not pose.sitting and all(are_level):
         left_foot, right_foot = (
             replace(foot, step=(foot.step[0] - closer, foot.step[1], foot.step[2])) for foot in pose.feet
         )

@@ -33,7 +33,6 @@ def marks(pattern: Pattern) -> dict[str, np.ndarray]:
     start, end = points[rim(faces)].swapaxes(0, 1)
     border = np.concatenate([start + t * (end - start) for t in (0.0, 0.25, 0.5, 0.75)])  # four points of each edge
     edge = np.minimum(cKDTree(border).query(points, distance_upper_bound=MAX_DISTANCE)[0], MAX_DISTANCE)[faces]
-    seam = seam_distance(pattern)
     rub, bend = np.zeros(len(points)), np.zeros(len(points))
     if pattern.garment.kind == "trousers":
         leg = np.where(fields["x"] > 0, fields["legL"], fields["legR"])
@@ -44,7 +43,7 @@ def marks(pattern: Pattern) -> dict[str, np.ndarray]:
         arm, on_arm = np.maximum(fields["armL"], fields["armR"]), np.clip(arm_share(fields), 0, 1)
         rub, bend = on_arm * bell(arm, ELBOW, 0.15), on_arm * bell(arm, ELBOW, 0.25)
     rub = np.maximum(rub[faces], 0.7 * np.exp(-edge / FRAY))
-    return {"seam": seam, "edge": edge, "rub": rub, "bend": 0.3 + 0.7 * bend[faces]}
+    return {"seam": seam_distance(pattern), "edge": edge, "rub": rub, "bend": 0.3 + 0.7 * bend[faces]}
 
 
 def bell(position: np.ndarray, centre: float, width: float) -> np.ndarray:

@@ -32,8 +32,7 @@ def garment_paint(pattern: Pattern, number: int, atlas: panels.Panels) -> Paint:
         worn = outfit.garments[number]
 
         def paint_panel(panel: str, u: np.ndarray, v: np.ndarray, place: tuple[slice, slice]) -> np.ndarray:
-            faces = atlas.panel == atlas.names.index(panel)
-            top = atlas.cloth[faces][..., 1].max()  # v of the panel's upper end
+            top = atlas.cloth[atlas.panel == atlas.names.index(panel)][..., 1].max()  # v of the panel's upper end
             marks_here = {mark: image[place] for mark, image in worn_places.items()}
             cloth = worn.fabric, panel, u, v, texel
             patch = Patch(*cloth, garment, marks_here, woven(Swatch(*cloth)))

@@ -116,7 +116,6 @@ def cloth_coordinates(pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarr
     corner = level.rest_shape[faces]
     if pattern.garment.kind == "scarf":  # both halves have the same texture, from the middle to the ends
         return ["scarf"], np.zeros(len(faces), int), np.stack([corner[..., 0], np.abs(corner[..., 1])], axis=-1)
-    middle = corner.mean(1)
     cloth = np.zeros((*faces.shape, 2))
     cloth[..., 1] = corner[..., 1] - pattern.body.heights["crotch"]
     panel = np.zeros(len(faces), int)
@@ -132,7 +131,7 @@ def cloth_coordinates(pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarr
         return names, panel, cloth
     names = ["front", "back", "left sleeve", "right sleeve"]
     axis = side_plane(pattern)
-    back = middle[:, 2] < axis
+    back = corner.mean(1)[:, 2] < axis
     turn = np.where(back, -1, 1)[:, None]
     panel[back] = 1
     cloth[..., 0] = _arc_length(corner[..., 0] * turn, (corner[..., 2] - axis) * turn)

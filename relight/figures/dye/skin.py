@@ -84,8 +84,7 @@ def paint_skin(person: Person, outfit: Outfit, side: int, seed: int) -> Material
     point = texels(side)
     inside = np.isfinite(point[..., 0])
     x, y, z = np.moveaxis(point[inside], -1, 0)
-    base = makehuman.base().vertices
-    eye = base[makehuman.EYES["L"]].mean(0)
+    eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
     skin = tone(person)
     blush = np.array([1.0, 0.80, 0.80]) if person.skin > 0.35 else np.array([1.0, 0.92, 0.90])
     color = np.tile(skin, (len(x), 1))
@@ -174,8 +173,7 @@ def beard_share(points: np.ndarray) -> np.ndarray:
 
 def freckles(person: Person, seed: int) -> float:
     """Returns how freckled a person is, in [0,1]: above 0 for every second person with light skin."""
-    drawn = lattice_value(seed, 1, 91)
-    return max(0.0, 2 * drawn - 1) * float(np.clip(3 * (person.skin - 0.5), 0, 1))
+    return max(0.0, 2 * lattice_value(seed, 1, 91) - 1) * float(np.clip(3 * (person.skin - 0.5), 0, 1))
 
 
 def hairline(azimuth: np.ndarray) -> np.ndarray:

@@ -137,8 +137,7 @@ def knit(swatch: Swatch) -> np.ndarray:
     mean = 0.4  # of `stitch`, the grey of fine ones
     share = 0.35 * (mean + visible * (stitch - mean))
     if swatch.trait("ribs") < 0.4:
-        ribs = band(u, 0.012 + 0.012 * swatch.trait("rib width"), 0.4, 0.003)
-        share = share + 0.22 * ribs
+        share = share + 0.22 * band(u, 0.012 + 0.012 * swatch.trait("rib width"), 0.4, 0.003)
     return swatch.patterned(share, 0.45 * swatch.first)
 
 

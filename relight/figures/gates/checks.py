@@ -119,9 +119,7 @@ def check_outfit(worn: list[DrapedGarment], motion: Motion, sitting: bool) -> tu
     for w, share in zip(worn, crossings):
         if share > (MAX_CROSSING_SITTING if sitting else MAX_CROSSING):
             return f"{w.pattern.garment.name}: {100 * share:.1f} % of it goes through cloth", measured
-    if hidden > MAX_COVERED:
-        return f"{100 * hidden:.0f} % of a hand is sunk in cloth", measured
-    return None, measured
+    return (f"{100 * hidden:.0f} % of a hand is sunk in cloth" if hidden > MAX_COVERED else None), measured
 
 
 def crossing(sheets: list[Surface], rest_shapes: list[np.ndarray]) -> list[float]:
@@ -143,8 +141,7 @@ def crossing(sheets: list[Surface], rest_shapes: list[np.ndarray]) -> list[float
     mesh = wp.Mesh(points=points, indices=indices)
     intersects = wp.zeros(len(faces), dtype=int)
     garments: wp.array = wp.array(garment.astype(np.int32), dtype=int)
-    limits = [MIN_DEPTH, MIN_REST_DISTANCE]
-    inputs = [mesh.id, points, indices, vec3_array(centres), garments, *limits, intersects]
+    inputs = [mesh.id, points, indices, vec3_array(centres), garments, MIN_DEPTH, MIN_REST_DISTANCE, intersects]
     wp.launch(find_intersections, dim=len(faces), inputs=inputs)
     return [float(intersects.numpy()[garment == k].mean()) for k in range(len(sheets))]
 

@@ -11,7 +11,7 @@ from relight.figures.body.shape import Body
 from relight.figures.drape.colliders import Collider
 from relight.figures.draw.hairstyles import Comb
 from relight.figures.dye.skin import above_hairline, skull_centre
-from relight.figures.surfaces import face_normals, normals
+from relight.figures.surfaces import face_normals, normals, unit_rows
 from relight.figures.texture import random_numbers, smoothstep
 
 WHORL = np.array([0.12, 0.80, -0.59])  # direction from the head's centre to where short hair parts in all directions
@@ -137,9 +137,7 @@ def comb_directions(comb: Comb, roots: Roots) -> tuple[np.ndarray, np.ndarray]:
     behind = ramp(-z, -0.1, 0.5)  # 1 at the back, where there is no parting
     sideways = np.where(azimuth > comb.part, 1.0, -1.0) * (1 - behind) + np.clip(3 * x, -1, 1) * behind
     aside, down, ahead = np.eye(3)[0] * sideways[:, None], np.array([0.0, -1, 0]), np.array([0.0, 0, 1])
-    from_whorl = roots.sides - WHORL
-    from_whorl /= np.maximum(np.linalg.norm(from_whorl, axis=1, keepdims=True), 0.15)
-    from_whorl = from_whorl + 0.5 * (1 - top) * down
+    from_whorl = unit_rows(roots.sides - WHORL, 0.15) + 0.5 * (1 - top) * down
     if comb.direction == "forward":
         direction = from_whorl + 0.4 * top * aside * front
     elif comb.direction == "aside":

@@ -67,8 +67,7 @@ def lashes(head: Head) -> Strip:
         s = np.linspace(0, 1, 5)[None, :, None]
         rest = (1 - s) ** 2 * first[:, None] + 2 * s * (1 - s) * bend[:, None] + s**2 * last[:, None]
         points = motion.skin(np.repeat(weights[lid[i]], 5, axis=0), rest.reshape(-1, 3)).reshape(rest.shape)
-        up = motion.bone("head")[:, 1]
-        parts.append((points, np.broadcast_to(up, points.shape), random))
+        parts.append((points, np.broadcast_to(motion.bone("head")[:, 1], points.shape), random))
     points, normals, random = (np.concatenate(column) for column in zip(*parts))
     width = 0.0006 if head.fine else 0.001  # metres
     return ribbons(width, points, normals, random, roll=0.0)

@@ -13,15 +13,13 @@ HairPart = tuple[str, Strip]  # hair, hat, brows, lashes or beard, which differ 
 def build_hair(head: Head, style: HairStyle, beard: float) -> list[HairPart]:
     """Builds the hair of head and face, with a beard of an amount in [0,1], and the hat, in the pose."""
     parts = [("brows", facial.brows(head)), ("lashes", facial.lashes(head))]
-    beard_strip = facial.beard(head, beard)
-    if beard_strip is not None:
+    if (beard_strip := facial.beard(head, beard)) is not None:
         parts.append(("beard", beard_strip))
     if style.comb is None:
         return parts
     if style.hat != "none":
         parts += [("hat", strip) for strip in hat(head.motion, style)]
-    comb = varied(style.comb, head.seed)
-    parts.append(("hair", grow_locks(head, comb, hat=style.hat != "none")))
+    parts.append(("hair", grow_locks(head, varied(style.comb, head.seed), hat=style.hat != "none")))
     if style.tie != "none":
         parts.append(("hair", tied_hair(head, style.tie)))
     return parts

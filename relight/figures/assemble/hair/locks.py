@@ -20,6 +20,7 @@ from relight.figures.assemble.hair.strands import Strip, ribbons, spread_strands
 from relight.figures.body.motion import Motion
 from relight.figures.drape.colliders import Collider, signed_distance
 from relight.figures.draw.hairstyles import Comb
+from relight.figures.surfaces import unit_rows
 from relight.figures.texture import noise, random_numbers
 
 CONTACT_RANGE = 0.08  # search range of the surface below a guide, metres
@@ -59,8 +60,7 @@ def grow_guides(
     layer = comb.body * (0.85 + 0.15 * roots.random[:, 3]) * (0.35 + 0.65 * roots.rim)
     layer = 0.002 + np.minimum(layer, 0.25 * length)  # metres over the skin; short hair lies flat
     if heading is None:
-        along_skin = direction - (direction * roots.normals).sum(1, keepdims=True) * roots.normals
-        along_skin /= np.maximum(np.linalg.norm(along_skin, axis=1, keepdims=True), 1e-9)
+        along_skin = unit_rows(direction - (direction * roots.normals).sum(1, keepdims=True) * roots.normals)
         heading = along_skin + comb.lift * (0.5 + roots.random[:, :1]) * roots.normals
     heading /= np.linalg.norm(heading, axis=1, keepdims=True)
     rise = comb.above * np.sqrt(roots.rim * (2 - roots.rim))  # nothing at the hairline
@@ -84,7 +84,7 @@ def grow_guides(
         goal = goal + np.clip(push, -MAX_PUSH, MAX_PUSH)[:, None] * normal
         if deflect is not None:
             goal = deflect(point, goal)
-        heading = (goal - point) / np.maximum(np.linalg.norm(goal - point, axis=1, keepdims=True), 1e-9)
+        heading = unit_rows(goal - point)
         point = point + step * heading
         points.append(point)
         normals_below.append(normal)
@@ -100,8 +100,7 @@ def _deflect_from_face(motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.
     The function takes points (n,3) and their next points (n,3), posed, and returns other next points.
     """
     centre, head = head_centre(motion.body), motion.bone("head")
-    at_cheeks = np.abs(motion.body.skin[:, 1] - centre[1] + 0.05) < 0.02
-    cheek = motion.body.skin[at_cheeks]
+    cheek = motion.body.skin[np.abs(motion.body.skin[:, 1] - centre[1] + 0.05) < 0.02]
     half_width = 0.90 * cheek[cheek[:, 2] > centre[2] + 0.03, 0].max()  # of the face, metres
 
     def deflect(points: np.ndarray, next_points: np.ndarray) -> np.ndarray:
@@ -121,8 +120,7 @@ def grow_locks(head: Head, comb: Comb, hat: bool) -> Strip:
     """Grows all strands of a style, or only those that a hat leaves free; a third of them, and wider, if not `fine`."""
     motion, seed, fine = head.motion, head.seed, head.fine
     if not fine:
-        strands = max(2, round(comb.strands / 1.5))
-        comb = replace(comb, count=comb.count // 2, strands=strands, width=1.8 * comb.width)
+        comb = replace(comb, count=comb.count // 2, strands=max(2, round(comb.strands / 1.5)), width=1.8 * comb.width)
     share = below_hat if hat else scalp_roots
     guides = plant_roots(head, comb.count, 0, share)
     direction, length = comb_directions(comb, guides)

@@ -5,6 +5,7 @@ from scipy.spatial import cKDTree
 
 from relight.figures.assemble.hair.combing import Roots, ramp
 from relight.figures.draw.hairstyles import Comb
+from relight.figures.surfaces import unit_rows
 from relight.figures.texture import noise
 
 Strip = tuple[np.ndarray, np.ndarray, np.ndarray]  # posed vertices, faces, and uv of the vertices
@@ -17,12 +18,8 @@ OUTLINE = ((0.0, 0.15, 0.6, 1.0), (0.75, 1.0, 0.9, 0.15))  # position along a st
 
 def _line_frames(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns unit vectors along n lines of m points, across them, and upward, nearest to `normals`, each (n,m,3)."""
-
-    def unit(vectors: np.ndarray) -> np.ndarray:
-        return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
-
-    along = unit(np.gradient(points, axis=1))
-    across = unit(np.cross(along, normals))
+    along = unit_rows(np.gradient(points, axis=1))
+    across = unit_rows(np.cross(along, normals))
     return along, across, np.cross(across, along)
 
 
@@ -65,7 +62,6 @@ def spread_strands(
     Returns:
         Points of the strands, metres, and normals of the hair, each (n,steps+1,3).
     """
-    n = len(roots.points)
     guide = cKDTree(guides.points).query(roots.points)[1]  # of each strand
     along, across, up = _line_frames(points, normals)
     off = roots.points - guides.points[guide]
@@ -79,15 +75,14 @@ def spread_strands(
     depth = DEPTH * (roots.random[:, 3:4] - 0.5) * layered
     stray = np.where(roots.random[:, 2:3] > FLYAWAY_FROM, FLYAWAY, 1.0) * comb.fray * ramp(s, 0.0, 0.8)  # metres
     # Smooth noise along each strand, other noise for each: rows of the noise are far apart.
-    row = np.broadcast_to(np.arange(n)[:, None] * 7.3, at.shape)
+    row = np.broadcast_to(np.arange(len(roots.points))[:, None] * 7.3, at.shape)
     column = np.broadcast_to(3.0 * s, at.shape)
     aside, rise = (2 * noise(row, column + 11 * k, seed + 31 + k) - 1 for k in range(2))
     rise = np.abs(rise) - 0.3  # more outward than inward, where strands would enter the head
     if comb.curl:
-        if comb.pitch < 0.03:  # tight curls have phases of their own; in waves, the strands of a guide go together
-            phase = roots.random[:, 2:3]
-        else:
-            phase = guides.random[guide, 2:3] + 0.12 * roots.random[:, 2:3]
+        # Tight curls have phases of their own; in waves, the strands of a guide go together.
+        own = roots.random[:, 2:3]
+        phase = own if comb.pitch < 0.03 else guides.random[guide, 2:3] + 0.12 * own
         angle = 2 * np.pi * (at * length[guide, None] / comb.pitch + phase)
         radius = comb.curl * np.minimum(1, 4 * s) * (0.75 + 0.5 * roots.random[:, 1:2])
         aside = stray * aside + radius * np.sin(angle)
