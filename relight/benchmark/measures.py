@@ -114,10 +114,9 @@ def leaks(inferred: Intrinsics) -> dict[str, float]:
     by_phase = [[part.mean() for part in pair] for pair in phases]
     centred = d_albedo - d_albedo.mean(), d_shading - d_shading.mean()
     norms = np.prod([np.linalg.norm(values) for values in centred])
-    slope = (d_albedo[strong] * d_shading[strong]).sum() / max((d_albedo[strong] ** 2).sum(), EPSILON)
     return {
         "edges": float((centred[0] * centred[1]).sum() / max(norms, EPSILON)),
-        "transfer": float(slope),
+        "transfer": float((d_albedo[strong] * d_shading[strong]).sum() / max((d_albedo[strong] ** 2).sum(), EPSILON)),
         "gradient": float(np.abs(d_shading).mean()),
         "stripes": float(np.mean([(max(means) - min(means)) / max(np.mean(means), EPSILON) for means in by_phase])),
     }

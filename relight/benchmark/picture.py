@@ -97,8 +97,7 @@ def render_picture(recipe: PictureRecipe, mesh: Mesh, settings: Settings) -> Pic
     background = math.pi * camera_view(light, (size, size))  # as bright as a white diffuse surface that faces it
     linear = render(light, seed=1) + (1 - coverage) * background
     relit = [to_bytes(encode(render(source, seed=2 + i))) for i, source in enumerate(new)]
-    diffuse_tracer = PathTracer(mesh, size, camera)
-    diffuse = math.pi * diffuse_tracer.radiance(resampled(light), settings.samples, BOUNCES, seed=0)
+    diffuse = math.pi * PathTracer(mesh, size, camera).radiance(resampled(light), settings.samples, BOUNCES, seed=0)
     shading = diffuse / np.maximum(maps.albedo * coverage, MIN_ALBEDO)
     window = crop_window(maps.mask, recipe.cut)
 
@@ -112,8 +111,7 @@ def render_picture(recipe: PictureRecipe, mesh: Mesh, settings: Settings) -> Pic
     maps = crop_maps(maps, window)
     shots = variants(expose, to_bytes(maps.coverage), settings.side)
     shots = {name: shot for name, shot in shots.items() if recipe.varied or not name}
-    coefficients = project(light, order=2)
-    truth = on_square(maps, shading[window], coefficients, shots[""].square)
+    truth = on_square(maps, shading[window], project(light, order=2), shots[""].square)
     return Picture(shots, light, new, maps, np.stack([source[window] for source in relit]), truth)
 
 

@@ -86,10 +86,8 @@ def draw_recipe(seed: int, number: int) -> PictureRecipe:
         kind = str(rng.choice(list(LIGHT_KINDS), p=list(LIGHT_KINDS.values())))
         light_seed = (seed * VIEWS + number - 1) * (NEW_LIGHTS + 1) + index  # of its own for each light of each picture
         tint = round(float(rng.normal(scale=TINT)), 3)
-        yaw = round(float(rng.uniform(-180, 180)), 1)
-        lights.append(Lamplight(kind, light_seed, tint, yaw))
-    is_half = number > 1 and rng.random() < HALF_SHARE
-    cut = round(float(rng.uniform(*CUT_HEIGHT)), 3) if is_half else None
+        lights.append(Lamplight(kind, light_seed, tint, round(float(rng.uniform(-180, 180)), 1)))
+    cut = round(float(rng.uniform(*CUT_HEIGHT)), 3) if number > 1 and rng.random() < HALF_SHARE else None
     stops = round(float(rng.uniform(*STOPS)), 3)
     varied = number == 1 and seed % VARIANT_EVERY == 0
     return PictureRecipe(name, seed, random_view(name), cut, lights[0], tuple(lights[1:]), stops, varied)

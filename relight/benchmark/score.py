@@ -9,7 +9,7 @@ import pandas as pd
 from relight.benchmark.files import PICTURES, BenchmarkSet, Entry, read_answer, square_mask, to_intrinsics
 from relight.benchmark.measures import INVARIANCES, LEAKS, errors, invariances, leaks
 from relight.core.errors import UserError
-from relight.core.files import atomic_write
+from relight.core.files import write_text
 from relight.core.progress import progress
 from relight.core.srgb import LINEAR, encode
 from relight.evaluation.scoring.metrics import MaskBox, best_scale, psnr, rmse
@@ -66,8 +66,7 @@ def score(folder: Path | str, answers: Path | str) -> Path:
         keys = dict(zip(KEYS, (benchmark.hash[:16], entry.name, entry.figure)))
         rows.append(keys | score_answers(benchmark, entry, answered))
     frame = pd.DataFrame(rows, columns=[*KEYS, *COLUMNS])
-    with atomic_write(answers / SCORES) as tmp:
-        frame.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
+    write_text(answers / SCORES, frame.to_csv(index=False, float_format="%.6g", lineterminator="\n"))
     return answers / SCORES
 
 
@@ -103,10 +102,9 @@ def relit_errors(relit: np.ndarray, true: np.ndarray, opaque: np.ndarray) -> dic
     """
     codes, true_codes = (x[opaque] / 255 for x in (relit, true))
     linear = LINEAR[relit[opaque]].astype(np.float64)
-    scaled = encode(linear * best_scale(linear, LINEAR[true[opaque]]))
     return {
         "": float(rmse(codes, true_codes)),
-        "_factor": float(rmse(scaled, true_codes)),
+        "_factor": float(rmse(encode(linear * best_scale(linear, LINEAR[true[opaque]])), true_codes)),
         "_psnr": float(psnr(codes, true_codes)),
         "_ssim": MaskBox.of(opaque).ssim(codes, true_codes),
     }

@@ -49,8 +49,7 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path) -> None:
     height, width = CELL_HEIGHT, round(ASPECT * CELL_HEIGHT)
     tile = len(VIEWS) * (width + GAP) + 6 * GAP
     across = max(1, min(len(figures), WIDTH // tile))
-    down = math.ceil(len(figures) / across)
-    sheet = Canvas(across * tile + 3 * GAP, TOP + down * (height + WORDS))
+    sheet = Canvas(across * tile + 3 * GAP, TOP + math.ceil(len(figures) / across) * (height + WORDS))
     for column in range(across):
         for v, words in enumerate(VIEWS):
             x = 4 * GAP + column * tile + v * (width + GAP) + width // 2
@@ -110,6 +109,5 @@ def views(maps: Maps, light: np.ndarray) -> list[np.ndarray]:
     """Returns a figure in each of VIEWS (H,W,3), display-coded, under a light (K,3)."""
     shading = shade(maps.transport, light)
     white = max(1e-6, float(np.percentile(shading[maps.mask], WHITE_PERCENTILE)))  # not 0, by which it divides
-    linear = maps.albedo * shading / white, maps.albedo, shading / white
-    lit, albedo, shading = map(encode, linear)
+    lit, albedo, shading = map(encode, (maps.albedo * shading / white, maps.albedo, shading / white))
     return [lit, albedo, (maps.normal + 1) / 2, np.repeat(maps.ao[..., None], 3, -1), shading]

@@ -70,8 +70,7 @@ class Subject:
         """Returns a figure of a data set under lights (N,), by their indices; the first is that of the input."""
         true = truth(data, figure, lights)
         white = max(1.0, float(np.percentile(true.maps["shading"], canvas.WHITE_PERCENTILE)))
-        is_linear = data.color == "photo"
-        return cls(data.names[figure], true, pixels(data, figure), data.size, white, is_linear)
+        return cls(data.names[figure], true, pixels(data, figure), data.size, white, data.color == "photo")
 
     @property
     def mask(self) -> np.ndarray:
@@ -146,8 +145,7 @@ def draw(heads: list[str], lines: list[Line], note: str) -> Canvas:
         left_of_cells = GUTTER - 14, y + height // 2
         sheet.text(line.label, *left_of_cells, size=18, anchor="rm", bold=line.first, width=GUTTER - 24)
         for c, view in enumerate(line.views):
-            x = GUTTER + c * (width + GAP)
-            _draw_view(sheet, view, line.subject, box, (x, y), (width, height))
+            _draw_view(sheet, view, line.subject, box, (GUTTER + c * (width + GAP), y), (width, height))
         y += height + GAP
     if any(view.error is not None for line in lines for view in line.views):
         color_scale = np.repeat(canvas.heat(np.linspace(0, MAX_ERROR, 160), MAX_ERROR)[None], 14, 0)  # 160 x 14 pixels
@@ -241,8 +239,7 @@ def relit(shown: Shown, out: Path) -> None:
         albedo, transport, (light, *_) = subject.truth.complete(inferred)  # or the true ones
         shadings = [shade(transport[0], each_light) for each_light in (light, *subject.truth.lights[1:])]
         lines.append(Line(row, subject, [Cell(albedo[0] * shading) for shading in shadings]))
-    heads = ["picture", *(f"relit {light}" for light in range(1, LIGHTS))]
-    draw(heads, lines, NOTE_RELIT).save(out)
+    draw(["picture", *(f"relit {light}" for light in range(1, LIGHTS))], lines, NOTE_RELIT).save(out)
 
 
 def plates(shown: Shown, out: Path) -> None:
@@ -325,14 +322,13 @@ def _views(subject: Subject, inferred: Inferred) -> list[Cell]:
     (albedo, *_), (transport, *_), (light, *_) = subject.truth.complete(inferred)
     normal, ao = inferred.normal, inferred.ao
     shading = shade(transport, light)
-    error = np.linalg.norm(shading - subject.truth.maps["shading"][0], axis=-1)
     return [
         Cell(albedo * shading),
         Cell(albedo),
         Cell() if normal is None else Cell((normal[0] + 1) / 2, coded=True),
         Cell() if ao is None else Cell(np.repeat(ao[0][:, None].clip(0, 1), 3, 1), coded=True),
         Cell(shading / subject.white),
-        Cell(error=error),
+        Cell(error=np.linalg.norm(shading - subject.truth.maps["shading"][0], axis=-1)),
         Cell(light=light),
         *(Cell(colors, coded=True) for colors in canvas.transport_bands(transport)),
         Cell(albedo * shade(transport, subject.truth.lights[1])),

@@ -146,13 +146,11 @@ def score_grid(table: Table, columns: Iterable[str]) -> TextTable:
     ]
     rows += [(table.label(row), "paper", values) for row, values in table.printed.items()]
     rows = [row for row in rows if any(column in row[2] for column in present)]
-    heads = []
-    for column in present:
-        quantity, reading = COLUMNS[column]
-        heads.append((f"{READINGS[reading].label}{ARROWS[sign(column)]}", QUANTITIES[quantity].label))
+    readings = [f"{READINGS[COLUMNS[column][1]].label}{ARROWS[sign(column)]}" for column in present]
+    quantities = [QUANTITIES[COLUMNS[column][0]].label for column in present]
     cells = [[values.get(column) for column in present] for *_, values in rows]
     index = pd.Index([name for name, *_ in rows], dtype=object)
-    columns = pd.MultiIndex.from_arrays([[head[level] for head in heads] for level in (0, 1)])
+    columns = pd.MultiIndex.from_arrays([readings, quantities])
     return TextTable(pd.DataFrame(cells, index, columns, dtype=object), [kind for _, kind, _ in rows])
 
 

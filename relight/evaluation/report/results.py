@@ -102,8 +102,7 @@ class Results:
 
     def gather(self, paths: Iterable[str]) -> Rows:
         """Reads the scores in files of the results, by person, each set of files once."""
-        files = tuple(paths)
-        if files not in self._scores:
+        if (files := tuple(paths)) not in self._scores:
             subjects = {name: figure.get("subject", name) for name, figure in self.record["figures"].items()}
             found = gather([self.folder / path for path in files])
             self._scores[files] = {row: [one.by_subject(subjects) for one in rows] for row, rows in found.items()}

@@ -75,14 +75,13 @@ def write_score_table(table: Table, title: str, stem: Path) -> None:
 
     Without rows, as of sitting figures where nobody sits, the files say so.
     """
-    note = text("note.md", scored=table)
     if table.rows:
         shown, others = (
             formats.score_grid(table, columns) for columns in (table.columns, formats.other_columns(table))
         )
     else:
         shown, others = TextTable.of(["row", "nothing to compare"], []), None
-    formats.write_tables(stem, title, note, shown, table.statistics(), others)
+    formats.write_tables(stem, title, text("note.md", scored=table), shown, table.statistics(), others)
 
 
 def _compare_pairs(table: Table, settings: dict[str, Any], usual: Table | None = None) -> Comparisons:
@@ -117,7 +116,6 @@ def summary(results: Results) -> Numbers:
     tables = [table for table in tables if table.rows]
     tested, own = orderings(tables), results.experiments.values()
     counts = [count for table in tables for count in table.trainings.values()]
-    verdicts = Counter(ordering.comparison.verdict for ordering in tested)
     lines = [
         [
             f"{label(ordering.better, own)} before {label(ordering.worse, own)}",
@@ -135,7 +133,7 @@ def summary(results: Results) -> Numbers:
     return {
         "tables": tables,
         "orderings": tested,
-        "verdicts": verdicts,
+        "verdicts": Counter(ordering.comparison.verdict for ordering in tested),
         "small": sum(ordering.below_margin for ordering in tested),
         "trainings": (min(counts, default=0), max(counts, default=0)),
         "listed": TextTable.of(heads, lines),

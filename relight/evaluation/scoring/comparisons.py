@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from itertools import product
 
 import numpy as np
 
@@ -142,12 +143,10 @@ def orderings(tables: list[Table]) -> list[Ordering]:
     printed values are skipped. An ordering that several tables have is taken from the first.
     """
     tested: dict[tuple[str, str, str], Ordering] = {}
-    for table in tables:
-        for leader, follower, _ in ARGUMENTS:
-            for column in TABLE2_COLUMNS:
-                key = (leader, follower, column)
-                if key not in tested and (ordering := _printed_ordering(table, leader, follower, column)):
-                    tested[key] = ordering
+    for table, (leader, follower, _), column in product(tables, ARGUMENTS, TABLE2_COLUMNS):
+        key = (leader, follower, column)
+        if key not in tested and (ordering := _printed_ordering(table, *key)):
+            tested[key] = ordering
     correct([ordering.comparison for ordering in tested.values()])
     return list(tested.values())
 

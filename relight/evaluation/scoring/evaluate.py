@@ -69,8 +69,7 @@ def load(checkpoint: Path, packed: Path, lights: Path) -> tuple[Network, RelitSe
         torch.set_num_threads(1)
     network, config = load_network(checkpoint, device)
     network.unlearned = unlearned(config.get("loss"))
-    color = (config.get("train") or {}).get("color")
-    if color is None:
+    if (color := (config.get("train") or {}).get("color")) is None:
         raise UserError(f"{checkpoint} does not say in which color model it was trained: train it again")
     data = RelitSet(packed, lights, network.order, color, device)
     if data.size != network.size:

@@ -32,8 +32,7 @@ def best_scale(inferred: np.ndarray, truth: np.ndarray) -> float:
 
 def psnr(inferred: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Returns the peak signal-to-noise ratio (...) in dB of codes (...,P,C) in [0,1], at most 100."""
-    squared = ((inferred - truth) ** 2).mean((-2, -1))
-    return -10 * np.log10(np.maximum(squared, MIN_SQUARED_ERROR))
+    return -10 * np.log10(np.maximum(((inferred - truth) ** 2).mean((-2, -1)), MIN_SQUARED_ERROR))
 
 
 def ssim(inferred: np.ndarray, truth: np.ndarray, span: float, window: int = WINDOW) -> np.ndarray:

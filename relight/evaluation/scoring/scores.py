@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from relight.core.errors import UserError
-from relight.core.files import atomic_write, existing_file
+from relight.core.files import existing_file, write_text
 from relight.evaluation.scoring.truth import in_order
 from relight.learning.training_name import TrainingName
 
@@ -49,8 +49,7 @@ def write_scores(path: Path, scores: dict[str, Scores]) -> None:
         columns = {name: grid.columns[name].ravel() for name in in_order(grid.columns)}
         frames.append(pd.DataFrame(columns, pairs).reset_index())
     table = pd.concat(frames) if frames else pd.DataFrame(columns=KEYS)
-    with atomic_write(path) as tmp:
-        table.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
+    write_text(path, table.to_csv(index=False, float_format="%.6g", lineterminator="\n"))
 
 
 def read_scores(path: Path) -> dict[str, Scores]:

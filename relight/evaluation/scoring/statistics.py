@@ -184,8 +184,7 @@ def estimate(
             resampled += _expansion_factor(levels) * factor * (weights @ deviations)
     if freedom:
         resampled += error * np.random.default_rng([noise_seed, trainings]).standard_t(freedom, resamples)
-    ends = np.quantile(resampled, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    estimated.low, estimated.high = ends.tolist()
+    estimated.low, estimated.high = np.quantile(resampled, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]).tolist()
     return estimated
 
 
@@ -202,16 +201,14 @@ def compare(first: Estimate, second: Estimate) -> Difference:
         The difference first minus second; with an infinite interval and p = 1 if a row has fewer than MIN_SUBJECTS.
     """
     mean = float(first.mean - second.mean)
-    components = _variance_components(first, second)
-    if not components:
+    if not (components := _variance_components(first, second)):
         return Difference(mean, p=1.0)
     if first.freedom == second.freedom:
         trainings = [(first.error**2 + second.error**2, first.freedom)]  # both have the pooled spread, one estimate
     else:
         trainings = [(row.error**2, row.freedom) for row in (first, second)]
     components += [component for component in trainings if component[1]]
-    variance = sum(component for component, _ in components)
-    if variance <= 0:
+    if (variance := sum(component for component, _ in components)) <= 0:
         return Difference(mean, p=float(mean == 0), error=0.0)
     freedom = float(variance**2 / sum(component**2 / n for component, n in components))  # Satterthwaite
     error = float(np.sqrt(variance))
