@@ -70,7 +70,6 @@ def extension(name: str, part: str) -> Any:
         imported = import_module(module)
     except (SyntaxError, ImportError) as error:
         raise UserError(f"the extension {name} cannot be imported: {error}") from error
-    defined = getattr(imported, part, None)
-    if defined is None:
+    if (defined := getattr(imported, part, None)) is None:
         raise UserError(f"the extension {module} defines no `{part}`")
     return defined

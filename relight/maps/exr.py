@@ -130,8 +130,7 @@ def read_maps(path: Path | str) -> Maps:
 
     def layer(*names: str) -> np.ndarray:
         """Returns the channels of these names as (H,W,C) float32, one channel as (H,W); UserError if one is missing."""
-        missing = [name for name in names if name not in channels]
-        if missing:
+        if missing := [name for name in names if name not in channels]:
             raise UserError(f"{path} is not a complete file of maps: it lacks {', '.join(missing)}")
         stack = [channels[name].pixels for name in names]
         return np.stack(stack, -1).astype(np.float32) if len(stack) > 1 else stack[0].astype(np.float32)

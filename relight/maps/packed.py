@@ -165,8 +165,7 @@ class PackedMaps:
         """Raises ValueError if header and arrays contradict each other; runs before arrays are allocated."""
         maps, pixels = len(self.names), int(self.offset[-1])
         for name, (_, expected) in _tensors(maps, pixels, self.size, self.order, self._file.keys()).items():
-            shape = self._file.get_slice(name).get_shape()
-            if shape != list(expected):
+            if (shape := self._file.get_slice(name).get_shape()) != list(expected):
                 raise ValueError(f"{name} has the shape {shape}, not {list(expected)}")
         if self.offset[0] or (np.diff(self.offset) < 0).any():
             raise ValueError("its offsets do not ascend from 0")

@@ -189,8 +189,7 @@ def fill_outside(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
     Maps are unknown outside. Without this, interpolation would mix what stands there into the person's edge.
     """
-    nearest = distance_transform_edt(~mask, return_distances=False, return_indices=True)
-    return maps[tuple(nearest)]
+    return maps[tuple(distance_transform_edt(~mask, return_distances=False, return_indices=True))]
 
 
 def extent(mask: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:

@@ -132,8 +132,7 @@ def _repair(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
         material=mesh.material[face],
         color=None if mesh.color is None else mesh.color[face[:, None], corner],
     )
-    changed = (before != after).any(axis=1)
-    return _oriented(mesh, changed, repairs)
+    return _oriented(mesh, (before != after).any(axis=1), repairs)
 
 
 def _mesh_set(vertices: np.ndarray, faces: np.ndarray, face: np.ndarray, corner: np.ndarray) -> pymeshlab.MeshSet:

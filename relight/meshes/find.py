@@ -25,12 +25,10 @@ def find_file(beside: Path, *names: str | bytes) -> Path:
     """
     folder = beside.parent.resolve()
     written = [text for name in names for text in (spellings(name) if isinstance(name, bytes) else [name])]
-    tried = [path for text in written if (path := PurePosixPath(text.replace("\\", "/"))).name]
-    if not tried:
+    if not (tried := [path for text in written if (path := PurePosixPath(text.replace("\\", "/"))).name]):
         raise UserError(f"{beside} names no file where it should name one")
     file = next((file for wanted in tried if (file := _find_beside(folder, wanted))), None)
-    file = file or _find_below(beside, folder, tried)
-    if file is None:
+    if (file := file or _find_below(beside, folder, tried)) is None:
         where = "there is no such file in the folder" if _is_inside(tried[0]) else "it lies outside the folder"
         raise UserError(f"{beside} names {written[0]}, but {where}; put it beside {beside.name}")
     try:

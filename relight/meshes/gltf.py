@@ -63,8 +63,7 @@ def _read(gltf: Gltf) -> RawMesh:
         side = np.sign(np.linalg.det(linear))
         if np.sum(side) < 0:  # a mirrored node turns its faces inside out
             faces = faces[:, ::-1]
-        number = primitive.get("material")
-        if number not in index_of:
+        if (number := primitive.get("material")) not in index_of:
             index_of[number] = len(surfaces)
             surfaces.append(_surface(gltf, number, notes))
         index = index_of[number]
@@ -111,10 +110,8 @@ def _uv(gltf: Gltf, primitive: dict[str, Any], surface: Surface, faces: np.ndarr
     """Returns the texture coordinates (F,3,2) of faces (F,3), zeros if the surface has no texture."""
     if surface.material is None or surface.material.texture is None:
         return np.zeros((len(faces), 3, 2))
-    name = f"TEXCOORD_{surface.channel}"
-    if name not in primitive["attributes"]:
-        number = primitive["material"]
-        raise UserError(f"{gltf.path}: faces of the textured material {number} have no {name}")
+    if (name := f"TEXCOORD_{surface.channel}") not in primitive["attributes"]:
+        raise UserError(f"{gltf.path}: faces of the textured material {primitive['material']} have no {name}")
     uv = gltf.accessor(primitive["attributes"][name])
     if uv.dtype.kind in "iu" and "KHR_mesh_quantization" not in gltf.json.get("extensionsUsed", []):
         uv = uv / np.iinfo(uv.dtype.char).max  # whole numbers mean nothing else without that extension
@@ -175,8 +172,7 @@ def _skinning(gltf: Gltf, node: dict[str, Any], primitive: dict[str, Any], place
     joints = np.stack([placed[joint] for joint in skin["joints"]])
     if "inverseBindMatrices" in skin:
         joints = joints @ gltf.accessor(skin["inverseBindMatrices"])[: len(joints)].reshape(-1, 4, 4).swapaxes(1, 2)
-    sets = [number for number in range(len(attributes)) if f"JOINTS_{number}" in attributes]
-    if not sets:
+    if not (sets := [number for number in range(len(attributes)) if f"JOINTS_{number}" in attributes]):
         return np.eye(4)
     index, weight = (
         np.concatenate([gltf.accessor(attributes[f"{name}_{number}"]) for number in sets], axis=1)

@@ -51,8 +51,7 @@ class Gltf:
             raise UserError(f"{path}: the glTF description is not whole JSON") from None
         if not isinstance(self.json, dict) or not str(self.json.get("asset", {}).get("version", "")).startswith("2"):
             raise UserError(f"{path} is not glTF 2.0")
-        required = set(self.json.get("extensionsRequired", [])) - WITHOUT_EFFECT - READ
-        if required:
+        if required := set(self.json.get("extensionsRequired", [])) - WITHOUT_EFFECT - READ:
             raise UserError(f"{path} needs {', '.join(sorted(required))}; save it without compression or extensions")
         compression = [name for name in self.json.get("extensionsUsed", []) if "compression" in name]
         self.advice = f"; save it without {' or '.join(compression)}" if compression else ""

@@ -169,8 +169,7 @@ def _surface(path: Path, statements: dict[bytes, bytes], textures: dict[Path, np
     written, placement, clamp = _parse_map(statements[key])
     if b"<udim>" in written.lower():
         raise UserError(f"{path}: the texture {spellings(written)[0]} is of several tiles: bake them into one picture")
-    file = find_file(path, written, *_without_comment(written))
-    if file not in textures:
+    if (file := find_file(path, written, *_without_comment(written))) not in textures:
         textures[file] = read_texture(file, f"{path}: texture {spellings(written)[0]}")
     material = Material(texture=textures[file], wrap=(CLAMP, CLAMP) if clamp else (REPEAT, REPEAT))
     notes = [] if key == b"map_kd" else [f"its only texture {file.name} is of {key.decode()}: taken as the color"]
@@ -184,8 +183,7 @@ def _parse_color(path: Path, text: bytes) -> tuple[np.ndarray, list[str]]:
         if len(values) not in (1, 3):
             raise ValueError
     except ValueError:
-        said = text[:60].decode("latin-1")
-        raise UserError(f"{path}: the color `Kd {said}` is not three numbers") from None
+        raise UserError(f"{path}: the color `Kd {text[:60].decode('latin-1')}` is not three numbers") from None
     codes, notes = unit_colors(np.broadcast_to(values, 3), f"{path.name}: Kd")
     return linear(codes), notes
 

@@ -65,8 +65,7 @@ def read_obj(path: Path) -> RawMesh:
 
 def _colors(vertices: np.ndarray, widest: int) -> tuple[np.ndarray | None, list[str]]:
     """Returns the linear colors (V,3) after the coordinates, None if a vertex has none, and warnings."""
-    columns = vertices.shape[1]
-    if columns < 6:
+    if (columns := vertices.shape[1]) < 6:
         return None, ["some vertices have colors and others none: they are left out"] if widest >= 6 else []
     notes, first = [], 3
     if columns > 6:

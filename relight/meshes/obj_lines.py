@@ -80,8 +80,7 @@ class Faces:
             return
         words = [line.split() for line in self.lines]
         counts = np.array([len(line) for line in words])
-        flat = [word for line in words for word in line]
-        corners = self._parse_corners(flat)
+        corners = self._parse_corners([word for line in words for word in line])
         if (corners[:, 0] == 0).any():
             raise UserError(f"{self.path}: a face names vertex 0; .obj files count from 1")
         if (corners < 0).any():

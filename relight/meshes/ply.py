@@ -29,8 +29,7 @@ def read_ply(path: Path) -> RawMesh:
     """
     blocks, textures = read_blocks(path)
     vertex, face = blocks.get("vertex", {}), blocks.get("face", {})
-    points = _columns(vertex, "xyz")
-    if points is None:
+    if (points := _columns(vertex, "xyz")) is None:
         raise UserError(f"{path} has no vertices with x, y and z")
     corners = next((face[name] for name in ("vertex_indices", "vertex_index") if name in face), None)
     if corners is None or not len(corners.lengths):

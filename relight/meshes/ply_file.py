@@ -100,9 +100,8 @@ def _header(path: Path, head: bytes) -> tuple[str | None, list[Element], list[by
         raise UserError(f"{path} is not a PLY file: it lacks the line `ply` at the top or the line `end_header`")
     format, elements, textures = "", [], []
     for line in head[:end].decode("latin-1").split(first_line[1].decode())[1:]:
-        words = line.split()
         try:
-            match words:
+            match line.split():
                 case ["format", name, *_]:
                     format = name
                 case ["comment", "TextureFile", *_]:

@@ -49,9 +49,8 @@ def _fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     counts = np.asarray(counts, np.int64)
     pieces = np.maximum(counts - 2, 0)
     polygon = np.repeat(np.arange(len(counts)), pieces)
-    start = np.cumsum(counts) - counts
     step = np.arange(len(polygon)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    first = start[polygon]
+    first = (np.cumsum(counts) - counts)[polygon]
     return np.stack([first, first + step + 1, first + step + 2], axis=-1), polygon
 
 

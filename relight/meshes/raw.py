@@ -79,8 +79,7 @@ def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
     if not usable.all():
         vertices = np.where(usable[:, None], vertices, np.nan)
     lowest, highest = np.fmin.reduce(vertices, axis=0), np.fmax.reduce(vertices, axis=0)
-    size = float((highest - lowest).max())
-    if size == 0:
+    if (size := float((highest - lowest).max())) == 0:
         raise UserError(f"{path}: all vertices lie at one point")
     centre = (lowest + highest) / 2
     warnings = [*raw.warnings, *_colorless(raw), *_rounding(vertices, size)]
@@ -207,6 +206,4 @@ def parse_numbers(path: Path, text: bytes, type: type) -> np.ndarray:
 
 def linear(srgb: np.ndarray) -> np.ndarray:
     """Decodes sRGB codes of any shape, uint8 or floats that are clipped to [0,1], to linear float32."""
-    if srgb.dtype == np.uint8:
-        return LINEAR[srgb]
-    return decode(np.clip(srgb, 0, 1)).astype(np.float32)
+    return LINEAR[srgb] if srgb.dtype == np.uint8 else decode(np.clip(srgb, 0, 1)).astype(np.float32)

@@ -56,11 +56,9 @@ def read_mesh(path: Path | str) -> Mesh:
         UserError: if the file is missing, damaged, empty or too large, or names a texture that is missing.
     """
     path = existing_file(path, "mesh")
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
+    if (reader := READERS.get(path.suffix.lower())) is None:
         raise UserError(f"{path}: meshes of the kind {path.suffix or '(no suffix)'} are not read; {suffix_list()} are")
-    size = path.stat().st_size
-    if not size:
+    if not (size := path.stat().st_size):
         raise UserError(f"{path} is empty")
     if size > MAX_BYTES:
         raise UserError(f"{path} has {size / 2**30:.1f} GiB; up to {MAX_BYTES >> 30} GiB are read: decimate it first")

@@ -63,8 +63,7 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     require_readable(folder, "figures.folder")
     if (folder / TABLE).is_file():
         return _from_table(folder / TABLE)
-    files = _finest_versions(_mesh_files(folder))
-    if not files:
+    if not (files := _finest_versions(_mesh_files(folder))):
         raise UserError(f"figures.folder: {folder} holds no scans; {suffix_list()} files are read, in subfolders too")
     relative = {path: path.relative_to(folder).with_suffix("") for path in files}
     names = {path: safe_name(path.stem) for path in files}
@@ -221,7 +220,6 @@ def named_rows(table: Path, rows: list[dict[str, str]]) -> Iterator[tuple[str, d
 
 def is_used(table: Path, row: dict[str, str]) -> bool:
     """Returns whether the cell `use` of a row says yes, as an empty one does; raises UserError if it says neither."""
-    said = row.get("use", "").lower()
-    if said not in YES + NO:
+    if (said := row.get("use", "").lower()) not in YES + NO:
         raise UserError(f"{table}: use is {said!r} for {row.get('path', '')}; give 1 or 0, yes or no")
     return said in YES

@@ -58,5 +58,4 @@ def on_white(pixels: np.ndarray) -> np.ndarray:
     codes = as_codes(pixels[..., :3])
     if pixels.shape[2] == 3:
         return codes
-    share = convert_alpha(pixels[..., 3:], np.float32)
-    return np.round(255 + share * (codes - np.float32(255))).astype(np.uint8)
+    return np.round(255 + convert_alpha(pixels[..., 3:], np.float32) * (codes - np.float32(255))).astype(np.uint8)

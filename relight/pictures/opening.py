@@ -126,8 +126,7 @@ def stored(image: Image.Image) -> np.ndarray:
 
 def upright(pixels: np.ndarray, image: Image.Image) -> np.ndarray:
     """Returns pixels (H,W) or (H,W,C) of an image turned and mirrored as its EXIF says: not a TIFF's that it turned."""
-    orientation = orientation_of(image)
-    if orientation in (5, 6, 7, 8):
+    if (orientation := orientation_of(image)) in (5, 6, 7, 8):
         pixels = pixels.swapaxes(0, 1)
     down, right = (-1 if orientation in mirrored else 1 for mirrored in ((3, 4, 7, 8), (2, 3, 6, 7)))
     return np.ascontiguousarray(pixels[::down, ::right])
@@ -223,15 +222,13 @@ def list_pictures(folder: Path) -> list[Path]:
     """Lists the pictures in a folder by name, 2 before 10. Raises UserError if there is none."""
     require_readable(folder, "folder")
     files = (path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
-    found = [path for path in files if path.suffix.lower() in READ]
-    if not found:
+    if not (found := [path for path in files if path.suffix.lower() in READ]):
         raise UserError(f"folder {folder} holds no photo ({', '.join(READ)})")
     return sorted(found, key=lambda path: [int(part) if part.isdecimal() else part for part in NUMBER.split(path.name)])
 
 
 def list_photos(folder: Path) -> list[Path]:
     """Lists the pictures in a folder without masks (x_mask.png). Raises UserError if there is none."""
-    found = [path for path in list_pictures(folder) if not path.stem.endswith("_mask")]
-    if not found:
+    if not (found := [path for path in list_pictures(folder) if not path.stem.endswith("_mask")]):
         raise UserError(f"folder {folder} holds no photo beside its masks")
     return found

@@ -120,8 +120,7 @@ class Picture:
     def downscaled(self, size: int) -> "Picture":
         """Returns the picture as uint8 sRGB, scaled down so that its longer side is at most `size`."""
         (height, width), codes = self.shape, self.codes
-        scale = finite("size", size, LEAST_SIDE, MAX_PIXELS) / max(height, width)
-        if scale >= 1:
+        if (scale := finite("size", size, LEAST_SIDE, MAX_PIXELS) / max(height, width)) >= 1:
             return replace(self, pixels=codes)
         side = max(LEAST_SIDE, round(width * scale)), max(LEAST_SIDE, round(height * scale))
 

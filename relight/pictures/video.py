@@ -72,8 +72,7 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float = FPS, soun
     """
     require_writable_video(path)
     with atomic_write(path) as tmp:
-        first = next(frames := iter(frames), None)
-        if first is None:
+        if (first := next(frames := iter(frames), None)) is None:
             raise UserError("the movie has no frames")
         frames = chain([first], frames)
         if path.suffix.lower() == ".gif":
@@ -154,8 +153,7 @@ def _film(container: "InputContainer", path: Path) -> "VideoStream":
     from av.stream import Disposition
 
     covers = Disposition.attached_pic | Disposition.timed_thumbnails
-    films = [stream for stream in container.streams.video if not stream.disposition & covers]
-    if not films:
+    if not (films := [stream for stream in container.streams.video if not stream.disposition & covers]):
         raise UserError(f"{path} holds no film")
     return max(films, key=lambda film: (bool(film.disposition & Disposition.default), film.width * film.height))
 
@@ -258,8 +256,7 @@ def _of_one_size(frames: Iterable[Picture], path: Path) -> Iterator[Picture]:
     """Yields the frames of a clip; raises UserError if they change their size."""
     first = None
     for number, frame in enumerate(frames, 1):
-        first = first or frame.shape
-        if first != frame.shape:
+        if (first := first or frame.shape) != frame.shape:
             name = frame.file or f"{path}: frame {number}"
             sizes = [f"{width} x {height} pixels" for height, width in (frame.shape, first)]
             raise UserError(f"{name} is {sizes[0]}, and those before are {sizes[1]}: a clip has one size")

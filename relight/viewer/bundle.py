@@ -29,8 +29,7 @@ def bundle(entry: Path) -> str:
 
     def add(path: Path) -> None:
         """Appends a module to `parts`, after those that it imports, which must not import it."""
-        name = path.stem
-        if name in exports:
+        if (name := path.stem) in exports:
             return
         text = path.read_text(encoding="utf-8")
         for names, other in IMPORT.findall(text):

@@ -5,6 +5,7 @@ It belongs to Microsoft and comes under the MIT licence from the npm registry, f
 
 import tarfile
 import zlib
+from contextlib import suppress
 from pathlib import Path
 
 from relight.core.download import Package, fetch
@@ -57,14 +58,12 @@ def unpack(folder: Path) -> list[Path]:
             f"{PACKAGE.name}, which runs networks in a browser, is not set up: run once `{PACKAGE.command}`"
         )
     missing = {f"package/dist/{name}": folder / name for name in FILES}
-    try:
-        with tarfile.open(package, "r|gz") as archive:  # a stream: going back in it would decompress it again
-            while missing and (member := archive.next()):
-                if member.name in missing and (file := archive.extractfile(member)):
-                    missing[member.name].write_bytes(file.read())
-                    del missing[member.name]
-    except (tarfile.TarError, EOFError, zlib.error):
-        pass  # what is missing says so
+    # A stream, since going back in it would decompress it again. What is missing says that it is damaged.
+    with suppress(tarfile.TarError, EOFError, zlib.error), tarfile.open(package, "r|gz") as archive:
+        while missing and (member := archive.next()):
+            if member.name in missing and (file := archive.extractfile(member)):
+                missing[member.name].write_bytes(file.read())
+                del missing[member.name]
     if missing:
         raise UserError(f"{package} is damaged: run `relight web setup` again")
     return [folder / name for name in FILES]
