@@ -91,8 +91,7 @@ def project_panoramas(panoramas: Panoramas, order: int) -> tuple[list[str], np.n
         sources = [f"{kind}:{seed}" for kind, count in counts.items() for seed in range(count)]
         light_of: Callable[[str], Projected] = partial(generated_light, order=order, flip=panoramas.flip)
     else:
-        folder = Path(panoramas.folder or "")
-        sources = list_panoramas(folder)
+        sources = list_panoramas(Path(panoramas.folder or ""))
         light_of = partial(_file_light, panoramas=panoramas, order=order)
     projected: dict[str, np.ndarray] = {}
     unreadable: dict[str, str] = {}

@@ -118,8 +118,7 @@ def choose_validation_lights(lights: np.ndarray) -> np.ndarray:
 
     One light is left for the training.
     """
-    n = len(lights)
-    if n < 2:
+    if (n := len(lights)) < 2:
         return np.zeros(0, int)
     count = min(MAX_VALIDATION, max(1, round(VALIDATION * n)))
     return farthest_first(irradiance_features(lights))[((np.arange(count) + 0.5) * n / count).astype(int)]

@@ -62,9 +62,8 @@ class Light:
         """
         target = finite("the brightness of a light", target, *FACTORS)
         self.require_usable()
-        brightness = float(reference_brightness(self.coefficients))
         mean = float(self.coefficients[0].max()) * UNOCCLUDED_T00  # irradiance, over all normals
-        scale = target / max(brightness, MIN_FRONT * mean)
+        scale = target / max(float(reference_brightness(self.coefficients)), MIN_FRONT * mean)
         seen = self.panorama and replace(self.panorama, pixels=self.panorama.pixels * np.float32(scale))
         return replace(self, coefficients=self.coefficients * scale, panorama=seen)
 

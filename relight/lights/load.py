@@ -108,8 +108,7 @@ def load_light(
         raise UserError(f"order={order!r}: it must be a whole number, at least 0")
     yaw = finite("yaw", yaw)
     if len(parts := parts_of(text)) > 1:
-        options = (order, layout, yaw, flip, convention, repair)
-        return total([load_light(part, *options) for part in parts], text)
+        return total([load_light(part, order, layout, yaw, flip, convention, repair) for part in parts], text)
     kind = None  # of the file, by which options have an effect
     name, colon, rest = text.partition(":")
     if colon and name in GENERATED:
@@ -150,8 +149,7 @@ def load_light(
         if is_lit_from_below(measure(coefficients[None]))[0]:
             notes = [*notes, f"{text}: brighter from below than from above; are its rows upside down?"]
         light = Light(coefficients, text, panorama, notes)
-    given = {"layout": layout != "auto", "repair": repair, "convention": convention}
-    for name, is_given in given.items():
+    for name, is_given in {"layout": layout != "auto", "repair": repair, "convention": convention}.items():
         needed = "coefficients" if name == "convention" else "a panorama"
         if is_given and kind != needed:
             raise UserError(f"{text}: {name} has an effect on a file of {needed} only")

@@ -92,8 +92,7 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: "Light
         candidates, unusual = _split_by_rules(copies, settings, record)
         record["unlit"] = _unlit_panoramas(sources, copies, candidates)
         usual = cluster(candidates, settings.clusters, settings.seed, record)
-    test = choose_test_lights(usual.coefficients, usual.source, settings)
-    usual.split[test] = "test"
+    usual.split[choose_test_lights(usual.coefficients, usual.source, settings)] = "test"
     record["warnings"] += _split_warnings(usual, settings)
     if len(unusual):
         unusual = cluster(unusual, min(MAX_UNUSUAL, len(unusual)), settings.seed)

@@ -59,8 +59,7 @@ def unoccluded_ball(size: int, order: int, rim: float = 1) -> tuple[np.ndarray, 
     t = (2 * np.arange(size) + 1) / size - 1
     x, y = np.meshgrid(t, -t)
     inside = x * x + y * y < rim * rim
-    z = np.sqrt(np.maximum(1 - x * x - y * y, 0))
-    normals = np.stack([x, y, z], -1)[inside]
+    normals = np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0))], -1)[inside]
     if rim > 1:
         normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     return inside, unoccluded(normals, order)
@@ -108,8 +107,7 @@ def _tone_mapped(pixels: np.ndarray) -> np.ndarray:
 def format_statistics(light: Light) -> list[tuple[str, str]]:
     """Returns the layout of a light's panorama and the light's statistics, as labels and formatted values."""
     stats = {name: float(value[0]) for name, value in measure(light.coefficients[None]).items()}
-    is_even = stats["first"] < EVEN
-    direction = "none" if is_even else f"{stats['azimuth']:+.0f}°  {stats['elevation']:+.0f}°"
+    direction = "none" if stats["first"] < EVEN else f"{stats['azimuth']:+.0f}°  {stats['elevation']:+.0f}°"
     layout = [("layout of the panorama", light.panorama.layout)] if light.panorama else []
     return [
         *layout,

@@ -94,7 +94,6 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
     direction = luminances[:, [3, 1, 2]] if order else np.zeros((len(luminances), 3))
     length = np.maximum(np.linalg.norm(direction, axis=-1), 1e-12)
     color = np.log(np.maximum(lights[:, 0], 1e-9))
-    channel = np.max([(lights[..., c] @ transport[faces_camera].T).max(1) for c in range(3)], axis=0)
     return {
         "reference": reference_brightness(lights),
         "front": front,
@@ -105,7 +104,7 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
         "front_least": irradiances[:, faces_camera].min(1),
         "front_mean": irradiances[:, faces_camera].mean(1),
         "back_mean": irradiances[:, ~faces_camera].mean(1),
-        "channel_most": channel,
+        "channel_most": np.max([(lights[..., c] @ transport[faces_camera].T).max(1) for c in range(3)], axis=0),
         "up": up / positive_mean,
         "down": down / positive_mean,
         "first": np.linalg.norm(direction, axis=-1) / positive_l00,

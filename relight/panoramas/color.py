@@ -25,10 +25,8 @@ def blackbody(temperature: float) -> np.ndarray:
     negative and is zero.
     """
     t = 1000 / temperature  # 1 / kilokelvin
-    if temperature <= 4000:
-        x = np.polyval((-0.2661239, -0.2343589, 0.8776956, 0.179910), t)
-    else:
-        x = np.polyval((-3.0258469, 2.1070379, 0.2226347, 0.240390), t)
+    warm, cool = (-0.2661239, -0.2343589, 0.8776956, 0.179910), (-3.0258469, 2.1070379, 0.2226347, 0.240390)
+    x = np.polyval(warm if temperature <= 4000 else cool, t)
     if temperature <= 2222:
         y = np.polyval((-1.1063814, -1.34811020, 2.18555832, -0.20219683), x)
     elif temperature <= 4000:
@@ -44,10 +42,8 @@ def daylight(temperature: float) -> np.ndarray:
     These are the CIE's D illuminants (CIE 15:2004, equations 3.3 and 3.4).
     """
     t = 1000 / temperature  # 1 / kilokelvin
-    if temperature <= 7000:
-        x = np.polyval((-4.6070, 2.9678, 0.09911, 0.244063), t)
-    else:
-        x = np.polyval((-2.0064, 1.9018, 0.24748, 0.237040), t)
+    warm, cool = (-4.6070, 2.9678, 0.09911, 0.244063), (-2.0064, 1.9018, 0.24748, 0.237040)
+    x = np.polyval(warm if temperature <= 7000 else cool, t)
     return from_chromaticity(float(x), float(np.polyval((-3.0, 2.870, -0.275), x)))
 
 
@@ -69,8 +65,7 @@ def convert_primaries(pixels: np.ndarray, chromaticities: ArrayLike | None) -> l
     """
     if chromaticities is None:
         return []
-    matrix = chromaticity_matrix(chromaticities)
-    if matrix is None:
+    if (matrix := chromaticity_matrix(chromaticities)) is None:
         return ["its chromaticities are not those of a color space: they were taken for Rec. 709"]
     if np.allclose(chromaticities, REC709, atol=2e-3):
         return []

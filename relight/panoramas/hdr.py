@@ -70,8 +70,7 @@ def _read_header(data: bytes) -> tuple[np.ndarray, bool, np.ndarray | None, list
     divisor, xyz, primaries, position = np.ones(3), False, None, 0
     notes: list[str] = []
     while True:
-        end = data.find(b"\n", position, MAX_HEADER)
-        if end < 0:
+        if (end := data.find(b"\n", position, MAX_HEADER)) < 0:
             raise Malformed("its header does not end")
         line, position = data[position:end].rstrip(), end + 1
         if not line:

@@ -115,9 +115,8 @@ def _project_latlong(pixels: np.ndarray, order: int, corners: bool = False) -> n
     for start in range(0, height, 64):  # in slices, since the product is in double precision
         part = pixels[start : start + 64]
         harmonic[start : start + 64] = np.einsum("hwc,wm->hmc", part, column, optimize=True)
-    k = np.arange(coefficient_count(order))
     l = bands(order)
-    m = k - l * l - l
+    m = np.arange(coefficient_count(order)) - l * l - l
     profile = row[:, l * l + l + abs(m)]
     coefficients = np.einsum("hk,hkc->kc", profile, harmonic[:, np.where(m < 0, order - m, m)])
     return rotation_matrix(LATLONG_FRAME.T, order) @ coefficients
@@ -184,16 +183,14 @@ def _angular_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.nda
     """Maps an angular map (Debevec) to the sphere: -z is at the centre, the angle to -z is pi times the radius."""
     r = np.hypot(u, v)
     sinc = np.sinc(r)  # sin(pi r) / (pi r)
-    direction = np.stack([np.pi * u * sinc, -np.pi * v * sinc, -np.cos(np.pi * r)], -1)
-    return direction, np.pi**2 * sinc
+    return np.stack([np.pi * u * sinc, -np.pi * v * sinc, -np.cos(np.pi * r)], -1), np.pi**2 * sinc
 
 
 def _ball_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Maps an orthographic photo of a mirror ball to the sphere: the centre reflects +z, the rim -z."""
     r2 = np.minimum(u * u + v * v, 1.0)
     forward = 2 * np.sqrt(1 - r2)  # reflection of +z about the normal (u, -v, sqrt(1 - r2))
-    direction = np.stack([u * forward, -v * forward, 1 - 2 * r2], -1)
-    return direction, np.full(r2.shape, 4.0)
+    return np.stack([u * forward, -v * forward, 1 - 2 * r2], -1), np.full(r2.shape, 4.0)
 
 
 def _face_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

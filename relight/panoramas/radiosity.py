@@ -351,7 +351,6 @@ def render_room(room: Room) -> np.ndarray:
     sunlight = _sun_irradiance(room, room.sun, walls) if room.sun else 0.0
     albedo = np.repeat(room.albedo, CELLS**2, 0) * (1 - FURNITURE_ABSORPTION)
     bounced = indirect_irradiance(form_factors(walls, walls), albedo, irradiance + sunlight)
-    total = albedo * (irradiance + sunlight + bounced)
 
     direction = view_directions()
     depth, wall = intersect_walls(room.size, room.camera, direction)
@@ -361,14 +360,13 @@ def render_room(room: Room) -> np.ndarray:
     if room.sun:
         cosine = walls.normal[wall * CELLS**2] @ room.sun.direction
         facing = np.flatnonzero(cosine > 0)
-        inward = walls.normal[wall[facing] * CELLS**2]
-        lit = is_sunlit(room, room.sun, point[facing] + 1e-3 * inward)
+        lit = is_sunlit(room, room.sun, point[facing] + 1e-3 * walls.normal[wall[facing] * CELLS**2])
         image[facing] += (lit * cosine[facing])[:, None] * room.sun.irradiance
     image *= room.albedo[wall] / np.pi
     for light in room.area_lights:
         image[light.contains(wall, point)] = light.radiance
     if room.boxes:
-        _render_boxes(room, walls, total, image, depth)
+        _render_boxes(room, walls, albedo * (irradiance + sunlight + bounced), image, depth)
     _render_lamps(room, image, depth)
     return image.reshape(HEIGHT, WIDTH, 3)
 
@@ -383,8 +381,7 @@ def _render_boxes(room: Room, walls: Grid, radiosity: np.ndarray, image: np.ndar
     t_enter, t_exit, axis = _intersect_boxes(low, high, room.camera[None], direction)
     distance = np.where((t_enter <= t_exit) & (t_enter > 0), t_enter, np.inf)
     box = distance.argmin(1)
-    row = np.arange(len(box))
-    hit = np.flatnonzero(distance[row, box] < depth)
+    hit = np.flatnonzero(distance[np.arange(len(box)), box] < depth)
     if not len(hit):
         return
     depth[hit] = distance[hit, box[hit]]
@@ -412,8 +409,7 @@ def _render_lamps(room: Room, image: np.ndarray, depth: np.ndarray) -> None:
         if not covered.any():
             covered = np.arange(len(cosine)) == cosine.argmax()
         scale = 2 * np.pi * (1 - cosine_limit) / weight[covered].sum()
-        visible = covered & (depth > distance - lamp.radius)
-        image[visible] = lamp.radiance * scale
+        image[covered & (depth > distance - lamp.radius)] = lamp.radiance * scale
 
 
 def pixel_solid_angles() -> np.ndarray:

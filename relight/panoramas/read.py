@@ -90,8 +90,7 @@ def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str 
         if width == height:
             which = "relight light --layout, or panoramas.layout, names its own: angular, ball or latlong"
             raise UserError(f"{path}: a square picture may have several layouts; {which}")
-        layout = next((name for name in ("cross", "strip") if fits(name)), "")
-        if not layout:
+        if not (layout := next((name for name in ("cross", "strip") if fits(name)), "")):
             raise UserError(f"{path}: {width} x {height} is no aspect of a panorama, such as 2:1, 4:3, 3:4, 6:1, 1:6")
     if (envmap and min(width, height) < 2) or not (layout == "latlong" or fits(layout)):  # with samples on corners
         aspects = " or ".join(f"{across}:{down}" for across, down in LAYOUTS[layout])

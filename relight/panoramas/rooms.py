@@ -135,13 +135,12 @@ def _add_lamps(room: Room, rng: np.random.Generator, kind: str) -> None:
     """
     temperature = _sample_temperature(rng)
     power = _log_uniform(rng, 0.3, 3.0) * room.size[0] * room.size[2] * 6  # proportional to the floor's area
-    modes = ("ceiling", "two lamps", "panels", "lamps")
     probabilities = {
         "plain": (0.2, 0.12, 0.36, 0.32),
         "sided": (0.0, 0.0, 0.15, 0.85),
         "soft": (0.5, 0.0, 0.3, 0.2),
     }[kind]
-    mode = modes[rng.choice(4, p=probabilities)]
+    mode = ("ceiling", "two lamps", "panels", "lamps")[rng.choice(4, p=probabilities)]
     if mode == "ceiling":
         _add_luminous_ceiling(room, rng, blackbody(temperature) * power)
     elif mode == "two lamps":

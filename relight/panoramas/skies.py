@@ -98,8 +98,7 @@ def _draw_clouds(rng: np.random.Generator, direction: np.ndarray) -> np.ndarray:
             heading, phase = rng.uniform(0, 2 * np.pi, 2)
             wave = position @ np.array([np.cos(heading), np.sin(heading)]) * 1.1 * 1.8**octave  # radians
             height += np.sin(wave + phase) / 1.7**octave
-    offset = rng.uniform(-0.8, 0.8)
-    return 1 / (1 + np.exp(-2.5 * (height + offset)))
+    return 1 / (1 + np.exp(-2.5 * (height + rng.uniform(-0.8, 0.8))))
 
 
 def _draw_skyline(rng: np.random.Generator, direction: np.ndarray) -> np.ndarray:

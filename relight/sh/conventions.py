@@ -80,9 +80,8 @@ def to_kanamori(light: np.ndarray) -> np.ndarray:
 
 def mirror_z(light: np.ndarray) -> np.ndarray:
     """Mirrors a light (K,3) in z by negating the coefficients with odd l + m, whose Y_lm are odd in z."""
-    k = np.arange(len(light))
     l = bands(order_of(len(light)))
-    return light * np.where((k - l * l) % 2, -1.0, 1.0)[:, None]
+    return light * np.where((np.arange(len(light)) - l * l) % 2, -1.0, 1.0)[:, None]
 
 
 def framed(axes: np.ndarray) -> tuple[Converter, Converter]:
@@ -102,8 +101,7 @@ def unity_factors(light: np.ndarray) -> np.ndarray:
 
 def irradiance_factors(light: np.ndarray) -> np.ndarray:
     """Returns A_l (K,1) for the coefficients of a light (K,3); raises UserError above order 2, where some are zero."""
-    order = order_of(len(light))
-    if order > 2:
+    if (order := order_of(len(light))) > 2:
         raise UserError(f"irradiance has no bands 3, 5, ...: it expresses lights of order 0 to 2, not of order {order}")
     return per_coefficient(cosine_factors(order))[:, None]
 

@@ -119,13 +119,11 @@ def cosine_factors(order: int) -> np.ndarray:
     Irradiance has the coefficients A_l L_lm (Ramamoorthi & Hanrahan 2001, equation 8).
     """
     factors = np.zeros(order + 1)
-    for l in range(order + 1):
-        if l == 1:
-            factors[l] = 2 * math.pi / 3
-        elif l % 2 == 0:
-            half = l // 2
-            sign = 1 if half % 2 else -1
-            factors[l] = 2 * math.pi * sign / ((l + 2) * (l - 1)) * math.comb(l, half) / 2**l
+    factors[1:2] = 2 * math.pi / 3  # other odd bands have none
+    for l in range(0, order + 1, 2):
+        half = l // 2
+        sign = 1 if half % 2 else -1
+        factors[l] = 2 * math.pi * sign / ((l + 2) * (l - 1)) * math.comb(l, half) / 2**l
     return factors
 
 
@@ -194,8 +192,7 @@ def sphere_quadrature(degree: int) -> tuple[np.ndarray, np.ndarray]:
     azimuth = 2 * np.pi * np.arange(degree + 1) / (degree + 1)
     sine = np.sqrt(1 - z * z)[:, None]  # of the angle from the pole
     directions = np.stack(np.broadcast_arrays(sine * np.cos(azimuth), sine * np.sin(azimuth), z[:, None]), -1)
-    weights = np.repeat(z_weights * 2 * np.pi / (degree + 1), degree + 1)
-    return directions.reshape(-1, 3), weights
+    return directions.reshape(-1, 3), np.repeat(z_weights * 2 * np.pi / (degree + 1), degree + 1)
 
 
 def sphere_spiral(count: int) -> np.ndarray:

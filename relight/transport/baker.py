@@ -39,8 +39,7 @@ def bake(
     Raises:
         UserError: as `Baker` does.
     """
-    settings = replace(read_preset("bake"), size=size, rays=rays, **others)
-    return Baker(mesh, settings, seed, threads).maps(view)
+    return Baker(mesh, replace(read_preset("bake"), size=size, rays=rays, **others), seed, threads).maps(view)
 
 
 class Baker:

@@ -40,8 +40,7 @@ def bake_figure(path: Path, settings: Bake, folder: Path) -> None:
         try:
             baker = Baker(aligned, settings)
             for view, view_targets in zip(views, targets):
-                outfits = baker.outfits(view)
-                for (out, record), maps in zip(view_targets, outfits):
+                for (out, record), maps in zip(view_targets, baker.outfits(view)):
                     maps.info.update(record)
                     write_maps(out, maps)
         except UserError as error:

@@ -59,8 +59,7 @@ class VertexTransport:
             UserError: if the path has another suffix.
         """
         path = Path(path)
-        suffix = path.suffix.lower()
-        if suffix not in (".npz", ".ply", ".glb"):
+        if (suffix := path.suffix.lower()) not in (".npz", ".ply", ".glb"):
             raise UserError(f"{path}: transport per vertex is written as .ply, .npz or .glb")
         with atomic_write(path) as temporary, open(temporary, "wb") as file:
             if suffix == ".npz":
