@@ -176,8 +176,7 @@ def estimate_white(picture: np.ndarray) -> np.ndarray:
     That is a mean of the sixth powers of its values, between the average and the largest (Finlayson and Trezzi 2004).
     """
     every = max(int(np.sqrt(picture[..., 0].size / 40_000)), 1)  # some 40,000 pixels are enough
-    linear = LINEAR[picture[::every, ::every]].astype(np.float64)
-    return (linear**6).mean((0, 1)) ** (1 / 6)
+    return (LINEAR[picture[::every, ::every]].astype(np.float64) ** 6).mean((0, 1)) ** (1 / 6)
 
 
 def _hue(color: np.ndarray) -> np.ndarray:

@@ -128,8 +128,7 @@ def ground_under(coverages: Sequence[np.ndarray], order: int = 2, bodies: Sequen
     """
     height, width = coverages[0].shape
     boxes = map(standing_box, coverages, bodies or [None] * len(coverages))
-    standing = [(coverage, box) for coverage, box in zip(coverages, boxes) if box]
-    if not standing:
+    if not (standing := [(coverage, box) for coverage, box in zip(coverages, boxes) if box]):
         return None
     tops, bottoms, lefts, rights = zip(*(box for _, box in standing))
     tall = max(bottom - top for top, bottom in zip(tops, bottoms))
@@ -190,8 +189,7 @@ def _fill_with_balls(coverage: np.ndarray, box: tuple[int, int, int, int], camer
     foot = bottom - (_lift(solid, column * scale) + SUNK) / scale
     upright = np.clip((bottom - top - row) / (LEGS * (bottom - top)), 0, 1)
     depth = camera.ground_depth(foot) * (1 - upright) + camera.ground_depth(bottom) * upright
-    centres = camera.unproject(left + column, top + row, depth)
-    return np.column_stack([centres, radius * depth / camera.focal])
+    return np.column_stack([camera.unproject(left + column, top + row, depth), radius * depth / camera.focal])
 
 
 def _lift(solid: np.ndarray, columns: np.ndarray) -> np.ndarray:

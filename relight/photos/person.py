@@ -73,8 +73,7 @@ class Person:
 
     def fit_shading(self, light: np.ndarray) -> FittedMap:
         """Fits the shading of mode `full`, as a factor on linear values, under a new light (K,3)."""
-        lit = steady(shade(self.transport, light), light)
-        return self.fit(lit**self.gamma)
+        return self.fit(steady(shade(self.transport, light), light) ** self.gamma)
 
     @cached_property
     def fitted_albedo(self) -> FittedMap:
@@ -97,8 +96,7 @@ class Person:
         Returns:
             (h,w,3) difference of square roots.
         """
-        coverage = self.coverage[window].astype(np.float32)
-        solid = np.maximum(coverage - OPAQUE, 0) / (255 - OPAQUE)
+        solid = np.maximum(self.coverage[window].astype(np.float32) - OPAQUE, 0) / (255 - OPAQUE)
         return (square_root(linear) - self.crop.place(self._color_guide.filled, window)) * solid[..., None]
 
     @cached_property

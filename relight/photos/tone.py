@@ -69,9 +69,7 @@ def apply_gain(linear: np.ndarray, gain: np.ndarray | float, excess: np.ndarray 
     light = linear * factor
     if np.ndim(excess):
         light = light * (1 + excess * np.maximum(1 - factor, 0))
-    if not brighter:
-        return light
-    return roll_off(light, np.maximum(factor.max(-1), 1))
+    return roll_off(light, np.maximum(factor.max(-1), 1)) if brighter else light
 
 
 def display_shading(shading: np.ndarray) -> np.ndarray:

@@ -95,8 +95,7 @@ def layers(scene: Scene) -> tuple[dict[str, np.ndarray], int, int]:
     names = [f"{layer}.{c}" for layer, axes in LAYERS.items() for c in axes]
     names += [f"transport.{name}.Y" for name in coefficient_names(scene.order)]
     channels = {name: np.zeros((bottom - top, right - left), np.float16) for name in names}
-    coverage = total_coverage(people)[top:bottom, left:right]
-    channels["coverage.A"] = (coverage / np.float32(255)).astype(np.float16)
+    channels["coverage.A"] = (total_coverage(people)[top:bottom, left:right] / np.float32(255)).astype(np.float16)
     for person in people:
         fits = person.fitted_albedo, person.fit(person.transport)
         for (rows, columns), own, share, albedo, transport in placed_maps(person, people, scene.picture.pixels, fits):

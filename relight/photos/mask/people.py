@@ -103,8 +103,7 @@ def mask_warnings(coverages: Sequence[np.ndarray], bodies: Sequence[Body | None]
         coverages: (H,W) uint8 of each person.
         bodies: what networks found of each: somebody who is known is one person.
     """
-    whole = np.maximum.reduce(coverages) >= MASK_THRESHOLD
-    if is_inverted(whole):
+    if is_inverted(np.maximum.reduce(coverages) >= MASK_THRESHOLD):
         return ["the mask may be inverted, for it is white along the photo's edges: it must be white on the person"]
     warnings = []
     for number, (coverage, body) in enumerate(zip(coverages, bodies or [None] * len(coverages)), 1):
@@ -116,8 +115,7 @@ def mask_warnings(coverages: Sequence[np.ndarray], bodies: Sequence[Body | None]
         elif body is None and count_heads(solid) > 1:
             warnings.append(f"the mask of {who} may hold several people who touch: part them by a black line in --mask")
         least = 0.1 * min(solid.shape)
-        cut = [name for name, side in SIDES.items() if (coverage[side] >= MASK_THRESHOLD).sum() > least]
-        if cut:
+        if cut := [name for name, side in SIDES.items() if (coverage[side] >= MASK_THRESHOLD).sum() > least]:
             edges = " and ".join(filter(None, [", ".join(cut[:-1]), f"{cut[-1]} edge{'s' * (len(cut) > 1)}"]))
             warnings.append(f"{who} is cut by the photo's {edges}: whole figures are inferred best")
     return warnings
@@ -218,6 +216,5 @@ def count_heads(solid: np.ndarray) -> int:
     width, rows = max(HEAD_WIDTH * height, 3), max(HEAD_HEIGHT * height, 3)
     for line in np.linspace(0.1, 0.35, 8):
         parts, count = label(solid[: round(line * height)])
-        heads = [((parts == part).sum(1) >= width).sum() >= rows for part in range(1, count + 1)]
-        most = max(most, sum(heads))
+        most = max(most, sum(((parts == part).sum(1) >= width).sum() >= rows for part in range(1, count + 1)))
     return int(most)

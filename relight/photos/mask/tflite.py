@@ -225,8 +225,7 @@ class _Record(Table):  # type: ignore[misc]
 
     def numbers(self, field: int, dtype: type) -> np.ndarray:
         """Returns the vector in a field; empty if the field is absent."""
-        offset = self.Offset(VTABLE_HEADER + 2 * field)
-        if not offset:
+        if not (offset := self.Offset(VTABLE_HEADER + 2 * field)):
             return np.empty(0, dtype)
         return np.frombuffer(self.Bytes, dtype, self.VectorLen(offset), self.Vector(offset))
 

@@ -66,8 +66,7 @@ def segment(pixels: np.ndarray, model: Path | str) -> np.ndarray:
         if mask.ndim != 2 or not np.isfinite(mask).all():
             raise ValueError(f"its output is of shape {mask.shape}, or not finite")
     except Exception as error:  # of onnxruntime or NumPy, for a model of another kind
-        reason = str(error).splitlines()[0]
-        raise UserError(f"{path} does not work as a network for segmentation ({reason})") from None
+        raise UserError(f"{path} does not work as a network for segmentation ({str(error).splitlines()[0]})") from None
     if mask.min() < -0.01 or mask.max() > 1.01:
         mask = 1 / (1 + np.exp(-mask.clip(-50, 50)))
     if word == USUAL:
