@@ -42,8 +42,7 @@ def code_hash(module: str) -> str:
     Comments, docstrings and the layout do not count. Of a module that was edited since this process began, it is "".
     """
     base = ROOT.joinpath(*module.split("."))
-    files = base.with_suffix(".py"), base / "__init__.py"
-    path = next((file for file in files if file.is_file()), None)
+    path = next((file for file in (base.with_suffix(".py"), base / "__init__.py") if file.is_file()), None)
     if path is None:
         with suppress(ModuleNotFoundError):
             path = Path(getattr(find_spec(module), "origin", None) or "")

@@ -93,8 +93,7 @@ def named(paths: Iterable[str], output: str) -> dict[str, Content]:
 
 def describe(rule: str, params: Mapping[str, Any], inputs: Iterable[str], output: str) -> Record:
     """Returns what decides the outputs of a job, as in its record: `rule`, `params` and `inputs`."""
-    described: Record = json.loads(json.dumps({"rule": rule, "params": dict(params), "inputs": named(inputs, output)}))
-    return described
+    return json.loads(json.dumps({"rule": rule, "params": dict(params), "inputs": named(inputs, output)}))
 
 
 def begin(outputs: list[str], job: Record) -> set[str]:

@@ -5,6 +5,7 @@ import shlex
 from collections.abc import Iterable
 from dataclasses import asdict, replace
 from functools import cached_property
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -97,11 +98,8 @@ class Plan:
         if self.scans:
             return {name: [name] for name in self.scans}
         first, count = self.shared["figures"]["first"], self.shared["figures"]["count"]
-        batches: dict[str, list[str]] = {}
-        for seed in range(first, first + count):
-            ten = seed - seed % BATCH
-            batches.setdefault(f"g{ten:04d}-g{ten + BATCH - 1:04d}", []).append(f"g{seed:04d}")
-        return batches
+        tens = groupby(range(first, first + count), lambda seed: seed - seed % BATCH)
+        return {f"g{ten:04d}-g{ten + BATCH - 1:04d}": [f"g{seed:04d}" for seed in seeds] for ten, seeds in tens}
 
     @cached_property
     def figures(self) -> list[str]:

@@ -92,8 +92,7 @@ def run(
     held = hold_all(plan, ROOT)
     # In a file, since jobs on a cluster break quotes within quotes.
     command += ["--configfile", str(plan.write_record())]
-    code = snakemake(command, held)
-    if code == INTERRUPTED:
+    if (code := snakemake(command, held)) == INTERRUPTED:
         print("interrupted; the same command goes on", file=sys.stderr)
     elif targets == ["all"] and code == 0:
         print(f"the report: {ROOT / plan.out / 'report' / 'report.html'}")

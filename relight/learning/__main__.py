@@ -38,10 +38,9 @@ def main() -> None:
     try:
         settings: Any = OmegaConf.to_object(composed(options.overrides))
         recipe = Recipe(settings.model, settings.loss, settings.train, settings.augment)
-        inputs = Inputs(options.packed, options.lights, options.split)
         stem = str(options.out).removesuffix(".safetensors")  # of net.s0, too, which with_suffix would make net
         state, curve = Path(f"{stem}.state.pt"), Path(f"{stem}.csv")
-        train(recipe, inputs, options.out, state, curve)
+        train(recipe, Inputs(options.packed, options.lights, options.split), options.out, state, curve)
         if os.environ.get("RANK", "0") == "0":  # the process that wrote the outputs
             state.unlink(missing_ok=True)
     except UserError as error:

@@ -64,8 +64,7 @@ def simulate_camera(image: Tensor, camera: Camera, generators: list[np.random.Ge
         picture = _with_tone_curve(picture, camera.tone, rng)
         picture = picture + rng.uniform(0, camera.sharpen) * (picture - _blurred(picture[None], 1.0)[0])
         noise_generator = torch.Generator(picture.device).manual_seed(int(rng.integers(2**62)))
-        strength = rng.uniform(0, camera.noise)
-        if strength:
+        if strength := rng.uniform(0, camera.noise):
             picture = picture + strength * torch.randn(picture.shape, generator=noise_generator, device=picture.device)
         picture = picture.clamp(0, 1)
         if rng.random() < camera.jpeg:

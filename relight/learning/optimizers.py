@@ -43,8 +43,7 @@ class Muon(torch.optim.Optimizer):
         """Updates the weights in place by their gradients."""
         for group in self.param_groups:
             for weight in (weight for weight in group["params"] if weight.grad is not None):
-                state = self.state[weight]
-                if not state:
+                if not (state := self.state[weight]):
                     state["momentum"] = torch.zeros_like(weight)
                 mean = state["momentum"].lerp_(weight.grad, 1 - MOMENTUM)
                 matrix = as_matrix(weight.grad.lerp(mean, MOMENTUM), weight)

@@ -80,8 +80,7 @@ def write_split(settings: Split, packed: Path, record: Path, out: Path) -> None:
         if name == figure
     }
     sitting = {name for name, info in json.loads(record.read_text())["figures"].items() if is_seated(info)}
-    parts = split_figures(list(subjects), list(subjects.values()), settings, sitting)
-    write_text(out, json.dumps(parts, indent=1))
+    write_text(out, json.dumps(split_figures(list(subjects), list(subjects.values()), settings, sitting), indent=1))
 
 
 def draw(unit_of: Mapping[str, str], wanted: float, rng: np.random.Generator) -> list[str]:

@@ -127,8 +127,7 @@ class TrainingRun:
         try:
             yield
         except Exception as error:  # of any kind: MLflow raises those of its stores
-            reason = str(error).strip().split("\n")[0]
-            if reason not in self._warnings:
+            if (reason := str(error).strip().split("\n")[0]) not in self._warnings:
                 print(f"{what}: {reason}", file=sys.stderr)
             self._warnings.add(reason)
             # A store that cannot be reached takes long to fail: `log` waits, so that it costs little of the training.
@@ -147,8 +146,7 @@ class TrainingRun:
 
         sent = {point.step for point in mlflow.MlflowClient().get_metric_history(self.id, "loss/train")}
         for step in sorted(steps.keys() - sent):
-            metrics = {metric_name(name): value for name, value in steps[step].items()}
-            mlflow.log_metrics(metrics, step, run_id=self.id)
+            mlflow.log_metrics({metric_name(name): value for name, value in steps[step].items()}, step, run_id=self.id)
             if image is not None:
                 mlflow.log_image(image, key="validation", step=step, synchronous=True)
 

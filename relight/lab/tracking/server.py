@@ -33,8 +33,7 @@ def serve(track: Track, port: int) -> None:
     server = track.uri.rstrip("/") if is_server else f"http://127.0.0.1:{port}"
     if not is_server:
         _require_free(port)
-    experiment = _experiment(track)
-    print(f"MLflow: {server}/#/experiments/{experiment}/runs{VIEW}", flush=True)
+    print(f"MLflow: {server}/#/experiments/{_experiment(track)}/runs{VIEW}", flush=True)
     if is_server:
         return
     os.environ |= {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false", "MLFLOW_LOGGING_LEVEL": "WARNING"}

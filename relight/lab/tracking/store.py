@@ -73,8 +73,7 @@ def connect(track: Track) -> tuple[Any, str]:
         fcntl.flock(file, fcntl.LOCK_EX)  # so that two processes do not create the same database or experiment
         create_database(track.uri)
         client = MlflowClient()
-        experiment = client.get_experiment_by_name(track.experiment)
-        if experiment is None:
+        if (experiment := client.get_experiment_by_name(track.experiment)) is None:
             # An address, since MLflow takes a path for one, whatever characters it holds. A server has its own place.
             address = None if track.uri.startswith("http") else ARTIFACTS.resolve().as_uri()
             return client, client.create_experiment(track.experiment, address, EXPERIMENT_TAGS)
