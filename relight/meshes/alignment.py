@@ -71,20 +71,10 @@ def align(mesh: Mesh, settings: Align, padding: float = PADDING) -> Mesh:
         raise UserError(f"{name or 'the mesh'} has no extent in the view from {front} with {up} up")
     scale = float(2 * (1 - 2 * finite("padding", padding, 0, MAX_PADDING)) / extent)
     centre = (low + high) / 2
-    record = {
-        "up": up,
-        "front": front,
-        "turn": turn,
-        "rotation": rotation.tolist(),
-        "centre": (rotation.T @ centre + mesh.info.get("origin", 0)).tolist(),
-        "scale": scale,
-    }
-    return replace(
-        mesh,
-        vertices=((vertices - centre) * scale).astype(np.float32),
-        normal=None,
-        info={**mesh.info, "align": record, "warnings": warnings},
-    )
+    in_file = (rotation.T @ centre + mesh.info.get("origin", 0)).tolist()
+    record = {"up": up, "front": front, "turn": turn, "rotation": rotation.tolist(), "centre": in_file, "scale": scale}
+    placed = ((vertices - centre) * scale).astype(np.float32)
+    return replace(mesh, vertices=placed, normal=None, info={**mesh.info, "align": record, "warnings": warnings})
 
 
 def axes_rotation(up: str, front: str) -> np.ndarray:

@@ -81,15 +81,13 @@ def _read(gltf: Gltf) -> RawMesh:
     if not total:
         raise UserError(f"{gltf.path} has no triangles: relight needs a surface")
     start = np.cumsum([0] + [len(part.vertices) for part in parts])
+    joined = ("vertices", "uv", "material", "normal", *(["color"] if is_colored else []))
+    arrays: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in joined}
     return RawMesh(
-        vertices=np.concatenate([part.vertices for part in parts]),
+        **arrays,
         faces=np.concatenate([part.faces + offset for part, offset in zip(parts, start)]),
-        uv=np.concatenate([part.uv for part in parts]),
-        material=np.concatenate([part.material for part in parts]),
         materials=[surface.material for surface in surfaces],
-        color=np.concatenate([part.color for part in parts]) if is_colored else None,
         warnings=list(dict.fromkeys(notes)),
-        normal=np.concatenate([part.normal for part in parts]),
         axes={"up": "+y", "front": "+z"} if gltf.json["asset"].get("generator") == "relight" else None,
     )
 

@@ -48,11 +48,6 @@ def save_mesh(make: Callable[[], Mesh], info: dict[str, Any], out: Path) -> None
 
 def left_out(info: dict[str, Any], reason: str) -> Mesh:
     """Returns a mesh without faces whose record has the reason in `left_out`."""
-    return Mesh(
-        vertices=np.zeros((0, 3), np.float32),
-        faces=np.zeros((0, 3), np.int32),
-        uv=np.zeros((0, 3, 2), np.float32),
-        material=np.zeros(0, np.int16),
-        materials=[],
-        info={**info, "left_out": reason},
-    )
+    vertices, faces = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32)
+    uv, material = np.zeros((0, 3, 2), np.float32), np.zeros(0, np.int16)
+    return Mesh(vertices, faces, uv, material, materials=[], info={**info, "left_out": reason})

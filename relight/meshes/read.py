@@ -31,12 +31,8 @@ def read_stl(path: Path) -> RawMesh:
 
 
 READERS: dict[str, Callable[[Path], RawMesh]] = {
-    ".ply": read_ply,
-    ".obj": read_obj,
-    ".glb": read_gltf,
-    ".gltf": read_gltf,
-    ".stl": read_stl,
-}
+    ".ply": read_ply, ".obj": read_obj, ".glb": read_gltf, ".gltf": read_gltf, ".stl": read_stl,
+}  # fmt: skip
 MAX_BYTES = 4 << 30  # an .obj of 20 million faces has about 2 GB
 
 
