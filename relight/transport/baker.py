@@ -184,16 +184,9 @@ class Baker:
         normals = shading_normals(self.normals, self.mesh.faces, face, weights, geometric)
         sign = np.where(faces_away(camera, points, geometric), -1.0, 1.0)[:, None]
         normals, geometric = normals * sign, geometric * sign
+        surface, counts = (points, normals, geometric), (self.settings.rays, self.settings.order)
         transport, bounced = integrate(
-            self.gather_caster,
-            points,
-            normals,
-            geometric,
-            self.settings.rays,
-            self.settings.order,
-            radiosity=self.radiosity,
-            azimuth=azimuth,
-            subset=subset,
+            self.gather_caster, *surface, *counts, radiosity=self.radiosity, azimuth=azimuth, subset=subset
         )
         albedo = np.stack([sample_albedo(outfit_mesh, face, weights) for outfit_mesh in self.outfit_meshes], axis=1)
         values = {"transport": transport, "normal": normals, "albedo": albedo}

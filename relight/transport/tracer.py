@@ -71,14 +71,8 @@ class PathTracer:
             properties = self.mi.Properties()
             properties["bsdf"] = self.mi.load_dict({"type": "twosided", "bsdf": surface})
             face_count, corners = int(selected.sum()), mesh.faces[selected].ravel()
-            shape = self.mi.Mesh(
-                f"material{number}",
-                3 * face_count,
-                face_count,
-                has_vertex_normals=True,
-                has_vertex_texcoords=True,
-                props=properties,
-            )
+            attributes = {"has_vertex_normals": True, "has_vertex_texcoords": True, "props": properties}
+            shape = self.mi.Mesh(f"material{number}", 3 * face_count, face_count, **attributes)
             if mesh.color is not None:
                 color = sample_albedo(mesh, np.repeat(np.flatnonzero(selected), 3), np.tile(np.eye(3), (face_count, 1)))
                 shape.add_attribute("vertex_color", 3, np.ascontiguousarray(color.ravel(), np.float32))
@@ -131,40 +125,22 @@ class PathTracer:
         Returns:
             (S,S,3) float32.
         """
-        scene = self.mi.load_dict(
-            {
-                "type": "scene",
-                "light": {"type": "envmap", "bitmap": self.mi.Bitmap(np.ascontiguousarray(sky, np.float32))},
-                **self.shapes,
-                "sensor": {
-                    **self._sensor(),
-                    "film": {
-                        "type": "hdrfilm",
-                        "width": self.size,
-                        "height": self.size,
-                        "rfilter": {"type": "box"},
-                        "pixel_format": "rgb",
-                        "component_format": "float32",
-                    },
-                    "sampler": {"type": "multijitter", "sample_count": samples},
-                },
-                # A path of depth 2 goes from the eye over one surface to the sky; roulette would only add noise.
-                "integrator": {"type": "path", "max_depth": 2 + bounces, "rr_depth": 100, "hide_emitters": True},
-            }
-        )
-        return np.array(self.mi.render(scene, seed=seed))
+        light = {"type": "envmap", "bitmap": self.mi.Bitmap(np.ascontiguousarray(sky, np.float32))}
+        film = {"type": "hdrfilm", "width": self.size, "height": self.size, "rfilter": {"type": "box"}}
+        film |= {"pixel_format": "rgb", "component_format": "float32"}
+        sensor = {**self._sensor(), "film": film, "sampler": {"type": "multijitter", "sample_count": samples}}
+        # A path of depth 2 goes from the eye over one surface to the sky; roulette would only add noise.
+        path = {"type": "path", "max_depth": 2 + bounces, "rr_depth": 100, "hide_emitters": True}
+        scene = {"type": "scene", "light": light, **self.shapes, "sensor": sensor, "integrator": path}
+        return np.array(self.mi.render(self.mi.load_dict(scene), seed=seed))
 
     def _sensor(self) -> dict[str, Any]:
         eye = self.camera.distance if self.camera.perspective else max(MIN_EYE_DISTANCE, self.front + 1)
         to_world = self.mi.ScalarTransform4f().look_at(origin=[0, 0, eye], target=[0, 0, 0], up=[0, 1, 0])
         if not self.camera.perspective:
             return {"type": "orthographic", "to_world": to_world}
-        return {
-            "type": "perspective",
-            "fov": 2 * math.degrees(math.atan(1 / eye)),
-            "near_clip": 1e-3,  # in units of the camera's frame
-            "to_world": to_world,
-        }
+        fov, near = 2 * math.degrees(math.atan(1 / eye)), 1e-3  # degrees, and in units of the camera's frame
+        return {"type": "perspective", "fov": fov, "near_clip": near, "to_world": to_world}
 
 
 def sky_directions() -> np.ndarray:

@@ -155,12 +155,8 @@ def _edge_crossing(along: np.ndarray, across: np.ndarray, slope: float, right: i
 
 def view_record(view: View, pose: Pose) -> dict[str, Any]:
     """Returns the attributes of a view and of the mesh's pose as plain values by name, for the header of maps."""
-    return {
-        **asdict(view),
-        "rotation": pose.rotation.round(9).tolist(),
-        "centre": pose.centre.round(9).tolist(),
-        "scale": round(pose.scale, 9),
-    }
+    rotation, centre = (array.round(9).tolist() for array in (pose.rotation, pose.centre))
+    return {**asdict(view), "rotation": rotation, "centre": centre, "scale": round(pose.scale, 9)}
 
 
 def view_names(figure: str, views: int) -> list[str]:
