@@ -47,24 +47,17 @@ def split_border(faces: np.ndarray, n: int, ring: np.ndarray) -> tuple[sparse.cs
     on_ring = np.zeros(n, bool)
     on_ring[ring] = True
     sides = rim(faces)
-    border = {tuple(side) for side in sides[on_ring[sides].all(1)].tolist()}
-    new_faces: list[list[int]] = []
-    parent: list[int] = []
-    ends: list[list[int]] = []
-    for number, face in enumerate(faces.tolist()):
-        rotated = [face[k:] + face[:k] for k in range(3)]
-        if (on_border := next((corners for corners in rotated if tuple(corners[:2]) in border), None)) is None:
-            new_faces.append(face)
-            parent.append(number)
-        else:
-            a, b, c = on_border
-            middle = n + len(ends)
-            ends.append([a, b])
-            new_faces += [[a, middle, c], [middle, b, c]]
-            parent += [number, number]
-    row = np.repeat(np.arange(len(ends)), 2)
-    middles = sparse.csr_matrix((np.full(len(row), 0.5), (row, np.ravel(ends))), shape=(len(ends), n))
-    return sparse.vstack([sparse.identity(n, format="csr"), middles]).tocsr(), np.array(new_faces), np.array(parent)
+    border = sides[on_ring[sides].all(1)]
+    rotated = np.stack([np.roll(faces, -k, axis=1) for k in range(3)], axis=1)  # a face begins with each of its sides
+    is_border_side = np.isin(rotated[..., :2] @ [n, 1], border @ [n, 1])
+    is_split = is_border_side.any(1)
+    a, b, c = rotated[is_split, is_border_side[is_split].argmax(1)].T
+    middle = n + np.arange(len(a))
+    parent = np.repeat(np.arange(len(faces)), 1 + is_split)
+    new_faces, first = faces[parent], np.flatnonzero(is_split) + np.arange(len(a))  # places of the first halves
+    new_faces[first], new_faces[first + 1] = np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)
+    identity = sparse.identity(n, format="csr")
+    return sparse.vstack([identity, 0.5 * (identity[a] + identity[b])]).tocsr(), new_faces, parent
 
 
 def _wave_profile(garment: Garment, angle: np.ndarray) -> np.ndarray:

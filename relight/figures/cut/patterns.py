@@ -16,7 +16,7 @@ from relight.figures.cut.drops import add_drop, lowest_border, split_border
 from relight.figures.cut.level import Level
 from relight.figures.cut.suit import BLADES, Fields, arm_share, expand_evenly, suit_fields, trunk_hull
 from relight.figures.draw.garments import ARM_AT, LEG_AT, TORSO_AT, Garment
-from relight.figures.surfaces import loop, normals, smoothed
+from relight.figures.surfaces import loop, normals, smoothed, unit_rows
 
 PIN_OFFSET = 0.004  # metres from the suit to pinned cuffs, waistbands and necklines
 MAX_START_EASE = 0.006  # metres: the simulation begins with cloth closer to the body than it is cut
@@ -77,8 +77,7 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
         low = hem_height(body, garment) if garment.tuck_height is None else body.heights["waist"] + garment.tuck_height
         straight = 0.0 if garment.front_gap else np.interp(garment.torso_ease[1], STRAIGHT_EASE, (0.0, 1.0))
         hanging = hull.straightened(low, straight).expand(points, spanned)
-    outward = smoothed(normals(points, faces), faces, 4)
-    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    outward = unit_rows(smoothed(normals(points, faces), faces, 4))
     ease, lengthening = fit(body, garment, fields, points, outward)
     fitted = points + outward * (PIN_OFFSET + garment.waistband_offset)
     start = hanging + lengthening + outward * np.minimum(ease, MAX_START_EASE)[:, None]
