@@ -126,9 +126,5 @@ def sample_color(rng: np.random.Generator, person: Person) -> Color:
 def varied(comb: Comb, seed: int) -> Comb:
     """Returns a style's comb with one person's length, side of the parting, and fringe, drawn by the seed."""
     length, side, fringe = (lattice_value(seed, k, 77) for k in range(3))  # in [0,1)
-    return replace(
-        comb,
-        length=comb.length * (0.85 + 0.3 * length),
-        part=comb.part * (1 if side < 0.5 else -1),
-        fringe=comb.fringe if fringe < 0.7 else 0.0,
-    )
+    part, fringe = comb.part * (1 if side < 0.5 else -1), comb.fringe if fringe < 0.7 else 0.0
+    return replace(comb, length=comb.length * (0.85 + 0.3 * length), part=part, fringe=fringe)

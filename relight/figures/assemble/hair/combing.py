@@ -101,12 +101,10 @@ def plant_roots(head: Head, count: int, stream: int, share: Callable[[np.ndarray
     point = at(base)
     grows = share(point) > random[:, 3]
     chosen, weights = chosen[grows], weights[grows]
-    normal = at(normals(posed, makehuman.base().faces["body"]))
-    side = at(motion.body.skin) - head_centre(motion.body)
     return Roots(
         points=at(posed),
-        normals=normal / np.linalg.norm(normal, axis=1, keepdims=True),
-        sides=side / np.linalg.norm(side, axis=1, keepdims=True),
+        normals=unit_rows(at(normals(posed, makehuman.base().faces["body"]))),
+        sides=unit_rows(at(motion.body.skin) - head_centre(motion.body)),
         rim=np.clip(above_hairline(point[grows]) / 0.35, 0, 1),
         random=random[grows, 4:],
     )

@@ -105,10 +105,8 @@ def _brim(points: np.ndarray, azimuth: np.ndarray) -> Strip:
     rim, angle = points[-1][front], azimuth[front]
     # Forward and down, steeper toward the sides, so that the peak is curved.
     outward = np.stack([0.25 * np.sin(angle), -0.32 - 0.5 * (angle / BRIM_HALF_ANGLE) ** 2, np.ones_like(angle)], 1)
-    rows = []
-    for share in np.linspace(0, 1, BRIM_ROWS):
-        reach = BRIM_LENGTH * share * np.sqrt(np.clip(1 - (angle / BRIM_END) ** 2, 0, 1))
-        rows.append(rim + outward * reach[:, None] + np.array([0, 0.002, 0.0]))
-    vertices = np.concatenate(rows)
+    share = np.linspace(0, 1, BRIM_ROWS)[:, None]  # of the way to the edge
+    reach = BRIM_LENGTH * share * np.sqrt(np.clip(1 - (angle / BRIM_END) ** 2, 0, 1))
+    vertices = (rim + outward * reach[..., None] + np.array([0, 0.002, 0.0])).reshape(-1, 3)
     faces = _row_faces(np.arange(len(vertices)).reshape(BRIM_ROWS, len(rim)))
     return vertices, faces, np.full((len(vertices), 2), 0.5)

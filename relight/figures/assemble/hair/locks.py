@@ -5,17 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from relight.figures.assemble.hair.combing import (
-    Head,
-    Roots,
-    below_hat,
-    comb_directions,
-    head_centre,
-    plant_roots,
-    ramp,
-    scalp_roots,
-    tie_point,
-)
+from relight.figures.assemble.hair import combing
 from relight.figures.assemble.hair.strands import Strip, ribbons, spread_strands
 from relight.figures.body.motion import Motion
 from relight.figures.drape.colliders import Collider, signed_distance
@@ -31,7 +21,7 @@ MAX_PUSH = 0.03  # metres by which one step may be moved away from that surface,
 
 def grow_guides(
     comb: Comb,
-    roots: Roots,
+    roots: combing.Roots,
     direction: np.ndarray,
     length: np.ndarray,
     below: Collider,
@@ -71,15 +61,14 @@ def grow_guides(
     for k in range(1, steps + 1):
         wander = np.stack([noise(roots.sides[:, c] * 9 + c, np.full(n, 0.7 * k), seed + c) for c in range(3)], -1) - 0.5
         fall = [0, -comb.weight * min(1.0, 2.5 * k / steps), 0]
-        heading = heading + fall + comb.wander * wander
-        heading /= np.linalg.norm(heading, axis=1, keepdims=True)
+        heading = unit_rows(heading + fall + comb.wander * wander)
         goal = point + step * heading
         face, distance, facing = signed_distance(goal, below, CONTACT_RANGE)
         is_close = face >= 0
         normal = np.where(is_close[:, None], facing, normal)
         wanted_distance = layer * min(1.0, k / 2.5)
         push = np.where(is_close, wanted_distance - np.where(is_close, distance, 0), 0)  # outward where positive
-        cling = comb.cling * (1 - ramp(distance, CLING_RANGE, CONTACT_RANGE))
+        cling = comb.cling * (1 - combing.ramp(distance, CLING_RANGE, CONTACT_RANGE))
         push = np.where(push > 0, push, cling * push)
         goal = goal + np.clip(push, -MAX_PUSH, MAX_PUSH)[:, None] * normal
         if deflect is not None:
@@ -99,7 +88,7 @@ def _deflect_from_face(motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.
 
     The function takes points (n,3) and their next points (n,3), posed, and returns other next points.
     """
-    centre, head = head_centre(motion.body), motion.bone("head")
+    centre, head = combing.head_centre(motion.body), motion.bone("head")
     cheek = motion.body.skin[np.abs(motion.body.skin[:, 1] - centre[1] + 0.05) < 0.02]
     half_width = 0.90 * cheek[cheek[:, 2] > centre[2] + 0.03, 0].max()  # of the face, metres
 
@@ -107,25 +96,25 @@ def _deflect_from_face(motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.
         """Returns the next points (n,3), moved to the side; both are given in the pose."""
         after, before = ((posed - head[:, 3]) @ head[:, :3] - centre for posed in (next_points, points))  # rest frame
         side = np.where(after[:, 0] > 0, 1.0, -1.0)
-        in_face = ramp(after[:, 2], 0.02, 0.06) * ramp(-after[:, 1], -0.03, 0.02)
+        in_face = combing.ramp(after[:, 2], 0.02, 0.06) * combing.ramp(-after[:, 1], -0.03, 0.02)
         outward = 0.6 * in_face * np.maximum(half_width - np.abs(after[:, 0]), 0)
-        on_shoulders = ramp(-after[:, 1], 0.09, 0.14)
+        on_shoulders = combing.ramp(-after[:, 1], 0.09, 0.14)
         inward = 0.75 * on_shoulders * np.maximum((after[:, 0] - before[:, 0]) * side, 0)
         return next_points + ((outward - inward) * side)[:, None] * head[:, 0]
 
     return deflect
 
 
-def grow_locks(head: Head, comb: Comb, hat: bool) -> Strip:
+def grow_locks(head: combing.Head, comb: Comb, hat: bool) -> Strip:
     """Grows all strands of a style, or only those that a hat leaves free; a third of them, and wider, if not `fine`."""
     motion, seed, fine = head.motion, head.seed, head.fine
     if not fine:
         comb = replace(comb, count=comb.count // 2, strands=max(2, round(comb.strands / 1.5)), width=1.8 * comb.width)
-    share = below_hat if hat else scalp_roots
-    guides = plant_roots(head, comb.count, 0, share)
-    direction, length = comb_directions(comb, guides)
+    share = combing.below_hat if hat else combing.scalp_roots
+    guides = combing.plant_roots(head, comb.count, 0, share)
+    direction, length = combing.comb_directions(comb, guides)
     direction = direction @ motion.bone("head")[:, :3].T
-    goal, _ = tie_point(motion)
+    goal, _ = combing.tie_point(motion)
     if comb.direction == "tie":
         direction = goal - guides.points
         length = 1.12 * np.linalg.norm(direction, axis=1)
@@ -133,8 +122,8 @@ def grow_locks(head: Head, comb: Comb, hat: bool) -> Strip:
     deflect = _deflect_from_face(motion) if comb.direction == "down" else None
     points, normals = grow_guides(comb, guides, direction, length, head.below, steps, seed, deflect=deflect)
     if comb.direction == "tie":  # closes the gap of the last steps to the tie
-        points = points + ramp(np.linspace(0, 1, steps + 1), 0.3, 1.0)[None, :, None] * (goal - points[:, -1:])
-    roots = plant_roots(head, comb.count * comb.strands, 1, share)
+        points = points + combing.ramp(np.linspace(0, 1, steps + 1), 0.3, 1.0)[None, :, None] * (goal - points[:, -1:])
+    roots = combing.plant_roots(head, comb.count * comb.strands, 1, share)
     pieces = int(np.clip(np.ceil(length.max() / (0.018 if fine else 0.03)), 4, 14))
     if comb.curl:
         pieces = int(np.clip(np.ceil(5 * length.max() / comb.pitch), pieces, 16 if fine else 12))
@@ -142,9 +131,9 @@ def grow_locks(head: Head, comb: Comb, hat: bool) -> Strip:
     return ribbons(comb.width, points, normals, roots.random, ROLL)
 
 
-def tied_hair(head: Head, kind: str) -> Strip:
+def tied_hair(head: combing.Head, kind: str) -> Strip:
     """Builds hair that is tied at the back of the head, as a bun or a ponytail."""
-    start, direction = tie_point(head.motion)
+    start, direction = combing.tie_point(head.motion)
     count, width = (900, 0.0028) if head.fine else (260, 0.006)  # strands, metres
     random = random_numbers(count, 4, head.seed + 50)
     if kind == "bun":
@@ -156,7 +145,7 @@ def tied_hair(head: Head, kind: str) -> Strip:
     spoke = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up  # away from the middle of the tail
     comb = Comb(count=count, length=0.24, body=0.022, weight=0.4)
     tied = start + 0.010 * np.sqrt(random[:, :1]) * spoke - 0.006 * direction
-    roots = Roots(tied, normals=np.tile(direction, (count, 1)), sides=spoke, rim=np.ones(count), random=random)
+    roots = combing.Roots(tied, normals=np.tile(direction, (count, 1)), sides=spoke, rim=np.ones(count), random=random)
     length = comb.length * (0.7 + 0.45 * random[:, 0])
     heading = 0.6 * direction + 0.3 * np.sqrt(random[:, :1]) * spoke - np.array([0.0, 0.35, 0.0])
     steps = 14 if head.fine else 9
