@@ -85,12 +85,8 @@ def figures(
     import_module("relight.figures.make")  # a package that is missing is told here, not by each process
     numbers = seeds_of(seeds)
     writable_folder(out, "--out")
-    settings = {
-        "detail": detail,
-        "texture": texture,
-        "per_subject": per_subject,
-        "constraints": Constraints(sitting, tuple(pose or ()), tuple(garment or ()), tuple(hair or ())),
-    }
+    constraints = Constraints(sitting, tuple(pose or ()), tuple(garment or ()), tuple(hair or ()))
+    settings = {"detail": detail, "texture": texture, "per_subject": per_subject, "constraints": constraints}
     tasks = [(seed, settings, out / f"g{seed:04d}.glb") for seed in numbers]
     spawn = multiprocessing.get_context("spawn")
     with spawn.Pool(jobs, start_worker) if has_semaphores() else nullcontext() as pool:

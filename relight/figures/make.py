@@ -196,14 +196,7 @@ def save_figure(name: str, figures: Figures, out: Path) -> None:
             constraints = Constraints(
                 figures.sitting, tuple(figures.poses), tuple(figures.garments), tuple(figures.hair)
             )
-            mesh = make_figure(
-                seed,
-                detail=figures.detail,
-                texture=figures.texture,
-                per_subject=figures.per_subject,
-                outfits=figures.outfits,
-                constraints=constraints,
-            )
+            mesh = make_figure(seed, figures.detail, figures.texture, figures.per_subject, figures.outfits, constraints)
         else:
             mesh = extension(figures.source, "figure")(figures, seed)
         mesh.info.update(name=name, axes={"up": "+y", "front": "+z"})

@@ -9,7 +9,7 @@ from relight.figures.body.kinematics import orthonormal_frame, unit
 from relight.figures.body.motion import Motion
 from relight.figures.drape.colliders import Collider, signed_distance
 from relight.figures.draw.poses import Pose
-from relight.figures.surfaces import Surface, cells, closed_rings, face_normals, stacked
+from relight.figures.surfaces import Surface, cells, closed_rings, face_normals, stacked, unit_rows
 from relight.meshes import Material
 
 GREYS = (0.02, 0.04, 0.12, 0.45, 0.7)  # luminance of albedo
@@ -53,12 +53,8 @@ def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 
     t = np.linspace(-1, 1, n)
     u, v = (grid.ravel() for grid in np.meshgrid(t, t))
     square = _cell_faces(np.arange(n * n).reshape(n, n))
-    sides = []
-    for axis in range(3):
-        for sign in (1, -1):
-            side = np.empty((n * n, 3))
-            side[:, axis], side[:, (axis + 1) % 3], side[:, (axis + 2) % 3] = sign, sign * u, v
-            sides.append((side, square))
+    ends = [np.stack([np.full_like(u, sign), sign * u, v], axis=1) for sign in (1, -1)]  # the two sides across x
+    sides = [(np.roll(end, axis, axis=1), square) for axis in range(3) for end in ends]
     cube, faces = stacked(sides)  # from -1 to 1
     _, first, inverse = np.unique(cube.round(6), axis=0, return_index=True, return_inverse=True)
     cube, faces = cube[first], inverse.reshape(-1)[faces]  # sides share the vertices of their edges
@@ -98,8 +94,7 @@ def strap(line: np.ndarray, across: np.ndarray, width: float, thickness: float) 
     Returns:
         Vertices (4 m,3) and faces (F,3), counter-clockwise outward.
     """
-    along = np.gradient(line, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    along = unit_rows(np.gradient(line, axis=0))
     side = np.broadcast_to(unit(across), line.shape)
     up = np.cross(along, side)
     corners = [line + s * width / 2 * side + t * thickness / 2 * up for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
@@ -213,12 +208,11 @@ def _stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Genera
     cushion = _transformed(cushion, axes, np.array([x, top - thickness / 2, z]))
     legs = []
     length = top - thickness - ground
-    for side in (-1, 1):
-        for end in (-1, 1):
-            leg, faces = box(half=(LEG, length / 2, LEG), rounding=0.004)
-            leg[:, [0, 2]] += 0.03 * np.array([side, end]) * (0.5 - leg[:, 1:2] / length)  # legs spread downward
-            corner = axes @ [side * (half_width - 0.04), 0, end * (half_depth - 0.04)]
-            legs.append(_transformed((leg, faces), axes, corner + [x, ground + length / 2, z]))
+    for side, end in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+        leg, faces = box(half=(LEG, length / 2, LEG), rounding=0.004)
+        leg[:, [0, 2]] += 0.03 * np.array([side, end]) * (0.5 - leg[:, 1:2] / length)  # legs spread downward
+        corner = axes @ [side * (half_width - 0.04), 0, end * (half_depth - 0.04)]
+        legs.append(_transformed((leg, faces), axes, corner + [x, ground + length / 2, z]))
     seat, wood = sample_color(rng), sample_color(rng)
     return [Prop(*cushion, Material(seat, name="seat")), Prop(*stacked(legs), Material(wood, name="stool legs"))]
 

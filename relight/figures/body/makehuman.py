@@ -84,12 +84,8 @@ def base() -> Base:
             corners.setdefault(current, []).append([corner.split("/")[:2] for corner in rest.split()])
     quads = {name: np.array(group, np.int64) - 1 for name, group in corners.items()}
     triangles = {name: np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]]) for name, quad in quads.items()}
-    return Base(
-        np.array(vertices, float) * DECIMETRE,
-        np.array(uv, float),
-        {name: faces[..., 0] for name, faces in triangles.items()},
-        {name: faces[..., 1] for name, faces in triangles.items()},
-    )
+    faces, uv_faces = ({name: group[..., k] for name, group in triangles.items()} for k in (0, 1))
+    return Base(np.array(vertices, float) * DECIMETRE, np.array(uv, float), faces, uv_faces)
 
 
 @cache

@@ -36,12 +36,9 @@ class Body:
         """The heights of crotch, hip, waist and neck, metres."""
         joints = self.joints
         middle = (np.abs(self.tights[:, 0]) < 0.01) & (self.tights[:, 1] < joints["root"][1] + 0.1)
-        return {
-            "crotch": float(self.tights[middle, 1].min()),
-            "hip": float(joints["upperleg01.L"][1]),
-            "waist": float(joints["spine04"][1]),
-            "neck": float(joints["neck01"][1]),
-        }
+        bones = {"hip": "upperleg01.L", "waist": "spine04", "neck": "neck01"}
+        at_joints = {name: float(joints[bone][1]) for name, bone in bones.items()}
+        return {"crotch": float(self.tights[middle, 1].min()), **at_joints}
 
 
 def between(value: float, names: tuple[str, str, str]) -> dict[str, float]:

@@ -135,16 +135,12 @@ def profile(kind: str, back: np.ndarray, front: np.ndarray) -> list[tuple[np.nda
         For each row its metres (m,) up and out from the neckline.
     """
     zero = np.zeros_like(back)
-    if kind == "fold":  # up, over, and down on the outside, lower in front
-        edge = -0.008 - 0.026 * front**3
-        return [
-            (zero + 0.010, zero + 0.000),
-            (zero + 0.022 + 0.006 * back, zero + 0.001),
-            (zero + 0.025 + 0.006 * back, zero + 0.006),
-            (zero + 0.012, zero + 0.014),
-            (edge, zero + 0.020 + 0.010 * front),
-        ]
-    return [(zero + rise, zero + reach) for rise, reach in _rows(kind)]
+    if kind != "fold":
+        return [(zero + rise, zero + reach) for rise, reach in _rows(kind)]
+    # Up, over, and down on the outside, lower in front.
+    rises = [zero + 0.010, 0.022 + 0.006 * back, 0.025 + 0.006 * back, zero + 0.012, -0.008 - 0.026 * front**3]
+    reaches = [zero, zero + 0.001, zero + 0.006, zero + 0.014, 0.020 + 0.010 * front]
+    return list(zip(rises, reaches))
 
 
 def _rows(kind: str) -> tuple[tuple[float, float], ...]:

@@ -12,7 +12,7 @@ from relight.figures.cut.patterns import Pattern, refined
 from relight.figures.drape.collars import VERTICAL, Neck, neck_of
 from relight.figures.drape.colliders import Collider
 from relight.figures.draw.garments import Garment
-from relight.figures.surfaces import grid_faces
+from relight.figures.surfaces import grid_faces, unit_rows
 
 EDGE = 0.025  # metres between the vertices of the coarsest ribbon
 PLEAT = 0.42  # width of the pleated ribbon over that of the flat one
@@ -117,10 +117,7 @@ def build_scarf(motion: Motion, garment: Garment, surface: Collider, levels: int
     """
     wrap = entries("garments", "wraps", Wrap)[garment.name]
     line, away = _centre_line(wrap, surface, neck_of(motion))
-    along = np.gradient(line, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    across = np.cross(along, away)
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    across = unit_rows(np.cross(unit_rows(np.gradient(line, axis=0)), away))
     rows, columns = len(line), round(wrap.width / EDGE) + 1
     column = np.arange(columns) - (columns - 1) / 2  # from the middle
     fold = EDGE * np.sqrt(1 - PLEAT**2) * np.sin(np.pi / 2 * np.arange(columns))  # metres off the figure: 0, 1, 0, -1

@@ -80,8 +80,7 @@ def principal(tensor: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.nd
         The least stretch (n,), less than 1 in compressed cloth, and its unit direction (n,3).
     """
     helper = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0, 0]], [[0.0, 1, 0]])  # not parallel to the normal
-    across = np.cross(normal, helper)
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    across = unit_rows(np.cross(normal, helper))
     along = np.cross(normal, across)
     p, q = (np.einsum("nx,nxy,ny->n", axis, tensor, axis) for axis in (across, along))
     r = np.einsum("nx,nxy,ny->n", across, tensor, along)

@@ -96,11 +96,8 @@ class Constraints:
         raise UserError(f"no pose of {PEOPLE} that were drawn can be taken in {self._describe()}")
 
     def _find_outfit(self, rng: np.random.Generator, person: Person) -> Outfit | None:
-        for _ in range(OUTFITS):
-            outfit = sample_outfit(rng, person, self.hair)
-            if self._has_garments(outfit):
-                return outfit
-        return None
+        drawn = (sample_outfit(rng, person, self.hair) for _ in range(OUTFITS))
+        return next(filter(self._has_garments, drawn), None)
 
     def _has_garments(self, outfit: Outfit) -> bool:
         return {worn.garment.name for worn in outfit.garments}.issuperset(self.garments)

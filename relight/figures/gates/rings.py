@@ -88,10 +88,8 @@ def lost_rings(pattern: Pattern, x: np.ndarray, motion: Motion) -> dict[str, tup
         names = [f"{bone}.{side}" for bone in bones]
         rest_line = np.stack([motion.body.joints[name] for name in names])
         posed_line = np.stack([motion.joint(name) for name in names])
-        if field == "arm":
-            on_limb = pattern.fields[f"arm_share{side}"] > 0.5
-        else:
-            on_limb = (pattern.fields["x"] > 0) == (side == "L")
+        on_side = (pattern.fields["x"] > 0) == (side == "L")
+        on_limb = pattern.fields[f"arm_share{side}"] > 0.5 if field == "arm" else on_side
         faces = level.faces[on_limb[level.faces].all(1)]
         winds_once = []  # for each ring, as draped
         for ring_level in LEVELS:
