@@ -6,21 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
+from relight.figures import surfaces
 from relight.figures.body.kinematics import unit
 from relight.figures.body.motion import Motion
 from relight.figures.catalogue.schema import entries
 from relight.figures.drape.colliders import Collider, signed_distance
-from relight.figures.surfaces import (
-    Surface,
-    border_loops,
-    extruded,
-    longest_run,
-    normals,
-    smooth_line,
-    smoothed,
-    thickened,
-    unit_rows,
-)
 from relight.figures.texture import noise
 
 CORD = 0.20  # metres of a drawstring
@@ -80,7 +70,7 @@ def _neckline(vertices: np.ndarray, faces: np.ndarray, neck: Neck, low: float = 
 
     The edges of an open front belong to it down to `low` metres below the neck. None if there is no such border.
     """
-    for ring in border_loops(faces):
+    for ring in surfaces.border_loops(faces):
         away = vertices[ring] - neck.base
         near = np.linalg.norm(away, axis=1) < NECK_RANGE
         if near.sum() < MIN_NECKLINE:
@@ -89,7 +79,7 @@ def _neckline(vertices: np.ndarray, faces: np.ndarray, neck: Neck, low: float = 
         if near.all():
             front = int(np.argmax(away @ neck.forward - 0.2 * np.abs(away @ neck.left)))
             return np.roll(ring, -front), True
-        run = longest_run(ring, near)
+        run = surfaces.longest_run(ring, near)
         return (run, False) if len(run) > MIN_NECKLINE else None
     return None
 
@@ -113,7 +103,7 @@ def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: Ne
     spacing = np.linalg.norm(np.diff(smooth[ring], axis=0), axis=1).mean()
     averagings = round(BAND**2 / (0.5 * spacing**2))
     displacement = (vertices - smooth)[ring]
-    move = smooth_line(displacement, averagings, closed) - displacement
+    move = surfaces.smooth_line(displacement, averagings, closed) - displacement
     distance, nearest = cKDTree(vertices[ring]).query(vertices, 4, distance_upper_bound=BAND_RANGE)
     share = np.clip(1 - distance / BAND_RANGE, 0, 1) ** 2
     move_or_none = np.concatenate([move, [[0, 0, 0]]])  # where there is no vertex in range, `nearest` is len(ring)
@@ -160,8 +150,8 @@ def _paths_over(
         points = points - np.where(face >= 0, distance, 0)[:, None] * normal
         places.append(points)
         facing.append(normal)
-        heading = unit_rows(heading - (heading * normal).sum(1, keepdims=True) * normal)
-        heading = smooth_line(heading, 2, closed=False)
+        heading = surfaces.unit_rows(heading - (heading * normal).sum(1, keepdims=True) * normal)
+        heading = surfaces.smooth_line(heading, 2, closed=False)
         points = points + heading * (length / PATH_STEPS)[:, None]
     return np.stack(places), np.stack(facing)
 
@@ -178,12 +168,12 @@ def _lay_hood(vertices: np.ndarray, faces: np.ndarray, base: np.ndarray, neck: N
     back = np.clip(-(level @ neck.forward) / np.maximum(level_length, 1e-6), 0, 1)  # 1 at the back of the neck
     length, thick = 0.045 + 0.15 * back**1.2, 0.020 + 0.030 * back
     heading = level / np.maximum(level_length[:, None], 1e-6) - up  # outward on all sides, and down
-    start = smooth_line(base, HOOD_SMOOTHING, closed=False)
-    heading = smooth_line(heading, HOOD_SMOOTHING, closed=False)
-    flattened = smoothed(vertices, faces, HOOD_SMOOTHING)  # over folds the paths would cross
+    start = surfaces.smooth_line(base, HOOD_SMOOTHING, closed=False)
+    heading = surfaces.smooth_line(heading, HOOD_SMOOTHING, closed=False)
+    flattened = surfaces.smoothed(vertices, faces, HOOD_SMOOTHING)  # over folds the paths would cross
     points, outward = _paths_over(Collider.at_rest(flattened, faces), start, heading, length)
-    outward = np.stack([smooth_line(row, HOOD_SMOOTHING, closed=False) for row in outward])
-    rows = _rows_over(points, outward, thick, _rows("hood"), creased=True, smoothing=8)
+    outward = np.stack([surfaces.smooth_line(row, HOOD_SMOOTHING, closed=False) for row in outward])
+    rows = _rows_over(points, outward, thick, "hood")
     for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):  # the opening's edge stands up around the neck
         row += np.outer(rise + 0.016 * back, up)
     for row in rows:
@@ -201,42 +191,36 @@ def _lay_lapels(
     (m,3).
     """
     cloth = Collider.at_rest(vertices, faces)
-    normal = smooth_line(normals(vertices, faces)[ring], 6, closed=False)
-    tangent = smooth_line(np.gradient(base, axis=0), 6, closed=False)
+    normal = surfaces.smooth_line(surfaces.normals(vertices, faces)[ring], 6, closed=False)
+    tangent = surfaces.smooth_line(np.gradient(base, axis=0), 6, closed=False)
     # Borders run so that the cloth is to their left.
-    inward = unit_rows(smooth_line(np.cross(normal, tangent), 12, closed=False))
+    inward = surfaces.unit_rows(surfaces.smooth_line(np.cross(normal, tangent), 12, closed=False))
     below = np.clip(-((base - neck.base) @ neck.up), 0, LAPEL)  # metres below the neck's base
     collar = np.clip(1 - below / 0.06, 0, 1)  # 1 on the collar around the neck, 0 on the lapels below it
     from_end = np.minimum(np.arange(len(ring)), np.arange(len(ring))[::-1]) / 8
     notch = 1 - 0.5 * np.exp(-(((below - 0.055) / 0.014) ** 2))  # between collar and lapels
     length = 0.062 * collar + 0.085 * (1 - collar) * (1 - below / LAPEL) ** 0.7
     points, outward = _paths_over(cloth, base, inward, length * notch * np.clip(from_end, 0.1, 1))
-    return _rows_over(points, outward, 0.008 + 0.020 * collar, _rows("lapel"), creased=False, smoothing=2)
+    return _rows_over(points, outward, 0.008 + 0.020 * collar, "lapel")
 
 
-def _rows_over(
-    points: np.ndarray,
-    outward: np.ndarray,
-    thick: np.ndarray,
-    shape: tuple[tuple[float, float], ...],
-    creased: bool,
-    smoothing: int,
-) -> list[np.ndarray]:
-    """Returns the rows (m,3) of a strip along paths over the cloth, metres.
+def _rows_over(points: np.ndarray, outward: np.ndarray, thick: np.ndarray, kind: str) -> list[np.ndarray]:
+    """Returns the rows (m,3) of a strip, a "hood" or a "lapel", along paths over the cloth, metres.
 
-    `shape` has the share of the paths' length of each row, and its height over that of the strip, `thick` (m,);
-    `creased` heights are uneven, and `smoothing` counts how often each row is averaged along itself.
+    Of each row, `_rows` has the share of the paths' length, and the height over that of the strip, `thick` (m,). Those
+    of a hood are creased, and each row is averaged along itself.
     """
+    smoothing = 8 if kind == "hood" else 2
     crease_place = np.arange(len(thick)) / 7.0  # a crease is about seven vertices wide
     rows = []
-    for share, height in shape:
+    for share, height in _rows(kind):
         k = min(int(share * PATH_STEPS), PATH_STEPS - 1)
         t = share * PATH_STEPS - k
         row, raised = (part[k] * (1 - t) + part[k + 1] * t for part in (points, outward))
         crease = np.zeros(len(thick))
-        if creased:
+        if kind == "hood":
             crease = 0.25 * (noise(crease_place, np.full_like(crease_place, 5 * share), 5) - 0.5)
-        rows.append(smooth_line(row + raised * ((height + crease) * thick)[:, None], smoothing, closed=False))
+        rows.append(surfaces.smooth_line(row + raised * ((height + crease) * thick)[:, None], smoothing, closed=False))
     return rows
 
 
@@ -249,7 +233,7 @@ def _into_panel(faces: np.ndarray, cloth: np.ndarray, ring: np.ndarray) -> np.nd
     step[np.linalg.norm(step, axis=2).max(1) > TORN] = 0
     summed = np.zeros_like(cloth)
     np.add.at(summed, faces, step)
-    return unit_rows(smooth_line(summed[ring], 20, closed=False))  # over seams
+    return surfaces.unit_rows(surfaces.smooth_line(summed[ring], 20, closed=False))  # over seams
 
 
 def collar(
@@ -275,14 +259,14 @@ def collar(
         closed = False
     elif closed:  # a band is joined at the back
         ring = np.roll(ring, len(ring) // 2)
-    base = smooth_line(vertices[ring], 4, closed)
+    base = surfaces.smooth_line(vertices[ring], 4, closed)
     if kind == "hood":
         rows = _lay_hood(vertices, faces, base, neck)
     elif kind == "lapel":
         rows = _lay_lapels(vertices, faces, ring, base, neck)
     else:
         away = base - neck.base
-        out = unit_rows(away - np.outer(away @ neck.up, neck.up), 1e-6)
+        out = surfaces.unit_rows(away - np.outer(away @ neck.up, neck.up), 1e-6)
         spread = np.zeros_like(base)
         if kind == "fold":  # the points stand apart where the collar opens
             travel = np.r_[0, np.cumsum(np.linalg.norm(np.diff(base, axis=0), axis=1))]
@@ -296,9 +280,9 @@ def collar(
         ]
     row_lengths = [np.linalg.norm(b - a, axis=1) for a, b in pairwise([base, *rows])]
     travel = np.concatenate([np.zeros((1, len(ring))), np.cumsum(row_lengths, axis=0)])  # metres from the neckline
-    strip, strip_faces = extruded(np.arange(len(ring)), rows, offset=len(ring), closed=closed)
+    strip, strip_faces = surfaces.extruded(np.arange(len(ring)), rows, offset=len(ring), closed=closed)
     points = np.concatenate([vertices[ring] - SEAM_OFFSET * neck.up, strip])
-    points, shell, corner = thickened(points, strip_faces, THICKNESS, rings=None)
+    points, shell, corner = surfaces.thickened(points, strip_faces, THICKNESS, rings=None)
     row, column = np.divmod(strip_faces.ravel()[corner], len(ring))  # of each corner in the strip
     opens = kind in ("lapel", "stand")  # down an open front; the others lie above the panels' upper sides
     direction = _into_panel(faces, uv / uv_per_metre, ring) if opens else np.tile([0.0, -1.0], (len(ring), 1))
@@ -308,7 +292,7 @@ def collar(
     return points, shell, np.clip(corner_uv, 0.001, 0.999)
 
 
-def cords(vertices: np.ndarray, faces: np.ndarray, neck: Neck) -> list[Surface]:
+def cords(vertices: np.ndarray, faces: np.ndarray, neck: Neck) -> list[surfaces.Surface]:
     """Builds the two drawstrings of a hood: tubes that lie on the garment's front, from the neckline down.
 
     Args:
@@ -329,11 +313,11 @@ def cords(vertices: np.ndarray, faces: np.ndarray, neck: Neck) -> list[Surface]:
         if len(on_front) < MIN_CORD_RINGS:
             continue
         path = origin[on_front] - neck.ahead * (depth[on_front] - 1.5 * CORD_RADIUS)[:, None]
-        path = smooth_line(path, 3, closed=False)
+        path = surfaces.smooth_line(path, 3, closed=False)
         turn = 2 * np.pi * np.arange(CORD_SIDES) / CORD_SIDES
         around = CORD_RADIUS * (np.outer(np.cos(turn), neck.aside) - np.outer(np.sin(turn), neck.ahead))
         rings = [point + around for point in path]
-        strip, tube = extruded(np.arange(CORD_SIDES), rings[1:], offset=CORD_SIDES, closed=True)
+        strip, tube = surfaces.extruded(np.arange(CORD_SIDES), rings[1:], offset=CORD_SIDES, closed=True)
         last = CORD_SIDES * (len(path) - 1)  # first vertex of the last ring
         fan = range(1, CORD_SIDES - 1)
         ends = [[0, k, k + 1] for k in fan] + [[last, last + k + 1, last + k] for k in fan]

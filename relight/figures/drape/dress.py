@@ -141,8 +141,7 @@ def drape_outfit(motion: Motion, outfit: Outfit, detail: Detail) -> list[DrapedG
             continue
         pattern = patterns.build_pattern(motion.body, garment, detail.refine)
         surface_at = partial(obstacles.below, garment, list(worn))
-        levels, refine, frames = pattern.levels, pattern.refine, detail.frames
-        draped = simulate.drape(levels, refine, garment.cloth, detail.solver, surface_at, motion.skin, frames)
+        draped = simulate.drape(pattern, detail.solver, surface_at, motion.skin, detail.frames)
         below = Collider.at_rest(*surface_at(detail.frames, fine=True))
         worn.append(DrapedGarment(pattern, item.fabric, finished(pattern, draped, item.fabric, below, motion)))
     return worn
@@ -222,12 +221,6 @@ def drape_scarf(
     vertices, faces = stacked(parts)
     pattern = scarves.build_scarf(motion, scarf.garment, Collider.at_rest(vertices, faces), detail.refine)
     draped = simulate.drape(
-        pattern.levels,
-        pattern.refine,
-        scarf.garment.cloth,
-        detail.scarf,
-        surface_at=lambda frame, fine: (vertices, faces),
-        skin=lambda weights, rest, frame: rest,
-        frames=0,
+        pattern, detail.scarf, lambda frame, fine: (vertices, faces), lambda weights, rest, frame: rest, frames=0
     )
     return DrapedGarment(pattern, scarf.fabric, draped)

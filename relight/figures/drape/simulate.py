@@ -4,12 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sparse
 
-from relight.figures.cut.level import Level
+from relight.figures.cut.patterns import Pattern
 from relight.figures.drape.colliders import Collider
 from relight.figures.drape.solver import ClothSolver, SolverSettings
-from relight.figures.draw.garments import Cloth
 from relight.figures.surfaces import neighbours
 
 GROUND = 0.006  # lowest height of cloth, metres
@@ -59,9 +57,7 @@ def relax_torn_edges(
 
 
 def drape(
-    levels: list[Level],
-    refine: list[sparse.csr_matrix],
-    cloth: Cloth,
+    pattern: Pattern,
     settings: list[SolverSettings],
     surface_at: Callable[[int, bool], tuple[np.ndarray, np.ndarray]],
     skin: Callable[[np.ndarray, np.ndarray, int], np.ndarray],
@@ -70,9 +66,7 @@ def drape(
     """Drapes a garment from coarse to fine: its coarsest level follows the motion, the others settle at the end.
 
     Args:
-        levels: the garment, from coarse to fine.
-        refine: the matrices from each level's vertices to those of the next.
-        cloth: the fabric's properties.
+        pattern: the garment.
         settings: the solver's, for each level.
         surface_at: (frame, fine) to the vertices and faces of the surface below the garment; `fine` for all levels but
             the coarsest.
@@ -83,10 +77,11 @@ def drape(
         The garment at the last frame, settled.
     """
     history: list[np.ndarray] = []
+    levels = pattern.levels
     x = skin(levels[0].weights, levels[0].start, 0)
     for number, (level, solver_settings) in enumerate(zip(levels, settings)):
         coarsest, finest = number == 0, number == len(levels) - 1
-        solver = ClothSolver(level.rest_shape, level.faces, cloth)
+        solver = ClothSolver(level.rest_shape, level.faces, pattern.garment.cloth)
         solver.move_to(x)
         pinned = np.flatnonzero(level.pin_weight > 0.01)
         moving_frames = list(range(1, frames + 1)) if coarsest else []
@@ -113,5 +108,5 @@ def drape(
         if coarsest:
             history[-1] = x  # the last frame is the one that has settled
         if not finest:
-            x = refine[number] @ x
+            x = pattern.refine[number] @ x
     return DrapeResult(x, history, strain)
