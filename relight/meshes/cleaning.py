@@ -74,15 +74,9 @@ def submesh(mesh: Mesh, faces: np.ndarray) -> Mesh:
     used = np.zeros(len(mesh.vertices), bool)
     used[kept] = True
     number = np.cumsum(used, dtype=np.int32) - 1
-    return replace(
-        mesh,
-        vertices=mesh.vertices[used],
-        faces=number[kept],
-        uv=mesh.uv[faces],
-        material=mesh.material[faces],
-        color=None if mesh.color is None else mesh.color[faces],
-        normal=None,
-    )
+    vertices, uv, material = mesh.vertices[used], mesh.uv[faces], mesh.material[faces]
+    color = None if mesh.color is None else mesh.color[faces]
+    return replace(mesh, vertices=vertices, faces=number[kept], uv=uv, material=material, color=color, normal=None)
 
 
 def _repair(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
@@ -124,14 +118,10 @@ def _repair(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
     # Flipping moves a face's vertices, but not its wedges: find where each corner was before.
     was_corner = (before[:, :, None] == after[:, None, :]).argmax(axis=1)
     corner = np.take_along_axis(corner, was_corner, axis=1)
-    mesh = replace(
-        mesh,
-        vertices=result.vertex_matrix().astype(np.float32),
-        faces=after.astype(np.int32),
-        uv=mesh.uv[face[:, None], corner],
-        material=mesh.material[face],
-        color=None if mesh.color is None else mesh.color[face[:, None], corner],
-    )
+    vertices, faces = result.vertex_matrix().astype(np.float32), after.astype(np.int32)
+    uv, material = mesh.uv[face[:, None], corner], mesh.material[face]
+    color = None if mesh.color is None else mesh.color[face[:, None], corner]
+    mesh = replace(mesh, vertices=vertices, faces=faces, uv=uv, material=material, color=color)
     return _oriented(mesh, (before != after).any(axis=1), repairs)
 
 
