@@ -129,18 +129,12 @@ def _read_headers(path: Path, OpenEXR: Any) -> list[Header]:
             header = {name.lower(): value for name, value in part.header.items()}  # of any spelling
             data, display = (tuple(np.ravel(header[name]).tolist()) for name in ("datawindow", "displaywindow"))
             tiles = header.get("tiles")
-            headers.append(
-                Header(
-                    deep=header.get("type") not in (None, OpenEXR.scanlineimage, OpenEXR.tiledimage),
-                    tile=None if tiles is None else (int(tiles.xSize), int(tiles.ySize)),
-                    channels={str(c.name): (int(c.xSampling), int(c.ySampling)) for c in header["channels"]},
-                    data=data,
-                    display=display,
-                    envmap=envmaps.get(header["envmap"]) if "envmap" in header else None,
-                    chromaticities=header.get("chromaticities"),
-                    space=_space(header),
-                )
-            )
+            deep = header.get("type") not in (None, OpenEXR.scanlineimage, OpenEXR.tiledimage)
+            tile = None if tiles is None else (int(tiles.xSize), int(tiles.ySize))
+            channels = {str(c.name): (int(c.xSampling), int(c.ySampling)) for c in header["channels"]}
+            envmap = envmaps.get(header["envmap"]) if "envmap" in header else None
+            colors = header.get("chromaticities"), _space(header)
+            headers.append(Header(deep, tile, channels, data, display, envmap, *colors))
         return headers
     except Exception as error:
         raise UserError(f"{path}: OpenEXR cannot read its header ({_one_line(error)})") from error
