@@ -123,10 +123,8 @@ def bake(
         settings = {"order": order, "supersample": supersample, "bounces": bounces}
         maps = bake_maps(prepared, size, rays, view, threads=threads, **settings)
         for target in of_maps:
-            if target.suffix.lower() == ".png":
-                write_maps_picture(target, maps)
-            else:
-                write_maps(target, maps)
+            write = write_maps_picture if target.suffix.lower() == ".png" else write_maps
+            write(target, maps)
         pixels = int(maps.mask.sum())
         ao = f"mean AO {maps.ao[maps.mask].mean():.3f}"
         typer.echo(f"{mesh.name}: {len(prepared.faces):,} triangles, {pixels:,} pixels, {ao}", err=True)

@@ -60,12 +60,10 @@ class RayCaster:
         area = np.linalg.norm(normals, axis=1, keepdims=True)
         if not area.any():
             raise UserError(f"all {len(faces)} faces of the mesh are degenerate: none has an area")
-        self.corners = corners
-        self.faces = faces
+        self.corners, self.faces, self.threads = corners, faces, threads
         self.areas = area[:, 0] / 2
         self.normals = np.divide(normals, area, out=np.zeros_like(normals), where=area > 0)
         self.offset = OFFSET * self.diagonal
-        self.threads = threads
         self._scene = open3d.t.geometry.RaycastingScene(nthreads=threads)
         self._scene.add_triangles(
             open3d.core.Tensor(np.ascontiguousarray(np.nan_to_num(vertices - self.centre), np.float32)),

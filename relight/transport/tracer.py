@@ -106,12 +106,8 @@ class PathTracer:
         At grazing angles, the diffuse part is not quite Lambertian (Burley 2012, "Physically-based shading at Disney",
         section 5.3).
         """
-        return {
-            "type": "principled",
-            "base_color": reflectance,
-            "roughness": material.roughness,
-            "specular": 0.5 * material.specular,  # 0.5 in Mitsuba, 1 in glTF: 4 % at normal incidence
-        }
+        specular = 0.5 * material.specular  # 0.5 in Mitsuba, 1 in glTF: 4 % at normal incidence
+        return {"type": "principled", "base_color": reflectance, "roughness": material.roughness, "specular": specular}
 
     def radiance(self, sky: np.ndarray, samples: int, bounces: int = 0, seed: int = 0) -> np.ndarray:
         """Renders the radiance toward the camera.
