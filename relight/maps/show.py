@@ -41,10 +41,8 @@ def _draw_maps(maps: Maps) -> np.ndarray:
     # From white at 0 to RED at 1 and to BLUE at -1.
     panels = [np.where(value > 0, 1 - value * (1 - RED), 1 + value * (1 - BLUE)) for value in coefficients]
     coefficient_row = np.concatenate([np.where(inside, panel, BACKGROUND) for panel in panels], 1)
-    height = round(coefficient_row.shape[0] * first_row.shape[1] / coefficient_row.shape[1])
-    second_row = Image.fromarray(to_bytes(coefficient_row)).resize(
-        (first_row.shape[1], height), Image.Resampling.LANCZOS
-    )
+    size = first_row.shape[1], round(coefficient_row.shape[0] * first_row.shape[1] / coefficient_row.shape[1])
+    second_row = Image.fromarray(to_bytes(coefficient_row)).resize(size, Image.Resampling.LANCZOS)
     return np.concatenate([to_bytes(first_row), np.asarray(second_row)])
 
 

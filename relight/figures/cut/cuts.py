@@ -32,11 +32,9 @@ def neck_field(body: Body, garment: Garment, fields: Fields) -> np.ndarray:
     """
     centre = body.joints["neck01"] + NECK_CENTRE
     wide, high, deep = garment.neck
-    radius = np.sqrt(
-        (fields["x"] / wide) ** 2
-        + ((fields["z"] - centre[2]) / deep) ** 2
-        + (np.minimum(fields["y"] - centre[1], 0) / high) ** 2
-    )
+    across, ahead = fields["x"] / wide, (fields["z"] - centre[2]) / deep
+    below = np.minimum(fields["y"] - centre[1], 0) / high
+    radius = np.sqrt(across**2 + ahead**2 + below**2)
     outside = (radius - 1) * wide
     if garment.v_depth:
         half_width = 0.8 * wide * (fields["y"] - centre[1] + high + garment.v_depth) / (high + garment.v_depth)

@@ -88,11 +88,9 @@ def paint_skin(person: Person, outfit: Outfit, side: int, seed: int) -> Material
     skin = tone(person)
     blush = np.array([1.0, 0.80, 0.80]) if person.skin > 0.35 else np.array([1.0, 0.92, 0.90])
     color = np.tile(skin, (len(x), 1))
-    color *= (
-        1
-        + 0.10 * (noise(x * 30 + z * 17, y * 30, seed) - 0.5)
-        + 0.06 * (noise(x * 400, y * 400 + z * 300, seed + 1) - 0.5)
-    )[:, None]
+    blotches = 0.10 * (noise(x * 30 + z * 17, y * 30, seed) - 0.5)
+    pores = 0.06 * (noise(x * 400, y * 400 + z * 300, seed + 1) - 0.5)
+    color *= (1 + blotches + pores)[:, None]
     across, front = np.abs(x), z > eye[2] - FACE_DEPTH
 
     def mix(share: np.ndarray, target: np.ndarray) -> None:
@@ -124,10 +122,8 @@ def paint_skin(person: Person, outfit: Outfit, side: int, seed: int) -> Material
         mix(min(0.8, beard) * hairs * (0.6 + 0.5 * noise(x * 900, y * 900, seed + 3)), 0.8 * brow_color(hair))
     if scalp > 0:
         above = np.clip(above_hairline(point[inside]) / 0.06 - 0.4, 0, 1)  # 1 where hair grows
-        mix(
-            scalp * above * (0.85 + 0.25 * noise(x * 700, y * 700 + z * 500, seed + 4)),
-            np.minimum(brow_color(hair), skin),
-        )
+        density = 0.85 + 0.25 * noise(x * 700, y * 700 + z * 500, seed + 4)
+        mix(scalp * above * density, np.minimum(brow_color(hair), skin))
     image = np.broadcast_to(skin, (side, side, 3)).copy()
     image[inside] = color
     return Material(texture=coded(image), name="skin")
