@@ -22,6 +22,7 @@ from relight.maps import Maps, read_maps
 from relight.maps.square import fill_outside
 from relight.meshes import Mesh
 from relight.panoramas import project, read_panorama
+from relight.photos.backdrop import resized
 from relight.photos.network import PhotoNetwork, read_network
 from relight.photos.person import Person, infer_person
 from relight.photos.render import frames
@@ -101,12 +102,8 @@ def _resize_to_square(values: np.ndarray, person: Person, inside: np.ndarray) ->
 
     Returns (side,side,C) float32 on the square of the benchmark, zero outside its mask `inside`.
     """
-    side = len(inside)
-    if side != len(values):
-        whole = fill_outside(values, person.mask)
-        channels = [np.ascontiguousarray(whole[..., c], np.float32) for c in range(whole.shape[-1])]
-        size, bilinear = (side, side), Image.Resampling.BILINEAR
-        values = np.stack([np.asarray(Image.fromarray(c).resize(size, bilinear)) for c in channels], -1)
+    if inside.shape != values.shape[:2]:
+        values = resized(fill_outside(values, person.mask), inside.shape, method=Image.Resampling.BILINEAR)
     return values * inside[..., None]
 
 
@@ -172,14 +169,10 @@ def _true(
     truth, linear = benchmark.truth(entry)[0], LINEAR[entry.shot().photo]
     # A set with true maps has all of them.
     assert truth.albedo is not None and truth.transport is not None and truth.light is not None
-    return {
-        "albedo": truth.albedo,
-        "transport": truth.transport,
-        "light": truth.light,
-        "shading": shade(truth.transport, truth.light),
-        "full": np.stack([to_srgb8(picture) for picture in pictures]),
-        "ratio": np.stack([to_srgb8(apply_gain(linear, factor)) for factor in gains]),
-    }
+    relit = {"full": pictures, "ratio": [apply_gain(linear, factor) for factor in gains]}
+    known = {"albedo": truth.albedo, "transport": truth.transport, "light": truth.light}
+    known["shading"] = shade(truth.transport, truth.light)
+    return known | {mode: np.stack([to_srgb8(picture) for picture in by_light]) for mode, by_light in relit.items()}
 
 
 class Scene(NamedTuple):

@@ -57,11 +57,13 @@ def blurred(view: np.ndarray, blur: float) -> np.ndarray:
     return np.maximum(resized(small, (height, width)), 0)
 
 
-def resized(view: np.ndarray, shape: tuple[int, int], extent: tuple[float, float] | None = None) -> np.ndarray:
-    """Resizes a view (h,w,3) float32, or the upper left part of this `extent` (width, height), to `shape` (H, W)."""
-    box = (0, 0, *extent) if extent else None
-    channels = (Image.fromarray(np.ascontiguousarray(view[..., c])) for c in range(3))
-    return np.stack([np.asarray(c.resize(shape[::-1], Image.Resampling.BICUBIC, box)) for c in channels], -1)
+def resized(
+    view: np.ndarray, shape: tuple[int, int], extent: tuple[float, ...] = (), method: int = Image.Resampling.BICUBIC
+) -> np.ndarray:
+    """Resizes a view (h,w,C) to `shape` (H, W), float32, or its upper left part of this `extent` (width, height)."""
+    width, height = extent or view.shape[1::-1]
+    planes = (Image.fromarray(np.ascontiguousarray(plane, np.float32)) for plane in np.moveaxis(view, -1, 0))
+    return np.stack([np.asarray(plane.resize(shape[::-1], method, (0, 0, width, height))) for plane in planes], -1)
 
 
 def focal_length(shape: tuple[int, int]) -> float:

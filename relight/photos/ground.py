@@ -17,7 +17,7 @@ from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter, label
 
 from relight.maps.square import MASK_THRESHOLD, extent
-from relight.photos.backdrop import focal_length
+from relight.photos.backdrop import focal_length, resized
 from relight.photos.mask.pose import Body
 from relight.sh import basis
 from relight.transport.sampling import vogel_directions
@@ -90,10 +90,8 @@ class Ground:
         """Returns a background (H,W,3), linear, darkened under a light (K,3)."""
         shadows, out = self.shadows(light), np.array(background)
         (first, last), (start, stop) = self.rows, self.columns
-        part = out[first:last, start:stop]
-        for channel in range(3):
-            small = Image.fromarray(np.ascontiguousarray(shadows[..., channel]))
-            part[..., channel] *= np.asarray(small.resize((stop - start, last - first), Image.Resampling.BILINEAR))
+        size = last - first, stop - start
+        out[first:last, start:stop] *= resized(shadows, size, method=Image.Resampling.BILINEAR)
         return out
 
 

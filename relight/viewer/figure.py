@@ -14,6 +14,7 @@ from relight.core.srgb import encode as encode_srgb
 from relight.maps import Maps
 from relight.maps.octahedral import octahedral
 from relight.maps.square import extent, fill_outside
+from relight.photos.backdrop import resized
 from relight.photos.render import estimate_foreground
 from relight.photos.shading import shade, shading_floor
 from relight.photos.tone import CLIPPING, chroma, clipping_excess
@@ -89,15 +90,10 @@ def pack(figure: Figure, transport_steps: int) -> tuple[dict[str, Any], bytes]:
     mask, alpha = maps.mask[rows, columns], coverage[rows, columns]
     region = mask | (alpha > 0)
     streams: list[bytes] = [deflate(np.packbits(region).tobytes())]
-    header = {
-        "title": figure.title,
-        "width": width,
-        "height": height,
-        "box": [columns.start, rows.start, region.shape[1], region.shape[0]],
-        "region": len(streams[0]),
-        "planes": [],
-        "mean": maps.transport[maps.mask][:, : coefficient_count(2)].mean(0, dtype=np.float64).round(6).tolist(),
-    }
+    header: dict[str, Any] = {"title": figure.title, "width": width, "height": height}
+    header["box"] = [columns.start, rows.start, region.shape[1], region.shape[0]]
+    header |= {"region": len(streams[0]), "planes": []}
+    header["mean"] = maps.transport[maps.mask][:, : coefficient_count(2)].mean(0, dtype=np.float64).round(6).tolist()
     if figure.photo is not None and figure.photo_light is not None:
         light = np.asarray(figure.photo_light, np.float64)
         header["light"] = light.round(6).tolist()
@@ -162,12 +158,12 @@ def _json(figure: Figure, quality: int) -> str:
 
 def smaller(figure: Figure, scale: float) -> Figure:
     """Returns a figure on fewer pixels, `scale` times as many a side: means of what the mask shows."""
-    maps, size = figure.maps, [max(round(side * scale), 1) for side in figure.maps.mask.shape[::-1]]
+    maps, (height, width) = figure.maps, figure.maps.mask.shape
+    size = max(round(height * scale), 1), max(round(width * scale), 1)
 
     def mean(values: np.ndarray) -> np.ndarray:
-        planes = np.asarray(values, np.float32).reshape(*maps.mask.shape, -1)
-        small = [Image.fromarray(plane).resize(size, Image.Resampling.BOX) for plane in np.moveaxis(planes, -1, 0)]
-        return np.stack(list(map(np.asarray, small)), -1).reshape(*size[::-1], *values.shape[2:])
+        planes = values.reshape(*maps.mask.shape, -1)
+        return resized(planes, size, method=Image.Resampling.BOX).reshape(*size, *values.shape[2:])
 
     shown = mean(maps.mask)
     means: dict[str, Any] = {
