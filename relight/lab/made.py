@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from relight.core.errors import UserError
-from relight.core.files import file_hash, write_json
+from relight.core.files import file_hash, read_record, write_json
 from relight.extensions import READ
 from relight.lab.code import code_hash, code_of
 
@@ -28,11 +28,8 @@ Record = dict[str, Any]
 
 def read(output: str) -> Record:
     """Returns the record of a file or folder; {} if it has none that can be read."""
-    try:
-        record: Record = json.loads(record_file(output).read_bytes())
-        return record if all(isinstance(record[part], dict) for part in ("params", "inputs", "files", "code")) else {}
-    except (OSError, ValueError, TypeError, KeyError):
-        return {}
+    record = read_record(record_file(output))
+    return record if all(isinstance(record.get(part), dict) for part in ("params", "inputs", "files", "code")) else {}
 
 
 def record_file(output: str) -> Path:

@@ -19,7 +19,7 @@ import numpy as np
 from PIL import Image
 
 from relight.core.errors import UserError
-from relight.core.files import atomic_write, writable_file, writable_folder, write_json
+from relight.core.files import atomic_write, read_record, writable_file, writable_folder, write_json
 from relight.core.processes import has_semaphores
 from relight.core.progress import progress
 from relight.core.version import __version__
@@ -344,8 +344,5 @@ def _plain(value: Any) -> Any:
 
 
 def _recorded(out: Path) -> str | None:
-    try:
-        record = json.loads((out / RECORD).read_text())
-        return record["fingerprint"] if (out / record["picture"]).is_file() else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+    record = read_record(out / RECORD)
+    return record.get("fingerprint") if (out / str(record.get("picture", ""))).is_file() else None
