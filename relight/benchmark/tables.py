@@ -55,11 +55,10 @@ class MethodComparison:
 
     def tables(self) -> dict[str, ComparisonTable]:
         """Returns tables of relit pictures, of maps and light, of differences, and of invariances, by file stem."""
+        unit_of_maps = "RMSE of vectors; light: relative error of irradiance."
         made = {
             "benchmark_pictures": self.methods("Relit pictures", PICTURE_HEADS, "Errors of sRGB codes in [0,1]."),
-            "benchmark_maps": self.methods(
-                "Maps and light", MAP_HEADS, "RMSE of vectors; light: relative error of irradiance."
-            ),
+            "benchmark_maps": self.methods("Maps and light", MAP_HEADS, unit_of_maps),
             "benchmark_differences": self.differences(),
             "benchmark_invariance": self.invariances(),
         }

@@ -26,10 +26,9 @@ def plot_errors(table: Table, rows_of_run: list[str], out: Path) -> None:
         figure = Figure(figsize=(2.6 + 2.3 * len(shown), 0.9 + 0.34 * len(rows)), layout="constrained")
         panels = figure.subplots(ncols=len(shown), sharey=True, squeeze=False)[0]
         for panel, column in zip(panels, shown):
-            with_column = [(place, row) for place, row in enumerate(rows) if column in table.rows[row]]
-            places = [place for place, _ in with_column]
-            estimates = [table.rows[row][column] for _, row in with_column]
-            colors = [color_of[row] if row in table.networks else GREY for _, row in with_column]
+            places, with_column = zip(*((i, row) for i, row in enumerate(rows) if column in table.rows[row]))
+            estimates = [table.rows[row][column] for row in with_column]
+            colors = [color_of[row] if row in table.networks else GREY for row in with_column]
             lows, highs = zip(*((estimate.low, estimate.high) for estimate in estimates))
             panel.hlines(places, lows, highs, colors=colors, linewidth=2.2)  # none for infinite ones, of one figure
             panel.scatter([estimate.mean for estimate in estimates], places, s=36, c=colors)

@@ -34,9 +34,7 @@ def build_report(results: Results, out: Path) -> None:
         UserError: if a result is missing or broken.
     """
     outcome = sections.summary(results) if {*PRINTED_TABLES} & {*results.tables} else None
-    parts = []
-    if outcome:
-        parts.append(_section("what-came-out", "What came out", "summary.md", outcome))
+    parts = [_section("what-came-out", "What came out", "summary.md", outcome)] if outcome else []
     parts.append(_section("how-to-read", "How to read this page", "reading.md", {}))
     parts += [experiment(results, name) for name in results.experiments]
     parts.append(_section("figures", "Figures", "figures.md", sections.figures(results)))

@@ -23,22 +23,11 @@ LARGE = 400_000  # bytes; larger PNGs are embedded as JPEGs of the same size in 
 @cache
 def environment() -> Environment:
     """Returns the environment of the templates: values are escaped, and undefined names are errors."""
-    made = Environment(
-        loader=PackageLoader("relight.evaluation.report"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
+    loader = PackageLoader("relight.evaluation.report")
+    made = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
     made.filters |= {"number": formats.number, "count": formats.count, "column": column_label}
-    made.globals |= {
-        "table": formats.to_markdown,
-        "picture": picture,
-        "ALPHA": ALPHA,
-        "MARGIN": MARGIN,
-        "MIN_SUBJECTS": MIN_SUBJECTS,
-        "Verdict": Verdict,
-    }
+    made.globals |= {"table": formats.to_markdown, "picture": picture}
+    made.globals |= {"ALPHA": ALPHA, "MARGIN": MARGIN, "MIN_SUBJECTS": MIN_SUBJECTS, "Verdict": Verdict}
     return made
 
 

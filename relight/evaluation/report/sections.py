@@ -15,12 +15,8 @@ from relight.evaluation.scoring.tables import Table
 from relight.settings.scores import column_label, label
 
 DAGGER = " †"  # marks printed differences that are under MARGIN
-OUTCOMES = {  # of an ordering of the paper in this run
-    Verdict.BETTER: "holds",
-    Verdict.WORSE: "reversed",
-    Verdict.EQUIVALENT: "equivalent",
-    Verdict.OPEN: "open",
-}
+# Of an ordering of the paper in this run.
+OUTCOMES = {Verdict.BETTER: "holds", Verdict.WORSE: "reversed", Verdict.EQUIVALENT: "equivalent", Verdict.OPEN: "open"}
 PLATES = {  # pictures of an experiment, by the ends of their files
     "plates": "Test figures: the truth, and the inference of each network.",
     "swapped": "Two people in two lights, each relit by the light inferred from the other's picture.",
@@ -112,8 +108,7 @@ def _compare_pairs(table: Table, settings: dict[str, Any], usual: Table | None =
 
 def summary(results: Results) -> Numbers:
     """Returns the context of templates/sections/summary.md: which of the paper's orderings hold in this run."""
-    tables = [results.table(name) for name in results.tables if results.usual(name)]
-    tables = [table for table in tables if table.rows]
+    tables = [table for name in results.tables if results.usual(name) and (table := results.table(name)).rows]
     tested, own = orderings(tables), results.experiments.values()
     counts = [count for table in tables for count in table.trainings.values()]
     lines = [

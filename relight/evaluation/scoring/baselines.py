@@ -49,8 +49,7 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
             f"baselines: {len(figures)} training figures and {len(train_lights)} training lights are found; at least "
             "one of each is needed"
         )
-    mean_light = train_lights.mean(0, keepdims=True)
-    order = order_of(mean_light.shape[1])
+    order = order_of(train_lights.shape[1])
     mean = _mean_figure(data, figures)
     mean_ao = np.concatenate([data.ao[pixel_rows(data, figure)].float().numpy() for figure in figures]).mean()
 
@@ -61,8 +60,11 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
     def mean_figure(figure: int, lights: np.ndarray) -> Inferred:
         maps = {name: values[pixels(data, figure)].astype(np.float32)[None] for name, values in mean.items()}
         maps["normal"] /= np.linalg.norm(maps["normal"], axis=-1, keepdims=True)
-        light = np.repeat(mean_light, len(lights), 0)
+        light = mean_light(figure, lights).light
         return Inferred(maps["albedo"], maps["transport"], maps["normal"], maps["ao"][..., 0], light)
+
+    def mean_light(figure: int, lights: np.ndarray) -> Inferred:
+        return Inferred(light=np.repeat(train_lights.mean(0, keepdims=True), len(lights), 0))
 
     def nearest_light(figure: int, lights: np.ndarray) -> Inferred:
         true_lights = data.lights.numpy()[lights]
@@ -81,15 +83,8 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
     def as_it_is(figure: int, lights: np.ndarray) -> Inferred:
         return Inferred(relit=truth(data, figure, lights).maps["reconstruction"])
 
-    return {
-        "mean_figure": mean_figure,
-        "mean_light": lambda figure, lights: Inferred(light=np.repeat(mean_light, len(lights), 0)),
-        "nearest_light": nearest_light,
-        "no_occlusion": no_occlusion,
-        "mean_occlusion": mean_occlusion,
-        "ao_occlusion": ao_occlusion,
-        "as_it_is": as_it_is,
-    }
+    predictors = mean_figure, mean_light, nearest_light, no_occlusion, mean_occlusion, ao_occlusion, as_it_is
+    return {predictor.__name__: predictor for predictor in predictors}
 
 
 def _mean_figure(data: RelitSet, figures: np.ndarray) -> dict[str, np.ndarray]:

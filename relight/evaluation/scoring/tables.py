@@ -118,14 +118,9 @@ def experiment_table(
     for group in (columns, [column for column in scored if column not in columns]):
         rank([rows[row] for row in networks], group)
     any_scores = next(iter(networks.values()))[0]  # all have the same figures and lights
-    return Table(
-        columns,
-        rows,
-        trainings={row: len(scores) for row, scores in networks.items()},
-        subjects=len(any_scores.figures),
-        lights=len(any_scores.lights),
-        printed={row: printed(row) for row in rows if name in PRINTED_TABLES and printed(row)},
-    )
+    trainings = {row: len(scores) for row, scores in networks.items()}
+    values = {row: printed(row) for row in rows if name in PRINTED_TABLES and printed(row)}
+    return Table(columns, rows, trainings, len(any_scores.figures), len(any_scores.lights), values)
 
 
 def estimates(rows: Rows, column: str, pool: Rows, fixed: Iterable[str] = ()) -> dict[str, Estimate]:
