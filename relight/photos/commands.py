@@ -201,8 +201,7 @@ def movie(
         typer.Option(min=1, max=120, help="Frames per second, for a photo or a folder; by default 25.", metavar="N"),
     ] = None,
     turns: Annotated[
-        float | None,
-        typer.Option(help="Turns of the light; by default 1 for a photo, 0 for a clip.", metavar="N"),
+        float | None, typer.Option(help="Turns of the light; by default 1 for a photo, 0 for a clip.", metavar="N")
     ] = None,
     size: Annotated[
         int, typer.Option(min=16, max=4096, help="Largest length of the longer side.", metavar="PIXELS")

@@ -24,13 +24,14 @@ from relight.sh.conventions import as_table
 
 AUTO = "auto"
 WHITE_BALANCES = ("keep", "scene")
+MaskModel = Path | str | None  # the file of an ONNX network for automatic masks, as `masked` takes it
 LightGiven = Light | np.ndarray | Path | str | Sequence[Light | Path | str] | None
 
 
 class SceneOptions(TypedDict, total=False):
     """Options of `Scene.of` that callers pass on."""
 
-    mask_model: Path | str | None
+    mask_model: MaskModel
     split: bool
     white_balance: str
     lit_by: Light | str | None
@@ -61,7 +62,7 @@ class Inferred:
         image: Given,
         mask: Given | None = None,
         network: PhotoNetwork | None = None,
-        mask_model: Path | str | None = None,
+        mask_model: MaskModel = None,
         split: bool = True,
         white_balance: str = "keep",
         size: int | None = None,
@@ -152,10 +153,7 @@ def require_white_balance(white_balance: str) -> None:
 
 
 def read_light(
-    given: LightGiven,
-    network: PhotoNetwork | None = None,
-    mask_model: Path | str | None = None,
-    white_balance: str = "keep",
+    given: LightGiven, network: PhotoNetwork | None = None, mask_model: MaskModel = None, white_balance: str = "keep"
 ) -> Light | None:
     """Reads a light as a user gives it (docs/photos.md).
 

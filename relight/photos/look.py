@@ -1,14 +1,13 @@
 """How a picture is to look: its light and what lies behind the people, checked once, when it is made."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from relight.core.errors import UserError
 from relight.core.numbers import finite
 from relight.lights.place import estimated, is_of_person
 from relight.photos.background import Background, read_background
-from relight.photos.inferred import AUTO, LightGiven, is_table, read_light
+from relight.photos.inferred import AUTO, LightGiven, MaskModel, is_table, read_light
 from relight.photos.network import PhotoNetwork
 from relight.pictures.picture import Given
 
@@ -42,7 +41,7 @@ class Look:
         stops: float = 0.0,
         match: bool = True,
         network: PhotoNetwork | None = None,
-        mask_model: Path | str | None = None,
+        mask_model: MaskModel = None,
         white_balance: str = "keep",
     ):
         if mode not in MODES:

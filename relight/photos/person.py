@@ -120,11 +120,7 @@ class Person:
 
 
 def infer_person(
-    network: PhotoNetwork,
-    pixels: np.ndarray,
-    coverage: np.ndarray,
-    crop: Crop | None = None,
-    body: Body | None = None,
+    network: PhotoNetwork, pixels: np.ndarray, coverage: np.ndarray, crop: Crop | None = None, body: Body | None = None
 ) -> Person:
     """Infers the light, albedo and transport of one person.
 
@@ -147,18 +143,8 @@ def infer_person(
         image = seen = encode(seen).astype(np.float32)
         exposure = 1.0
     albedo, transport, light = network.infer(seen, mask)
-    return Person(
-        crop=crop,
-        coverage=coverage,
-        mask=mask,
-        image=image,
-        albedo=albedo,
-        transport=transport,
-        light=light / np.float32(exposure),
-        exposure=exposure,
-        gamma=PAPER_GAMMA if paper else 1.0,
-        body=body,
-    )
+    light, gamma = light / np.float32(exposure), PAPER_GAMMA if paper else 1.0
+    return Person(crop, coverage, mask, image, albedo, transport, light, gamma, exposure=exposure, body=body)
 
 
 def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple[np.ndarray, np.ndarray]:
@@ -179,9 +165,7 @@ def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple
     inside = replace(crop, top=crop.top - window[0].start, left=crop.left - window[1].start)
     pixels, coverage = pixels[window], coverage[window]
     share = inside.extract(coverage)
-    mask = share >= MASK_THRESHOLD
-    if not mask.any():  # thinner than the network's pixels everywhere: keep the largest share
-        mask = share >= share.max()
+    mask = share >= min(MASK_THRESHOLD, share.max())  # thinner than the network's pixels: keep the largest share
     image = np.empty((*mask.shape, 3), np.float32)
     for channel in range(3):  # one at a time: an 8k photo in float32 is 800 MB
         image[..., channel] = inside.extract(to_linear(pixels[..., channel]) * coverage) / np.maximum(share, 1e-3)

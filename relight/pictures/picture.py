@@ -146,20 +146,17 @@ def decoded(image: Image.Image, what: str, file: Path | None) -> tuple[np.ndarra
     bits = bits_of(image, file)
     if not is_deep_grey and (bits > 16 or image.mode.startswith(("I", "F"))):
         raise UserError(f"{what} has more than 16 bits per channel: save it in 16 bits, or as OpenEXR if it is linear")
-    alpha = None
-    if bits == 16 and file is not None and not is_deep_grey:
-        pixels, alpha = read_16_bits(file, what, image.tell())
-    elif is_deep_grey:
-        grey = stored(image).astype(np.uint16)  # of the machine's byte order
+    if is_deep_grey:
+        grey, alpha = stored(image).astype(np.uint16), None  # of the machine's byte order
         if "transparency" in image.info:
             alpha = np.where(grey == image.info["transparency"], 0, 65535).astype(np.uint16)
-        pixels = np.repeat(grey[..., None], 3, axis=2)
-    else:
-        if "A" in image.getbands() or "transparency" in image.info:
-            rgba = np.asarray(image.convert("RGBA"))
-            return rgba[..., :3], rgba[..., 3]
-        pixels = np.asarray(image.convert("RGB"))
-    return pixels, alpha
+        return np.repeat(grey[..., None], 3, axis=2), alpha
+    if bits == 16 and file is not None:
+        return read_16_bits(file, what, image.tell())
+    if "A" in image.getbands() or "transparency" in image.info:
+        rgba = np.asarray(image.convert("RGBA"))
+        return rgba[..., :3], rgba[..., 3]
+    return np.asarray(image.convert("RGB")), None
 
 
 def _of_image(image: Image.Image, what: str, file: Path | None = None) -> Picture:

@@ -26,21 +26,16 @@ class Source(NamedTuple):
 
     folder: str
     digest: str
-    outputs: tuple[str, ...]
-    mirrored: bool
+    outputs: str
+    mirrored: bool = False
 
 
 SELFIE, DETECTOR, LANDMARKS = "selfie_segmentation", "pose_detection", "pose_landmark_full"
 NETWORKS = {
-    SELFIE: Source(SELFIE, "9ee168ec7c8f2a16c56fe8e1cfbc514974cbbb7e434051b455635f1bd1462f5c", ("mask",), True),
-    DETECTOR: Source(
-        DETECTOR, "9ba9dd3d42efaaba86b4ff0122b06f29c4122e756b329d89dca1e297fd8f866c", ("boxes", "scores"), False
-    ),
+    SELFIE: Source(SELFIE, "9ee168ec7c8f2a16c56fe8e1cfbc514974cbbb7e434051b455635f1bd1462f5c", "mask", mirrored=True),
+    DETECTOR: Source(DETECTOR, "9ba9dd3d42efaaba86b4ff0122b06f29c4122e756b329d89dca1e297fd8f866c", "boxes scores"),
     LANDMARKS: Source(
-        "pose_landmark",
-        "e9a5c5cb17f736fafd4c2ec1da3b3d331d6edbe8a0d32395855aeb2cdfd64b9f",
-        ("points", "presence", "mask"),
-        False,
+        "pose_landmark", "e9a5c5cb17f736fafd4c2ec1da3b3d331d6edbe8a0d32395855aeb2cdfd64b9f", "points presence mask"
     ),
 }
 
@@ -100,7 +95,7 @@ def _unpack(wheel: Path) -> Path:
                 data = archive.read(member)
                 if hashlib.sha256(data).hexdigest() != digest:
                     raise UserError(f"{member} in {wheel} is not that of {PACKAGE} {VERSION}: its SHA-256 differs")
-                files[network_file(name)] = convert(data, outputs, mirrored)
+                files[network_file(name)] = convert(data, outputs.split(), mirrored)
     except (zipfile.BadZipFile, KeyError):
         raise UserError(f"{wheel} is no wheel of {PACKAGE} {VERSION}, or of a platform without its networks") from None
     for path, data in files.items():
