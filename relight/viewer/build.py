@@ -110,8 +110,7 @@ def build_viewer(
     bytes_for_maps = bytes_for_figures // len(figures) - FIGURE_MARKUP
     parts["figures"] = "\n".join(
         f'<script type="application/json" class="figure" data-title="{html.escape(figure.title)}" '
-        f'data-source="{html.escape(figure.source)}">'
-        f"{embed(figure, bytes_for_maps)}</script>"
+        f'data-source="{html.escape(figure.source)}">{embed(figure, bytes_for_maps)}</script>'
         for figure in progress(figures, "figures coded")
     )
     write_text(out, re.sub(f"%({'|'.join(parts)})%", lambda match: parts[match[1]], template))

@@ -57,15 +57,10 @@ def build_site(
             shutil.copyfile(license_file(), folder / "mask.LICENSE.txt")
             files.append(folder / "mask.onnx")
         known = [{"name": path.name, "bytes": path.stat().st_size, "sha256": file_hash(path)} for path in files]
-        additions = Additions(
-            script=STUDIO / "studio.js",
-            policy=POLICY,
-            style=(STUDIO / "style.css").read_text(encoding="utf-8"),
-            stage=(STUDIO / "stage.html").read_text(encoding="utf-8"),
-            panel=(STUDIO / "panel.html").read_text(encoding="utf-8"),
-            worker=bundle(STUDIO / "worker.js"),
-            settings={"web": {"size": size, "files": known}},
-        )
+        parts = (STUDIO / "style.css", STUDIO / "stage.html", STUDIO / "panel.html")
+        style, stage, panel = (part.read_text(encoding="utf-8") for part in parts)
+        worker, settings = bundle(STUDIO / "worker.js"), {"web": {"size": size, "files": known}}
+        additions = Additions(STUDIO / "studio.js", POLICY, style, stage, panel, worker, settings)
         build_viewer(folder / "index.html", figures, lights, title="Turn the light in a photo", additions=additions)
         shutil.copyfile(STUDIO / "licenses.txt", folder / "LICENSES.txt")
         shutil.copyfile(STUDIO / "space.md", folder / "README.md")  # its header makes a Space of a model hub of it

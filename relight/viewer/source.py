@@ -126,19 +126,9 @@ def photo_figure(scene: Scene) -> Figure:
         for window, own, share, root, values in placed_maps(person, people, pixels, fits):
             albedo[window][own] += share * root**2
             transport[window][own] += share * values
-    maps = Maps(
-        mask=coverage > 0,
-        coverage=coverage / np.float32(255),
-        albedo=np.clip(albedo, 0, 1),
-        normal=np.zeros((*shape, 3), np.float32),  # networks infer no geometry
-        depth=np.zeros(shape, np.float32),
-        ao=np.clip(transport[..., 0] / UNOCCLUDED_T00, 0, 1),
-        transport=transport,
-    )
-    return Figure(
-        scene.picture.name,
-        maps,
-        on_white(scene.picture.rgba) / np.float32(255),
-        scene.light[:9],
-        notes=tuple(scene.notes),
-    )
+    ao = np.clip(transport[..., 0] / UNOCCLUDED_T00, 0, 1)
+    normal, depth = np.zeros((*shape, 3), np.float32), np.zeros(shape, np.float32)  # networks infer no geometry
+    alpha, albedo = coverage / np.float32(255), np.clip(albedo, 0, 1)
+    maps = Maps(coverage > 0, alpha, albedo, normal, depth, ao, transport)
+    picture = on_white(scene.picture.rgba) / np.float32(255)
+    return Figure(scene.picture.name, maps, picture, scene.light[:9], notes=tuple(scene.notes))
