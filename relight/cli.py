@@ -67,11 +67,8 @@ app = typer.Typer(
 
 for tool in (photos, viewer, learning, transport, figures):
     app.add_typer(tool)
-app.add_typer(lights, name="light")
-app.add_typer(scans, name="scans")
-app.add_typer(masks, name="mask")
-app.add_typer(web, name="web")
-app.add_typer(benchmark, name="benchmark")
+for name, tool in {"light": lights, "scans": scans, "mask": masks, "web": web, "benchmark": benchmark}.items():
+    app.add_typer(tool, name=name)
 
 
 @app.callback(invoke_without_command=True)

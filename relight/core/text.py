@@ -61,10 +61,8 @@ def _wide_encoding(start: bytes) -> str | None:
     for mark, encoding in MARKS.items():
         if start.startswith(mark):
             return encoding
-    first_is_zero, second_is_zero = start[:1] == b"\0", start[1:2] == b"\0"
-    if first_is_zero == second_is_zero:
-        return None
-    return "utf-16-be" if first_is_zero else "utf-16-le"
+    are_zero = start[:1] == b"\0", start[1:2] == b"\0"
+    return {(True, False): "utf-16-be", (False, True): "utf-16-le"}.get(are_zero)
 
 
 def decode(data: bytes) -> str:
@@ -85,16 +83,15 @@ def open_lines(path: Path) -> BinaryIO:
 
     A byte order mark is skipped, UTF-16 and UTF-32 become UTF-8, and lines that end in a lone CR end in LF.
     """
-    file = open(path, "rb")
-    start = file.read(START)
+    with open(path, "rb") as file:
+        start = file.read(START)
     if encoding := _wide_encoding(start):
-        file.close()
         return io.BytesIO(path.read_bytes().decode(encoding, "replace").encode())
     if b"\r" in start[:-1] and b"\n" not in start:
-        file.close()
         return io.BytesIO(path.read_bytes().removeprefix(codecs.BOM_UTF8).replace(b"\r", b"\n"))
-    file.seek(len(codecs.BOM_UTF8) if start.startswith(codecs.BOM_UTF8) else 0)
-    return file
+    opened = open(path, "rb")
+    opened.seek(len(codecs.BOM_UTF8) if start.startswith(codecs.BOM_UTF8) else 0)
+    return opened
 
 
 def read_table(path: Path, is_right: Callable[[Table], bool] = lambda table: True) -> Table:

@@ -39,10 +39,7 @@ def compose_run(overrides: list[str], rows: Mapping[str, list[str]] | None = Non
     """
     settings: Any = OmegaConf.to_container(composed(overrides))
     words = settings["sweep"]["rows"] if rows is None else {name: list(row) for name, row in rows.items()}
-    by_row = {}
-    for name in words:
-        check_name("rows", name)
-        by_row[name] = _row_settings(name, [*overrides, *words[name]], settings)
+    by_row = {name: _row_settings(name, [*overrides, *row], settings) for name, row in words.items()}
     if rows is not None:
         settings["sweep"]["rows"] = words
         settings["experiments"] = {"sweep": asdict(Experiment(rows=list(words), plates=True))}
@@ -102,7 +99,8 @@ def _with_defaults(settings: dict[str, Any], groups: Iterable[str] = tuple(Confi
 
 
 def _row_settings(row: str, overrides: list[str], shared: dict[str, Any]) -> dict[str, Any]:
-    """Composes and checks the ROW_GROUPS of a row from all overrides, its own last."""
+    """Checks the name of a row, and composes and checks its ROW_GROUPS from all overrides, its own last."""
+    check_name("rows", row)
     for word in overrides:
         if word.lstrip("+").startswith("train.seed="):
             raise UserError(f"{word}: give the seeds of all trainings, sweep.seeds=[{word.partition('=')[2]}]")

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,12 +67,10 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
 
 def _require_plain_text(path: Path) -> None:
     """Raises UserError for a preset in another encoding than Hydra reads, as some editors write it."""
-    try:
-        is_plain = not path.read_bytes().decode().startswith("\ufeff")
-    except UnicodeDecodeError:
-        is_plain = False
-    if not is_plain:
-        raise UserError(f"{path}: save it in UTF-8 without a byte order mark, in which settings are read")
+    with suppress(UnicodeDecodeError):
+        if not path.read_bytes().decode().startswith("\ufeff"):
+            return
+    raise UserError(f"{path}: save it in UTF-8 without a byte order mark, in which settings are read")
 
 
 def _require_one_meaning(experiments: Iterable[str]) -> None:
