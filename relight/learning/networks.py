@@ -275,7 +275,7 @@ class Network(nn.Module):
     def color_of_light(self, image: Tensor, mask: Tensor) -> Tensor:
         """Returns the color (B,3) of the mean shading over its luminance, to the power of `rebalance`.
 
-        It is inferred at half the size, which shows it as well.
+        It is inferred at half the size, which is enough.
         """
         side = STRIDE * max(self.size // (2 * STRIDE), 2)
         image, mask = (F.interpolate(x, (side, side), mode="bilinear") for x in (image * mask, mask))

@@ -290,7 +290,7 @@ def _initial_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
     start, start_config = load_network(settings.start)
     start_settings = {"size": start_config["size"], **start_config["model"]}
     new_settings = {"size": network.size, **asdict(recipe.model)}
-    start_settings |= {key: new_settings[key] for key in ("dropout", "rescale", "rebalance")}  # have no weights
+    start_settings |= {key: new_settings[key] for key in ("dropout", "rescale", "rebalance")}  # shape no weights
     if isinstance(network, UNet):
         # It is convolutional: its weights fit every size above one pixel at the bottleneck.
         if min(network.size, start_config["size"]) > STRIDE:
