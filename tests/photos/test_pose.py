@@ -112,7 +112,13 @@ def test_thick_pieces_are_added_and_gaps_dropped(monkeypatch):
     joined = selfie.with_parts(trunk.astype(np.float32), (trunk | arm | rim).astype(np.float32))
     assert not joined[rim & (y > 120)].any() and joined[arm].all()
     small, people = (mask.astype(np.float32) for mask in (trunk | gap, trunk & (y > 190)))
-    assert (selfie.without_background(small, people, pixels) == small).all()  # what is large may be a person
+    assert (selfie.without_background(small, [people], pixels)[gap] > 0.5).all()  # what is large may be a person
+    for value, is_kept in ((0.7, False), (0.9, True)):  # a bag that the first network is unsure or fairly sure of
+        first = np.where(bag, value, trunk).astype(np.float32)
+        joined = selfie.without_background(first, [trunk.astype(np.float32)], pixels)
+        assert ((joined[bag] > 0.5) == is_kept).all()
+    faint = np.where(held & trunk, 0.4, trunk).astype(np.float32)  # what it hardly sees, and the second clearly
+    assert (selfie.without_background(faint, [trunk.astype(np.float32)], pixels)[held & trunk] > 0.5).all()
 
 
 def test_those_whom_others_hide_are_found_without_them(monkeypatch):

@@ -3,7 +3,8 @@
 The first, selfie segmentation (256 x 256, 106,000 parameters, a MobileNetV3 with a decoder), sees all people at once,
 three times. It is good at hair and at what people hold, and loses limbs. The second (relight.photos.mask.pose) sees
 them one by one: of its masks the pieces that the first lacks are added, if they are thick, and those that it alone has
-are dropped, if they look like the background beside them.
+are dropped, if the first is unsure of them or they look like the background beside them. Elsewhere the odds that both
+give multiply.
 """
 
 import math
@@ -12,6 +13,7 @@ from functools import reduce
 import numpy as np
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, label, maximum_filter, minimum_filter, uniform_filter
+from scipy.special import expit, logit
 
 from relight.maps.square import extent
 from relight.photos.mask.networks import SELFIE, load_network
@@ -28,7 +30,9 @@ SEAM = 5  # pixels across, in which the soft edges of such pieces are taken, too
 BESIDE = 0.06  # of a person's height: how far from a piece its colors are compared
 SURE = 0.9  # least value of both masks on people, and of what both lack on the background, in that comparison
 ALIKE, MOST = 12, 0.9  # largest distance of like colors, 8-bit codes; share of a dropped piece's that are so
-LARGEST = 0.25  # of the people's area: larger pieces are not dropped, since they may be people
+LARGEST = 0.25  # of the people's area: larger pieces are not dropped, since they may be people;
+UNSURE = 0.2  # of the largest person's: larger ones are not dropped only since the first network is unsure of them
+WEIGHT, CLEAR = 0.2, 1e-3  # of the second network's odds, and how near 0 and 1 they end
 STEP = 7  # of the pixels that are compared, one in so many
 DETAIL = 900  # pixels of the figure's longer side at which its edge is fitted to the photo
 WINDOW = 1 / 90  # of those: radius in which the edge is fitted
@@ -65,7 +69,7 @@ def segment(pixels: np.ndarray) -> tuple[np.ndarray, list[Body]]:
         if bodies:
             masks = [body.mask(detail, box / (*size, *size)) for body in bodies]
             picture = np.asarray(Image.fromarray(pixels[window]).resize(detail, Image.Resampling.BOX))
-            small = without_background(reduce(with_parts, masks, small), np.maximum.reduce(masks), picture)
+            small = without_background(reduce(with_parts, masks, small), masks, picture)
         found[window] = fit_to_edges(pixels[window], small)
     return np.round(found * 255).astype(np.uint8), bodies
 
@@ -76,13 +80,18 @@ def with_parts(mask: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.where(maximum_filter(pieces > 0, SEAM), np.maximum(mask, other), mask)
 
 
-def without_background(mask: np.ndarray, other: np.ndarray, picture: np.ndarray) -> np.ndarray:
-    """Drops from a mask (h,w) in [0,1] the thick pieces that another one lacks and that look like the background.
+def without_background(mask: np.ndarray, others: list[np.ndarray], picture: np.ndarray) -> np.ndarray:
+    """Drops from a mask (h,w) in [0,1] the thick pieces that other ones lack and that seem to be background.
 
-    So gaps between limbs are no part of a person, and hair and bags are. `picture` is (h,w,3) uint8.
+    So gaps between limbs are no part of a person, and hair and bags are. `picture` is (h,w,3) uint8, and `others` are
+    masks of one person each.
     """
     from scipy.spatial import cKDTree
 
+    other = np.maximum.reduce(others)
+    areas = [(each > 0.5).sum() for each in (*others, other)]
+    odds = [logit(each.clip(CLEAR, 1 - CLEAR)) for each in (mask, other)]
+    joined = both = expit(odds[0] + np.float32(WEIGHT) * odds[1])
     height = height_of(other)
     pieces, reach = thick_pieces((mask > 0.5) & (other <= 0.5), height), max(round(BESIDE * height), 1)
     sure = minimum_filter(np.minimum(mask, other), SEAM) > SURE, np.maximum(mask, other) < 1 - SURE
@@ -90,12 +99,14 @@ def without_background(mask: np.ndarray, other: np.ndarray, picture: np.ndarray)
         piece = pieces == number
         (top, bottom), (left, right) = extent(piece)
         box = np.s_[max(top - reach, 0) : bottom + reach, max(left - reach, 0) : right + reach]
-        colors, *known = (picture[box][where[box]][::STEP].astype(np.float32) for where in (piece, *sure))
-        if min(map(len, known)) and piece.sum() < LARGEST * (other > 0.5).sum():
-            to_people, to_background = (cKDTree(some).query(colors)[0] for some in known)
-            if (to_background < np.minimum(to_people, ALIKE)).mean() > MOST:
-                mask = np.where(maximum_filter(piece, SEAM), np.minimum(mask, other), mask)
-    return mask
+        is_dropped = both[piece].mean() < 0.5 and piece.sum() < UNSURE * max(areas[:-1])
+        if not is_dropped and piece.sum() < LARGEST * areas[-1]:
+            colors, *known = (picture[box][where[box]][::STEP].astype(np.float32) for where in (piece, *sure))
+            if min(map(len, known)):
+                to_people, to_background = (cKDTree(some).query(colors)[0] for some in known)
+                is_dropped = (to_background < np.minimum(to_people, ALIKE)).mean() > MOST
+        joined = np.where(maximum_filter(piece, SEAM), np.minimum(mask, other) if is_dropped else mask, joined)
+    return joined
 
 
 def height_of(mask: np.ndarray) -> int:
