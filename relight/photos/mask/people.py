@@ -21,7 +21,7 @@ SEAM = 0.015  # of the people's longer side: half the width of what people who t
 BRIDGE = 5  # pixels: what hangs by less on the body is apart from it
 SPECK = 0.002  # least share of a mask that is apart from the body, for a doubt
 PARTS = {  # of the left side, each at the middle of two joints; the right side's have the next numbers
-    "upper arm": (11, 13), "elbow": (13, 13), "forearm": (13, 15), "hand": (15, 15),
+    "upper arm": (11, 13), "elbow": (13, 13), "forearm": (13, 15), "hand": (17, 19),
     "thigh": (23, 25), "knee": (25, 25), "shin": (25, 27), "foot": (27, 27),
 }  # fmt: skip
 LIMBS = {"head": (0, 0)} | {

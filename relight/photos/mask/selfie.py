@@ -31,7 +31,7 @@ BESIDE = 0.06  # of a person's height: how far from a piece its colors are compa
 SURE = 0.9  # least value of both masks on people, and of what both lack on the background, in that comparison
 ALIKE, MOST = 12, 0.9  # largest distance of like colors, 8-bit codes; share of a dropped piece's that are so
 LARGEST = 0.25  # of the people's area: larger pieces are not dropped, since they may be people;
-UNSURE = 0.2  # of the largest person's: larger ones are not dropped only since the first network is unsure of them
+UNSURE = 0.2  # of the largest person's: of smaller ones that the first network is unsure of, half the colors suffice
 WEIGHT, CLEAR = 0.2, 1e-3  # of the second network's odds, and how near 0 and 1 they end
 STEP = 7  # of the pixels that are compared, one in so many
 DETAIL = 900  # pixels of the figure's longer side at which its edge is fitted to the photo
@@ -99,12 +99,13 @@ def without_background(mask: np.ndarray, others: list[np.ndarray], picture: np.n
         piece = pieces == number
         (top, bottom), (left, right) = extent(piece)
         box = np.s_[max(top - reach, 0) : bottom + reach, max(left - reach, 0) : right + reach]
-        is_dropped = both[piece].mean() < 0.5 and piece.sum() < UNSURE * max(areas[:-1])
-        if not is_dropped and piece.sum() < LARGEST * areas[-1]:
-            colors, *known = (picture[box][where[box]][::STEP].astype(np.float32) for where in (piece, *sure))
-            if min(map(len, known)):
-                to_people, to_background = (cKDTree(some).query(colors)[0] for some in known)
-                is_dropped = (to_background < np.minimum(to_people, ALIKE)).mean() > MOST
+        colors, *known = (picture[box][where[box]][::STEP].astype(np.float32) for where in (piece, *sure))
+        is_dropped = False
+        if min(map(len, known)) and piece.sum() < LARGEST * areas[-1]:
+            to_people, to_background = (cKDTree(some).query(colors)[0] for some in known)
+            is_dropped = (to_background < np.minimum(to_people, ALIKE)).mean() > MOST
+            if both[piece].mean() < 0.5 and piece.sum() < UNSURE * max(areas[:-1]):
+                is_dropped = (to_background < to_people).mean() > 0.5
         joined = np.where(maximum_filter(piece, SEAM), np.minimum(mask, other) if is_dropped else mask, joined)
     return joined
 
