@@ -55,7 +55,8 @@ def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Ge
         return batch
     batch = _recolored(batch, settings, generators)
     batch = _white_balanced(batch, settings, generators)
-    maps = [batch.albedo, batch.transport, batch.normal, batch.ao, batch.shading]
+    names = ("albedo", "transport", "normal", "ao", "shading")
+    maps = [getattr(batch, name) for name in names]
     channels = [x.shape[-1] for x in maps]
     if settings.gloss:
         maps.append(_specular_highlights(batch, settings, generators))
@@ -66,26 +67,23 @@ def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Ge
     stops = [rng.uniform(low, high) for rng in generators]
     exposure = torch.tensor([2.0**stop for stop in stops], device=mask.device)
     dense, highlights = dense.split([sum(channels), dense.shape[1] - sum(channels)], 1)
-    resampled_albedo, _, _, _, resampled_shading = dense.split(channels, 1)
-    scene = resampled_albedo * resampled_shading
+    resampled = dict(zip(names, dense.split(channels, 1)))
+    scene = resampled["albedo"] * resampled["shading"]
     if settings.gloss:
         scene = scene + highlights
     scene = scene * exposure[:, None, None, None]
     camera = Camera(*(settings.camera * value for value in vars(CAMERA).values()))
     image = simulate_camera(_over_random_background(scene, mask, generators), camera, generators) * input_mask
     index = compact_index(mask * input_mask > 0)
-    albedo, transport, normal, ao, shading = index.gather(dense).split(channels, -1)
+    truth = dict(zip(names, index.gather(dense).split(channels, -1)))
+    truth["normal"] = F.normalize(truth["normal"], dim=-1) * index.inside
     return replace(
         batch,
         image=image,
         mask=input_mask,
-        albedo=albedo,
-        transport=transport,
-        normal=F.normalize(normal, dim=-1) * index.inside,
-        ao=ao,
+        **truth,
         gloss=None,  # the image contains the highlights already
-        shading=shading,
-        relit=albedo * shading,
+        relit=truth["albedo"] * truth["shading"],
         exposure=exposure,
         **vars(index),
         size=size,

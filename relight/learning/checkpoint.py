@@ -26,6 +26,7 @@ from relight.settings import Model
 PREFIX = "network."  # of the weights' names in an .onnx file
 HALF = ".half"  # after the name of a constant of an .onnx file that is stored in half precision
 MAX_SIZE = 8192  # px, of the images of a network
+Parts = Mapping[str, nn.Module | torch.optim.Optimizer]  # of a training whose state is kept, by name
 
 
 def save_network(path: Path, network: Network, model: Model, **config: Any) -> None:
@@ -117,19 +118,13 @@ def read_weights(path: Path, network: Network) -> dict[str, torch.Tensor]:
     return counters | {name: values for name, values in constants.items() if name in names}
 
 
-def save_state(
-    path: Path,
-    digest: str,
-    parts: Mapping[str, nn.Module | torch.optim.Optimizer],
-    step: int,
-    history: list[dict[str, float]],
-) -> None:
+def save_state(path: Path, digest: str, parts: Parts, step: int, history: list[dict[str, float]]) -> None:
     """Writes the state from which an interrupted training resumes, whole or not at all.
 
     Args:
         path: .pt.
         digest: the training's fingerprint.
-        parts: modules and optimiser by name.
+        parts: modules and optimisers.
         step: steps done.
         history: rows of the log.
     """
@@ -140,14 +135,14 @@ def save_state(
 
 
 def restore_state(
-    path: Path, digest: str, parts: Mapping[str, nn.Module | torch.optim.Optimizer], device: torch.device
+    path: Path, digest: str, parts: Parts, device: torch.device
 ) -> tuple[int, list[dict[str, float]], str]:
     """Loads the state of the same training, if it exists.
 
     Args:
         path: .pt.
         digest: the training's fingerprint; the state of another one is not loaded.
-        parts: modules and optimisers by name, whose states are replaced.
+        parts: modules and optimisers, whose states are replaced.
         device: on which the tensors are loaded.
 
     Returns:

@@ -167,9 +167,7 @@ TERMS: dict[str, Callable[[Comparison], dict[str, Tensor]]] = {
     },
     "relit": relit_losses,
     "detail": detail_losses,
-    "exclusion": lambda c: {
-        "exclusion": exclusion((c.albedo, c.shading("transport")), (c.batch.albedo, c.batch.shading), c.batch)
-    },
+    "exclusion": lambda c: {"exclusion": exclusion(c)},
 }
 
 
@@ -221,24 +219,22 @@ def detail_energies(compact: Tensor, batch: Batch) -> Tensor:
     return torch.stack([finer - coarser for finer, coarser in pairwise(energies)]).clamp_min(0).to(compact.dtype)
 
 
-def exclusion(inferred: tuple[Tensor, Tensor], truth: tuple[Tensor, Tensor], batch: Batch) -> Tensor:
-    """Returns by how much the correlation of two inferred maps' detail exceeds that of the true maps.
+def exclusion(c: Comparison) -> Tensor:
+    """Returns by how much the detail of inferred albedo and shading correlates beyond that of the true ones.
 
     Correlation is mean |a s| over the root mean squares of a and s, the detail of the ln of the maps' channel means;
     excess is averaged over octaves and images. The idea is the exclusion loss of Zhang et al. 2018, Single Image
     Reflection Separation. With squared errors alone, an ambiguous edge appears in both maps; with this loss, in one.
 
     Args:
-        inferred: two maps (B,P,C), here albedo and shading.
-        truth: the true maps.
-        batch: the batch of the compact maps.
+        c: whose shading is that of the inferred transport under the true light.
 
     Returns:
-        A scalar, 0 if neither correlation exceeds the true one.
+        A scalar, 0 if no octave's correlation exceeds the true one.
     """
-    maps = [x.mean(-1, keepdim=True).clamp_min(DARK).log() for x in (*inferred, *truth)]
+    maps = (c.albedo, c.shading("transport"), c.batch.albedo, c.batch.shading)
     excess = []
-    for images, weight in octaves(maps, batch):  # two inferred and two true ones
+    for images, weight in octaves([x.mean(-1, keepdim=True).clamp_min(DARK).log() for x in maps], c.batch):
         energy = torch.stack([(x**2 * weight).sum((1, 2, 3)) for x in images])
         energy[:2] += LEVEL**2 * energy[2:]  # bounds the divisor where the inferred detail is weak
         shared = torch.stack([((a * s).abs() * weight).sum((1, 2, 3)) for a, s in (images[:2], images[2:])])

@@ -11,6 +11,8 @@ Channels and sizes of the paper's network at 1024 px and width 1:
 A norm would turn a map of one pixel into zeros, since the pixel is its own mean: such a convolution has a bias instead.
 """
 
+from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 
 import torch
@@ -31,22 +33,21 @@ UNET = (64, 128, 192, 256, 384, 384)  # channels at 1/2 to 1/64 of the size, at 
 FULL_SIZE = 32  # channels at full size of the U-Net, at width 1
 PLAIN_LEVELS = 2  # finest levels of the U-Net, without residual blocks
 SLOPE = 0.2  # of the leaky ReLUs
+HE = partial(nn.init.kaiming_normal_, a=SLOPE)  # He's rule for the weights before them
 DROPOUT_LAYERS = 3  # deconvolutions of each decoder of the paper's network that are followed by dropout
 
 
-class InstanceNorm(nn.Module):
+class InstanceNorm(nn.GroupNorm):
     """Normalises each channel of each image by its own mean and variance, then applies a scale and an offset."""
 
     def __init__(self, channels: int):
-        super().__init__()
-        self.weight = nn.Parameter(torch.ones(channels))
-        self.bias = nn.Parameter(torch.zeros(channels))
+        super().__init__(channels, channels)
 
     def forward(self, x: Tensor) -> Tensor:
         """Normalises each channel of each image (B,C,H,W) over its pixels, then scales and shifts it."""
         if len(x) == 1:  # equal to instance norm, and this kernel keeps channels_last
             return F.batch_norm(x, None, None, self.weight, self.bias, training=True)
-        return F.group_norm(x, x.shape[1], self.weight, self.bias)  # twice as fast as instance_norm in channels_last
+        return super().forward(x)  # twice as fast as instance_norm in channels_last
 
 
 NORMS = {"instance": InstanceNorm, "batch": nn.BatchNorm2d}
@@ -339,19 +340,11 @@ class PaperNetwork(Network):
         A `scaled` light head follows He's rule, too. Below 1024 px its kernels see few inputs, and N(0, .02) would
         shrink the signal at each layer until only the mean light is left.
         """
-        for module in self.modules():
-            if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):
-                nn.init.normal_(module.weight, 0, 0.02)
-                if module.bias is not None:
-                    nn.init.zeros_(module.bias)
-        for decoder in (part for part in self.decoders.values() if isinstance(part, Decoder)):
-            for module in decoder.residual.modules():
-                if isinstance(module, nn.Conv2d):
-                    nn.init.kaiming_normal_(module.weight)
+        draw_weights(self, partial(nn.init.normal_, std=0.02))
+        for block in (part for part in self.modules() if isinstance(part, Residual)):
+            draw_weights(block, nn.init.kaiming_normal_)
         if scaled:
-            for module in self.light.layers.modules():
-                if isinstance(module, nn.Conv2d):
-                    nn.init.kaiming_normal_(module.weight, a=SLOPE)
+            draw_weights(self.light.layers, HE)
             nn.init.normal_(self.light.last.weight, 0, 0.01)
 
     def infer(self, seen: Tensor, mask: Tensor) -> tuple[dict[str, Tensor], Tensor]:
@@ -380,22 +373,23 @@ class UNet(Network):
         self.coefficients = (model.order + 1) ** 2
         sizes = [scaled(c, model.width) for c in UNET]
         side, inputs = size, 4
+
+        def block(level: int, inputs: int, kernel: tuple[int, int, int], activation: nn.Module) -> nn.Sequential:
+            layers = [normalised(nn.Conv2d, inputs, sizes[level], kernel, side, model.norm), activation]
+            if level >= PLAIN_LEVELS:
+                layers.append(Residual(sizes[level], side, model.norm))
+            return nn.Sequential(*layers)
+
         self.encoder = nn.ModuleList()
         for level, width in enumerate(sizes):
             side //= 2
-            block = [normalised(nn.Conv2d, inputs, width, (4, 2, 1), side, model.norm), nn.LeakyReLU(SLOPE)]
-            if level >= PLAIN_LEVELS:
-                block.append(Residual(width, side, model.norm))
-            self.encoder.append(nn.Sequential(*block))
+            self.encoder.append(block(level, inputs, (4, 2, 1), nn.LeakyReLU(SLOPE)))
             inputs = width
         self.reduce, self.decoder = nn.ModuleList(), nn.ModuleList()
         for level, width in reversed(list(enumerate(sizes[:-1]))):
             side *= 2
             self.reduce.append(nn.Conv2d(inputs, width, 1))  # before the upsampling: a quarter of the operations
-            block = [normalised(nn.Conv2d, 2 * width, width, (3, 1, 1), side, model.norm), nn.ReLU()]
-            if level >= PLAIN_LEVELS:
-                block.append(Residual(width, side, model.norm))
-            self.decoder.append(nn.Sequential(*block))
+            self.decoder.append(block(level, 2 * width, (3, 1, 1), nn.ReLU()))
             inputs = width
         sharp = scaled(FULL_SIZE, model.width)
         self.reduce.append(nn.Conv2d(inputs, sharp, 1))
@@ -413,11 +407,7 @@ class UNet(Network):
         Biases are zero but for two: with zeros, some trainings kept a constant albedo for hundreds of steps, or
         diverged.
         """
-        for module in self.modules():
-            if isinstance(module, nn.Conv2d):
-                nn.init.kaiming_normal_(module.weight, a=SLOPE)
-                if module.bias is not None:
-                    nn.init.zeros_(module.bias)
+        draw_weights(self, HE)
         for last in (self.last, self.light.last):
             nn.init.normal_(last.weight, 0, 0.01)
         assert self.sharpen.bias is not None and self.last.bias is not None
@@ -440,6 +430,15 @@ class UNet(Network):
         transport, albedo = self.last(x).split([self.coefficients, 3], 1)
         assert light is not None  # PLAIN_LEVELS is one of the levels
         return {"transport": transport, "albedo": albedo}, light
+
+
+def draw_weights(part: nn.Module, rule: Callable[[Tensor], Tensor]) -> None:
+    """Draws the weights of all convolutions in a part of a network by a rule of `nn.init`; their biases are zero."""
+    for module in part.modules():
+        if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):
+            rule(module.weight)
+            if module.bias is not None:
+                nn.init.zeros_(module.bias)
 
 
 def upsampled(x: Tensor) -> Tensor:

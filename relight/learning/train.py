@@ -29,7 +29,7 @@ from relight.core.errors import UserError
 from relight.core.files import atomic_write, existing_file, file_hash
 from relight.core.progress import duration
 from relight.learning.augment import augment_batch
-from relight.learning.checkpoint import load_network, restore_state, save_network, save_state
+from relight.learning.checkpoint import Parts, load_network, restore_state, save_network, save_state
 from relight.learning.data import Batch, RelitSet, choose_device, draw_pairs, generator, read_split
 from relight.learning.losses import losses
 from relight.learning.networks import STRIDE, Network, UNet, build, widened
@@ -87,8 +87,7 @@ def fingerprint(recipe: Recipe, inputs: Inputs) -> str:
         UserError: if an input does not exist.
     """
     digest = hashlib.sha256(json.dumps([*asdict(recipe).values(), inputs.code], sort_keys=True).encode())
-    start = recipe.train.start
-    paths: list[Path | str] = [inputs.packed, inputs.lights, inputs.split, *([start] if start else [])]
+    paths: list[Path | str] = [inputs.packed, inputs.lights, inputs.split, *filter(None, [recipe.train.start])]
     for path in paths:
         digest.update(bytes.fromhex(file_hash(existing_file(path, "training"))))
     return digest.hexdigest()
@@ -132,9 +131,7 @@ def train(
         network = _initial_network(recipe, data, inputs.packed).to(device)
         average = copy.deepcopy(network) if settings.average else None
         optimizers = make_optimizers(network, settings)
-        parts: dict[str, nn.Module | torch.optim.Optimizer] = {"network": network, **optimizers}
-        if average:
-            parts["average"] = average
+        parts: Parts = {"network": network, **optimizers, **({"average": average} if average else {})}
         digest = fingerprint(recipe, inputs)
         first, history, message = restore_state(state, digest, parts, device)
         if message and rank == 0:

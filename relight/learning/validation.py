@@ -14,11 +14,9 @@ from relight.core.srgb import to_bytes
 from relight.learning.augment import augment_batch
 from relight.learning.color import encode, shade
 from relight.learning.data import RelitSet, read_split
-from relight.learning.losses import losses
-from relight.learning.networks import with_transport
+from relight.learning.losses import Comparison, losses
 from relight.maps.square import extent
 from relight.settings import NO_AUGMENTATION, Loss
-from relight.sh import order_of
 
 MAX_PAIRS = 8
 MAX_DRAWN = 4  # pairs in the picture
@@ -71,16 +69,13 @@ class Validation:
         The cells are the image (albedo * shading), albedo, shading, lit ball, and the figure under the light of
         the next pair.
         """
-        batch = self.batch
-        order = order_of(batch.light.shape[1])
-        maps = with_transport({name: batch.gather(dense) for name, dense in outputs.items() if name != "light"}, order)
+        batch, inferred = self.batch, Comparison(outputs, self.batch, self.loss.reduction)
         white = batch.shading.flatten(1).amax(1).clamp_min(1.0)  # shading that is drawn as white, of each pair
         rows = []  # of cells (B,h,w,3) and lights (B,K,3): the truth, then what is inferred
         for albedo, transport, light, shading in (
             (batch.albedo, batch.transport, batch.light, batch.shading),
-            (maps["albedo"], maps["transport"], outputs["light"].float(), None),
+            (inferred.albedo, inferred.transport, inferred.light, inferred.shading("transport_light")),
         ):
-            shading = shade(transport, light) if shading is None else shading
             relit = albedo * shade(transport, batch.light.roll(-1, 0))
             cells = [albedo * shading, albedo, shading / white[:, None, None], relit]
             rows.append((self._cells([cell * batch.inside for cell in cells]), light.cpu().numpy()))
