@@ -76,6 +76,11 @@ def label(row: str, experiments: Iterable[Mapping[str, Any]] = ()) -> str:
     return next(own, {**ROWS, **BASELINES}.get(row, row))
 
 
+def columns_of(*quantities: str) -> tuple[str, ...]:
+    """Returns the columns of scores of quantities: first the RMSE of each, such as light_rmse, then the SSIM."""
+    return tuple(f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in quantities)
+
+
 def title(column: str) -> str:
     """Returns the label of a column of scores: shading_rmse -> Shading RMSE."""
     quantity, reading = COLUMNS[column]

@@ -21,10 +21,10 @@ def truth():
     pixel = np.flatnonzero(mask)
     normal = RNG.normal(size=(len(pixel), 3))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    ao = RNG.uniform(0.2, 1, len(pixel)).astype(np.float32)
+    ao = RNG.uniform(0.2, 1, (len(pixel), 1)).astype(np.float32)
     lights = RNG.normal(0.1, 0.4, (3, 9, 3)).astype(np.float32)
-    one = Truth(pixel, unoccluded(normal) * ao[:, None], RNG.random((len(pixel), 3)), normal, ao, lights, size)
-    return one, mask, lights
+    maps = {"transport": unoccluded(normal) * ao, "albedo": RNG.random((len(pixel), 3)), "normal": normal, "ao": ao}
+    return Truth(pixel, maps, lights, size), mask, lights
 
 
 def noisy(truth: Truth, name: str, count: int) -> np.ndarray:
@@ -81,8 +81,8 @@ def test_light_errors_agree_with_scikit_image():
 
 def test_mask_box_of_a_thin_mask_has_a_window():
     pixel = np.array([5 * 16 + 7])  # one pixel: the box is widened to a window
-    maps = np.ones((1, 9)), np.full((1, 3), 0.5), np.array([[0.0, 0, 1]]), np.ones(1)
-    one = Truth(pixel, *maps, np.zeros((1, 9, 3)), 16)
+    maps = {"transport": np.ones((1, 9)), "albedo": [[0.5] * 3], "normal": [[0.0, 0, 1]], "ao": np.ones((1, 1))}
+    one = Truth(pixel, maps, np.zeros((1, 9, 3)), 16)
     assert one.box.shape == (7, 7)
     columns = one.score(Inferred(albedo=np.full((1, 1, 3), 0.5, np.float32)))
     assert columns["albedo_ssim"][0] == pytest.approx(1) and columns["albedo_rmse"][0] == 0
@@ -117,8 +117,8 @@ def test_truth_score_of_networks_of_other_orders():
     transport, lights = rng.normal(0, 0.3, (pixels, 25)), rng.normal(0, 0.3, (2, 25, 3)).astype(np.float32)
     transport[:, 0], lights[:, 0] = 3, 3  # no shading is cut at zero
     mask = np.add.outer(np.arange(10) * 40, np.arange(10)).ravel()
-    normal = np.tile([0.0, 0, 1], (pixels, 1))
-    truth = Truth(mask, transport, np.ones((pixels, 3)), normal, np.ones(pixels), lights, 40)
+    normal, white, ao = np.tile([0.0, 0, 1], (pixels, 1)), np.ones((pixels, 3)), np.ones((pixels, 1))
+    truth = Truth(mask, {"transport": transport, "albedo": white, "normal": normal, "ao": ao}, lights, 40)
     for order in (2, 3, 4):
         count = (order + 1) ** 2
         maps = transport[None, :, :count].astype(np.float32)

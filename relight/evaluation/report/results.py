@@ -10,9 +10,9 @@ import yaml
 
 from relight.core.files import existing_file
 from relight.evaluation.scoring.scores import gather
-from relight.evaluation.scoring.tables import Rows, Table, columns_of, experiment_table
+from relight.evaluation.scoring.tables import Rows, Table, experiment_table
 from relight.learning.checkpoint import read_config
-from relight.settings.scores import label
+from relight.settings.scores import columns_of, label
 
 
 class Results:

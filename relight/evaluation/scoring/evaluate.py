@@ -140,10 +140,10 @@ def truth(data: RelitSet, figure: int, lights: np.ndarray) -> Truth:
     """Returns the ground truth of a figure under lights (N,), by their indices, in the color model of the set."""
     batch = data.batch(np.array([figure]), lights[:1])
     count = int(data.counts[figure])
-    albedo, normal, ao = (getattr(batch, name)[0, :count].cpu().numpy() for name in ("albedo", "normal", "ao"))
-    transport = data.transport[pixel_rows(data, figure)].float().cpu().numpy()
+    maps = {name: getattr(batch, name)[0, :count].cpu().numpy() for name in ("albedo", "normal", "ao")}
+    maps["transport"] = data.transport[pixel_rows(data, figure)].float().cpu().numpy()  # of all bands
     true_lights = data.lights[torch.as_tensor(lights, device=data.lights.device)].cpu().numpy()
-    return Truth(pixels(data, figure), transport, albedo, normal, ao[:, 0], true_lights, data.size)
+    return Truth(pixels(data, figure), maps, true_lights, data.size)
 
 
 @torch.inference_mode()

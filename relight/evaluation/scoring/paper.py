@@ -3,7 +3,7 @@
 The values were measured by its authors, on scanned figures that are not public, at 1024 px, without intervals.
 """
 
-from relight.settings.scores import PRINTED
+from relight.settings.scores import PRINTED, columns_of
 
 CITATION = {
     "authors": "Yoshihiro Kanamori and Yuki Endo",
@@ -36,6 +36,5 @@ _PRINTED = {  # RMSE of the PRINTED quantities, then SSIM; None if the paper has
 
 def printed(row: str) -> dict[str, float]:
     """Returns column -> printed value for a row of either table; empty for rows that the paper does not have."""
-    columns = [f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in PRINTED]
-    values = _PRINTED.get(row, [None] * len(columns))
-    return {column: value for column, value in zip(columns, values) if value is not None}
+    values = zip(columns_of(*PRINTED), _PRINTED.get(row, ()))
+    return {column: value for column, value in values if value is not None}

@@ -10,13 +10,7 @@ from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores
 from relight.evaluation.scoring.statistics import Estimate, compare, estimate, holm, pooled_spread
 from relight.evaluation.scoring.truth import in_order
-from relight.settings.scores import COLUMNS, PRINTED, READINGS, label, sign
-
-
-def columns_of(*quantities: str) -> tuple[str, ...]:
-    """Returns the columns of scores of quantities: first the RMSE of each, such as light_rmse, then the SSIM."""
-    return tuple(f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in quantities)
-
+from relight.settings.scores import COLUMNS, PRINTED, READINGS, columns_of, label, sign
 
 PRINTED_TABLES = ("table1", "table2")  # that the paper prints
 TABLE1_COLUMNS = columns_of(*PRINTED)  # of Table 1

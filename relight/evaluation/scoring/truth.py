@@ -5,7 +5,7 @@ agree) and, in a second column, over elements. SSIM has an explicit data range a
 that old releases of scikit-image assumed for float images.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,21 +76,11 @@ class Truth:
         lights: (N,K,3).
     """
 
-    def __init__(
-        self,
-        pixel: ArrayLike,
-        transport: ArrayLike,
-        albedo: ArrayLike,
-        normal: ArrayLike,
-        ao: np.ndarray,
-        lights: ArrayLike,
-        size: int,
-    ):
-        """Takes transport (P,K), albedo and normal (P,3), ao (P,), and lights (N,K,3), of any float type.
+    def __init__(self, pixel: ArrayLike, maps: Mapping[str, ArrayLike], lights: ArrayLike, size: int):
+        """Takes the maps `transport` (P,K), `albedo` and `normal` (P,3), `ao` (P,1), and lights (N,K,3), of any type.
 
         `pixel` (P,) are flat indices of the mask into a `size` x `size` image.
         """
-        maps = {"transport": transport, "albedo": albedo, "normal": normal, "ao": ao[:, None]}
         self.maps = {name: np.asarray(array, np.float32)[None] for name, array in maps.items()}
         self.transport, self.lights = self.maps["transport"], np.asarray(lights, np.float32)
         self.maps["transport"] = self.transport[..., :COMMON_COEFFICIENTS]
