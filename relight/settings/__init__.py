@@ -1,28 +1,5 @@
 """Settings: their schema, composition from conf/, and checks."""
 
-from relight.settings.checks import MAX_NAME_LENGTH, check, check_name
-from relight.settings.composition import CONF, IS_CLONE, ROOT, composed, flat, presets, read_preset, resolved
-from relight.settings.schema import (
-    NO_AUGMENTATION,
-    Align,
-    Augment,
-    Bake,
-    Config,
-    Experiment,
-    Figures,
-    Lights,
-    Loss,
-    Model,
-    Panoramas,
-    Split,
-    Sweep,
-    Track,
-    Train,
-)
+from relight.core.lazy import entry_points
 
-__all__ = [
-    "CONF", "IS_CLONE", "MAX_NAME_LENGTH", "NO_AUGMENTATION", "ROOT",
-    "Align", "Augment", "Bake", "Config", "Experiment", "Figures", "Lights", "Loss", "Model",
-    "Panoramas", "Split", "Sweep", "Track", "Train",
-    "check", "check_name", "composed", "flat", "presets", "read_preset", "resolved",
-]  # fmt: skip
+__getattr__, __dir__, __all__ = entry_points(__name__, __file__)
