@@ -20,6 +20,7 @@ from relight.sh.conventions import MAX_COEFFICIENT
 INDEX = "index.json"
 PICTURES = ("ratio", "full")  # relit pictures: the photograph times a gain, and rendered from maps alone
 MAPS = {"albedo": 3, "shading": 3, "transport": 9}  # number of channels, on the square
+Answer = dict[str, np.ndarray]  # arrays of PICTURES, MAPS and `light`
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,7 @@ def write_arrays(path: Path, photo: str, arrays: Mapping[str, np.ndarray]) -> No
         np.savez_compressed(file, photo=np.array(photo), **typed)  # type: ignore[arg-type]  # none is allow_pickle
 
 
-def read_answer(folder: Path, entry: Entry) -> dict[str, np.ndarray]:
+def read_answer(folder: Path, entry: Entry) -> Answer:
     """Reads a method's answer to a picture from a folder: the arrays by name, without `photo`.
 
     Raises:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image
 
-from relight.benchmark.files import BenchmarkSet, Entry, keep_record, square_mask, write_arrays
+from relight.benchmark.files import Answer, BenchmarkSet, Entry, keep_record, square_mask, write_arrays
 from relight.benchmark.lights import resampled
 from relight.benchmark.make import make_mesh
 from relight.benchmark.picture import MIN_ALBEDO, Settings, crop_maps, crop_window, scene_baker
@@ -32,7 +32,7 @@ from relight.pictures.codes import to_srgb8
 from relight.transport.camera import Camera
 from relight.transport.tracer import PathTracer
 
-Method = Callable[[BenchmarkSet, Entry], dict[str, np.ndarray]]  # to the arrays of an answer
+Method = Callable[[BenchmarkSet, Entry], Answer]
 RECORD = "answers.json"  # in a folder of answers: what made them
 
 
@@ -58,12 +58,12 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
         raise UserError(f"--weights {weights} is for --method network, not {method}: omit one of them")
     benchmark, out = BenchmarkSet(folder), writable_folder(out, "--out")
     record = {"set": benchmark.hash, "method": method}
-    if method == "network":
-        network = read_network(weights, threads=1)
-        apply, record["weights"] = _inferred_by(network), network.digest
-    else:
+    if method in BASELINES:
         apply = BASELINES[method]
         record |= {"weights": read_network().digest} if method == "mean_light" else {}
+    else:
+        network = read_network(weights, threads=1)
+        apply, record["weights"] = partial(inferred, network=network), network.digest
     problem = f"{out} holds answers of another method, network or set: give another folder"
     if not (out / RECORD).is_file() and any(out.glob("*.npz")):
         raise UserError(problem)
@@ -75,26 +75,25 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
     return len(missing)
 
 
-def _inferred_by(network: PhotoNetwork) -> Method:
-    """Returns the method that infers by a network and relights, like `relight photo`; lights keep their exposure."""
+def inferred(benchmark: BenchmarkSet, entry: Entry, network: PhotoNetwork) -> Answer:
+    """Infers by a network and relights, like `relight photo`; lights keep their exposure.
 
-    def apply(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
-        """Returns albedo, shading and transport (side,side,C), light (9,3), and the relit pictures (N,H,W,3) uint8."""
-        shot = entry.shot()
-        person = infer_person(network, shot.photo, shot.mask, replace(shot.square, size=network.size))
-        inside = square_mask(entry)
-        # A network of train.color=paper, whose gamma is not 1, infers coded values.
-        albedo = person.albedo if person.gamma == 1 else decode(person.albedo)
-        maps = {"albedo": albedo, "shading": person.shading**person.gamma, "transport": person.transport[..., :9]}
-        arrays = {name: _resize_to_square(values, person, inside) for name, values in maps.items()}
-        arrays["light"] = person.light[:9]
-        if entry.new:
-            lights = [project(read_panorama(path), network.order).astype(np.float32) for path in entry.panoramas()]
-            for mode in ("ratio", "full"):
-                arrays[mode] = np.stack([*frames(shot.photo, [person], [(light, 0.0) for light in lights], mode)])
-        return arrays
-
-    return apply
+    Returns:
+        Albedo, shading and transport (side,side,C), light (9,3), and the relit pictures (N,H,W,3) uint8.
+    """
+    shot = entry.shot()
+    person = infer_person(network, shot.photo, shot.mask, replace(shot.square, size=network.size))
+    inside = square_mask(entry)
+    # A network of train.color=paper, whose gamma is not 1, infers coded values.
+    albedo = person.albedo if person.gamma == 1 else decode(person.albedo)
+    maps = {"albedo": albedo, "shading": person.shading**person.gamma, "transport": person.transport[..., :9]}
+    arrays = {name: _resize_to_square(values, person, inside) for name, values in maps.items()}
+    arrays["light"] = person.light[:9]
+    if entry.new:
+        lights = [project(read_panorama(path), network.order).astype(np.float32) for path in entry.panoramas()]
+        for mode in ("ratio", "full"):
+            arrays[mode] = np.stack([*frames(shot.photo, [person], [(light, 0.0) for light in lights], mode)])
+    return arrays
 
 
 def _resize_to_square(values: np.ndarray, person: Person, inside: np.ndarray) -> np.ndarray:
@@ -107,12 +106,12 @@ def _resize_to_square(values: np.ndarray, person: Person, inside: np.ndarray) ->
     return values * inside[..., None]
 
 
-def as_it_is(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
+def as_it_is(benchmark: BenchmarkSet, entry: Entry) -> Answer:
     """Answers with the photograph itself for every light."""
     return {"ratio": np.repeat(entry.shot().photo[None], entry.new, 0)}
 
 
-def mean_light(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
+def mean_light(benchmark: BenchmarkSet, entry: Entry) -> Answer:
     """Relights by true transport, and takes the mean training light for the old one.
 
     Returns:
@@ -135,7 +134,7 @@ def mean_training_light() -> np.ndarray:
     return np.reshape(network.config["lights"], (-1, (network.order + 1) ** 2, 3))[:, :9].mean(0)
 
 
-def true_maps(benchmark: BenchmarkSet, entry: Entry, order: int = 2) -> dict[str, np.ndarray]:
+def true_maps(benchmark: BenchmarkSet, entry: Entry, order: int = 2) -> Answer:
     """Answers with the true maps (S,S,C) and the true light (9,3), and with relit pictures (N,H,W,3) uint8 by them.
 
     Relit pictures are of light and transport of an `order`: their errors are those of the formulation.
@@ -146,7 +145,7 @@ def true_maps(benchmark: BenchmarkSet, entry: Entry, order: int = 2) -> dict[str
     return _true(benchmark, entry, [maps.albedo * shade(maps.transport, light) for light in new], gains)
 
 
-def exact(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
+def exact(benchmark: BenchmarkSet, entry: Entry) -> Answer:
     """Answers like `true_maps`, but by irradiance that is traced in the lights themselves, without gloss or bounces."""
     scene, settings = scene_of(benchmark, entry), benchmark.index["settings"]
     sources = [read_panorama(path) for path in (benchmark.light(entry), *entry.panoramas())]
@@ -162,9 +161,7 @@ def exact(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
     return _true(benchmark, entry, traced[1:], gains)
 
 
-def _true(
-    benchmark: BenchmarkSet, entry: Entry, pictures: list[np.ndarray], gains: list[np.ndarray]
-) -> dict[str, np.ndarray]:
+def _true(benchmark: BenchmarkSet, entry: Entry, pictures: list[np.ndarray], gains: list[np.ndarray]) -> Answer:
     """Returns an answer with true maps and light, and with relit pictures (H,W,3), linear, and by gains (H,W,3)."""
     truth, linear = benchmark.truth(entry)[0], LINEAR[entry.shot().photo]
     # A set with true maps has all of them.

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from relight.benchmark.files import PICTURES, BenchmarkSet, Entry, read_answer, square_mask, to_intrinsics
+from relight.benchmark.files import PICTURES, Answer, BenchmarkSet, Entry, read_answer, square_mask, to_intrinsics
 from relight.benchmark.measures import INVARIANCES, LEAKS, errors, invariances, leaks
 from relight.core.errors import UserError
 from relight.core.files import write_text
@@ -70,9 +70,7 @@ def score(folder: Path | str, answers: Path | str) -> Path:
     return answers / SCORES
 
 
-def score_answers(
-    benchmark: BenchmarkSet, entry: Entry, answered: dict[Entry, dict[str, np.ndarray]]
-) -> dict[str, float]:
+def score_answers(benchmark: BenchmarkSet, entry: Entry, answered: dict[Entry, Answer]) -> dict[str, float]:
     """Returns those of COLUMNS that the answers to a picture and to each of its variants allow."""
     true, pictures = benchmark.truth(entry)
     # By variant; that of the picture itself is "".

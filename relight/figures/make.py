@@ -71,11 +71,11 @@ def make_figure(
     sits = constraints.sitting
     for attempt in range(ATTEMPTS):
         draw = sample(seed, attempt, per_subject, sits, constraints)
-        mesh, reason = attempt_figure(draw, seed, fineness, per_subject, outfits)
-        if mesh is not None:
-            mesh.info |= {"detail": detail, "redrawn": attempt, "redrawn_because": reasons}
-            return mesh
-        reasons.append(str(reason))
+        made = attempt_figure(draw, seed, fineness, per_subject, outfits)
+        if isinstance(made, Mesh):
+            made.info |= {"detail": detail, "redrawn": attempt, "redrawn_because": reasons}
+            return made
+        reasons.append(made)
         if constraints.sitting < 1:  # else sitting figures, which fail more often, would be fewer than asked for
             sits = 1.0 if draw.pose.sitting and attempt + 1 < SITTING_ATTEMPTS else 0.0
     raise UserError(f"no figure of seed {seed} passed the gates in {ATTEMPTS} attempts: {'; '.join(reasons)}")
@@ -116,9 +116,7 @@ def sample(seed: int, attempt: int, per_subject: int, sits: float, constraints: 
     return Draw(person, fitted_to_pose(outfit, pose), pose, sample_expression(np.random.default_rng([seed, 3])))
 
 
-def attempt_figure(
-    draw: Draw, seed: int, detail: Detail, per_subject: int, outfits: int = 1
-) -> tuple[Mesh | None, str | None]:
+def attempt_figure(draw: Draw, seed: int, detail: Detail, per_subject: int, outfits: int) -> Mesh | str:
     """Makes the figure of a draw, unless a gate rejects it.
 
     Args:
@@ -129,7 +127,7 @@ def attempt_figure(
         outfits: number of outfits.
 
     Returns:
-        The mesh and None, or None and why it was rejected, in one phrase.
+        The mesh, or why it was rejected, in one phrase.
     """
     person, outfit, pose, expression = draw.person, draw.outfit, draw.pose, draw.expression
     if pose.sitting:
@@ -141,10 +139,10 @@ def attempt_figure(
     worn = drape_outfit(motion, outfit, detail)
     for garment in worn:
         if reason := checks.check_garment(garment.pattern, garment.draped, motion):
-            return None, reason
+            return reason
     reason, measured = checks.check_outfit(worn, motion, pose.sitting)
     if reason:
-        return None, reason
+        return reason
     builder = Builder()
     Assembly(builder, motion, outfit, worn, detail, seed - seed % per_subject).add_all()
     surface = np.concatenate(builder.vertices), np.concatenate(builder.faces)
@@ -177,8 +175,7 @@ def attempt_figure(
         **measured,
     }
     mesh = builder.mesh(info, all_outfits)
-    reason = checks.check_figure(mesh, np.concatenate(builder.layers))
-    return (None, reason) if reason else (mesh, None)
+    return checks.check_figure(mesh, np.concatenate(builder.layers)) or mesh
 
 
 def save_figure(name: str, figures: Figures, out: Path) -> None:

@@ -10,6 +10,8 @@ import scipy.sparse as sparse
 from relight.meshes.geometry import edges
 
 Surface = tuple[np.ndarray, np.ndarray]  # vertices (V,3) and faces (F,3)
+Textured = tuple[np.ndarray, np.ndarray, np.ndarray]  # vertices (V,3), faces (F,3), and uv (F,3,2) of their corners
+Combined = tuple[sparse.csr_matrix, np.ndarray]  # matrix (n,k) and faces (F,3)
 
 
 def rim(faces: np.ndarray) -> np.ndarray:
@@ -45,15 +47,13 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.cross(b - a, c - a)
 
 
-def compacted(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
+def compacted(matrix: sparse.csr_matrix, faces: np.ndarray) -> Combined:
     """Returns a surface, matrix (n,k) and faces (F,3), without the vertices that no face uses."""
     used, inverse = np.unique(faces, return_inverse=True)
     return matrix[used], inverse.reshape(faces.shape)
 
 
-def clip(
-    matrix: sparse.csr_matrix, faces: np.ndarray, field: np.ndarray, snap: float = 0.35
-) -> tuple[sparse.csr_matrix, np.ndarray]:
+def clip(matrix: sparse.csr_matrix, faces: np.ndarray, field: np.ndarray, snap: float = 0.35) -> Combined:
     """Keeps the part of a surface where a field is positive, cut along its zero line.
 
     Args:
@@ -147,7 +147,7 @@ def split(
     return both[first], joined, np.arange(len(joined)) < len(positive_faces)
 
 
-def loop(faces: np.ndarray, n: int) -> tuple[sparse.csr_matrix, np.ndarray]:
+def loop(faces: np.ndarray, n: int) -> Combined:
     """Subdivides a mesh once by Loop's scheme.
 
     Loop, "Smooth subdivision surfaces based on triangles", 1987; borders follow the cubic B-spline rule. The n old

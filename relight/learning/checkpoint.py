@@ -27,6 +27,7 @@ PREFIX = "network."  # of the weights' names in an .onnx file
 HALF = ".half"  # after the name of a constant of an .onnx file that is stored in half precision
 MAX_SIZE = 8192  # px, of the images of a network
 Parts = Mapping[str, nn.Module | torch.optim.Optimizer]  # of a training whose state is kept, by name
+History = list[dict[str, float]]  # rows of a training's log
 
 
 def save_network(path: Path, network: Network, model: Model, **config: Any) -> None:
@@ -118,7 +119,7 @@ def read_weights(path: Path, network: Network) -> dict[str, torch.Tensor]:
     return counters | {name: values for name, values in constants.items() if name in names}
 
 
-def save_state(path: Path, digest: str, parts: Parts, step: int, history: list[dict[str, float]]) -> None:
+def save_state(path: Path, digest: str, parts: Parts, step: int, history: History) -> None:
     """Writes the state from which an interrupted training resumes, whole or not at all.
 
     Args:
@@ -134,9 +135,7 @@ def save_state(path: Path, digest: str, parts: Parts, step: int, history: list[d
             torch.save({"settings": digest, "step": step, "history": history, **states}, file)
 
 
-def restore_state(
-    path: Path, digest: str, parts: Parts, device: torch.device
-) -> tuple[int, list[dict[str, float]], str]:
+def restore_state(path: Path, digest: str, parts: Parts, device: torch.device) -> tuple[int, History, str]:
     """Loads the state of the same training, if it exists.
 
     Args:

@@ -29,7 +29,7 @@ from relight.core.errors import UserError
 from relight.core.files import atomic_write, existing_file, file_hash
 from relight.core.progress import duration
 from relight.learning.augment import augment_batch
-from relight.learning.checkpoint import Parts, load_network, restore_state, save_network, save_state
+from relight.learning.checkpoint import History, Parts, load_network, restore_state, save_network, save_state
 from relight.learning.data import Batch, RelitSet, choose_device, draw_pairs, generator, read_split
 from relight.learning.losses import losses
 from relight.learning.networks import STRIDE, Network, UNet, build, widened
@@ -43,6 +43,7 @@ from relight.settings.setting import setting_of
 STEP_DRAWS = 1
 SUBSET = 2
 AUGMENTATION = 3
+Log = Callable[[dict[str, float], int, np.ndarray | None], None]
 FINAL_LR = 0.02  # learning rate at the end of the cosine schedule, over train.lr
 
 
@@ -94,12 +95,7 @@ def fingerprint(recipe: Recipe, inputs: Inputs) -> str:
 
 
 def train(
-    recipe: Recipe,
-    inputs: Inputs,
-    out: Path,
-    state: Path,
-    curve: Path | None = None,
-    log: Callable[[dict[str, float], int, np.ndarray | None], None] | None = None,
+    recipe: Recipe, inputs: Inputs, out: Path, state: Path, curve: Path | None = None, log: Log | None = None
 ) -> None:
     """Trains a network on `select_training_data`, pairs of figures of the split and lights of the table.
 
@@ -419,7 +415,7 @@ def _print_line(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def write_curve(path: Path, history: list[dict[str, float]]) -> None:
+def write_curve(path: Path, history: History) -> None:
     """Writes the log as CSV: step, total and each named loss, learning rate, and the losses on the validation pairs."""
     with atomic_write(path) as tmp, open(tmp, "w", newline="") as file:
         writer = csv.DictWriter(file, list(history[-1]))

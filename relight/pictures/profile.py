@@ -20,6 +20,7 @@ SRGB_GAMMA = 0.45455  # as PNG writes it
 ADOBE = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)  # x and y of the primaries and of white
 ADOBE_GAMMA = 563 / 256
 Curve = Callable[[np.ndarray], np.ndarray]  # from codes in [0,1] to linear values
+Converted = tuple[np.ndarray, list[str]]  # pixels of the same type as before, and notes, one sentence each
 # Codes of ITU-T H.273.
 UNSPECIFIED = 2
 PRIMARIES = {
@@ -60,9 +61,7 @@ TRANSFERS: dict[int, Curve] = {
 }
 
 
-def to_srgb(
-    pixels: np.ndarray, image: Image.Image, what: str, coding: tuple[int, int] | None = None
-) -> tuple[np.ndarray, list[str]]:
+def to_srgb(pixels: np.ndarray, image: Image.Image, what: str, coding: tuple[int, int] | None = None) -> Converted:
     """Converts the pixels of an image to sRGB. sRGB itself stays as it is, bit for bit.
 
     Args:
@@ -95,14 +94,12 @@ def to_srgb(
     return pixels, []
 
 
-def _by_primaries(
-    pixels: np.ndarray, primaries: Sequence[float], curve: Curve, how: str
-) -> tuple[np.ndarray, list[str]]:
+def _by_primaries(pixels: np.ndarray, primaries: Sequence[float], curve: Curve, how: str) -> Converted:
     matrix = chromaticity_matrix(primaries)  # None for those of no color space
     return _by_curves(pixels, [curve] * 3, np.eye(3) if matrix is None else matrix), [f"it was converted {how}"]
 
 
-def _by_coding(pixels: np.ndarray, coding: tuple[int, int], what: str) -> tuple[np.ndarray, list[str]]:
+def _by_coding(pixels: np.ndarray, coding: tuple[int, int], what: str) -> Converted:
     """Converts by the codes of ITU-T H.273. Curves for broadcasting are shown as sRGB, as browsers do."""
     primaries, transfer = coding
     if transfer in (PQ, HLG):
@@ -132,7 +129,7 @@ def _is_adobe(image: Image.Image) -> bool:
     return space == 2 or (space == 0xFFFF and mark.startswith("R03"))
 
 
-def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarray, list[str]]:
+def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> Converted:
     """Converts by an ICC profile; one that is not of RGB pictures is left out with a note, as browsers do."""
     try:
         source, target = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")

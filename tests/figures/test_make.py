@@ -83,7 +83,7 @@ def failing(monkeypatch, times: int, mesh: Mesh) -> list[make.Draw]:
 
     def attempt(draw, *_):
         draws.append(draw)
-        return (None, "torn") if len(draws) <= times else (mesh, None)
+        return "torn" if len(draws) <= times else mesh
 
     monkeypatch.setattr(make, "attempt_figure", attempt)
     return draws

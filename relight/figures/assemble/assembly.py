@@ -17,7 +17,7 @@ from relight.figures.drape.dress import Detail, DrapedGarment
 from relight.figures.draw.outfits import Outfit
 from relight.figures.dye import paints, panels, skin
 from relight.figures.dye.paints import Paint
-from relight.figures.surfaces import Surface, loop, normals, quarters, stacked, thickened
+from relight.figures.surfaces import Surface, Textured, loop, normals, quarters, stacked, thickened
 from relight.meshes import Material
 
 GAP = 0.003  # metres between clothes or shoes and the garment over them
@@ -92,7 +92,7 @@ class Assembly:
         shown = ~hidden[faces].all(1) & ~mouth_cavity()
         no_hands = makehuman.bone_weights("finger", "metacarpal", "wrist") < 0.3
         for cover in self.covers:
-            posed = push_under(posed, faces, cover.surface, SKIN_GAP, no_hands, facing)
+            posed = push_under((posed, faces), cover.surface, SKIN_GAP, no_hands, facing)
         material = skin.paint_skin(self.body.person, self.outfit, self.detail.texture, self.seed)
         self.builder.add(*refined(posed, faces[shown], uv[shown], self.detail.body), material, layer=0)
         return posed
@@ -149,7 +149,7 @@ class Assembly:
         rings = 4 * self.detail.refine  # near the border of a garment one sees under it
         for cover in outer:
             keep &= ~cover.hides(level.fitted, positions, facing, rings, self.figure)[level.faces].all(1)
-            positions = push_under(positions, level.faces, cover.surface, GAP)
+            positions = push_under((positions, level.faces), cover.surface, GAP)
         return positions, keep
 
     def _add_tie(self, shown: list[np.ndarray]) -> None:
@@ -193,7 +193,7 @@ class Assembly:
         vertices, faces = accessory
         for outer, positions in zip(self.cut[number + 1 :], shown[number + 1 :]):
             if outer.pattern.garment.kind == "top":
-                vertices = push_under(vertices, faces, (positions, outer.pattern.levels[-1].faces), GAP)
+                vertices = push_under((vertices, faces), (positions, outer.pattern.levels[-1].faces), GAP)
         return vertices, faces
 
     def _add_shoes(self) -> None:
@@ -203,7 +203,7 @@ class Assembly:
         for part in parts:
             vertices, is_sole = part.vertices, part.name == "sole"
             for cover in () if is_sole else self.covers:
-                vertices = push_under(vertices, part.faces, cover.surface, GAP)
+                vertices = push_under((vertices, part.faces), cover.surface, GAP)
             self.builder.add(vertices, part.faces, None, by_part[part.name], layer=-1 if is_sole else 0)
 
     def add_hair(self, below: Surface) -> None:
@@ -219,9 +219,7 @@ class Assembly:
             self.builder.add(vertices, faces, uv[faces], by_kind[kind])
 
 
-def refined(
-    vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, times: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def refined(vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, times: int) -> Textured:
     """Subdivides a surface by Loop's scheme.
 
     Args:

@@ -79,18 +79,12 @@ def _sees_outside(points: np.ndarray, normal: np.ndarray, figure: Collider) -> n
 
 
 def push_under(
-    points: np.ndarray,
-    faces: np.ndarray,
-    garment: Surface,
-    gap: float,
-    movable: np.ndarray | None = None,
-    facing: np.ndarray | None = None,
+    lower: Surface, garment: Surface, gap: float, movable: np.ndarray | None = None, facing: np.ndarray | None = None
 ) -> np.ndarray:
     """Moves points that come through a garment by less than PUSH_RANGE back under it.
 
     Args:
-        points: (n,3) vertices of the lower surface, metres.
-        faces: (F,3) of the lower surface.
+        lower: the n points and the faces between them, metres.
         garment: vertices and faces of the upper surface.
         gap: metres to the garment afterwards.
         movable: (n,) points that may move; all where it is None.
@@ -100,6 +94,7 @@ def push_under(
     Returns:
         The points (n,3), and with them their neighbours, smoothly.
     """
+    points, faces = lower
     movable = np.ones(len(points), bool) if movable is None else movable
     vertices, garment_faces = garment
     surface = Collider.at_rest(vertices, garment_faces)

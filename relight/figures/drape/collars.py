@@ -238,7 +238,7 @@ def _into_panel(faces: np.ndarray, cloth: np.ndarray, ring: np.ndarray) -> np.nd
 
 def collar(
     vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, kind: str, neck: Neck, uv_per_metre: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+) -> surfaces.Textured | None:
     """Builds the collar of a draped garment.
 
     Args:

@@ -9,9 +9,11 @@ from relight.figures.body import makehuman
 from relight.figures.body.motion import Motion
 from relight.figures.body.shape import Body
 from relight.figures.catalogue.schema import entries
-from relight.figures.cut import footwear, patterns
-from relight.figures.drape import collars, scarves, simulate, wrinkles
+from relight.figures.cut import footwear
+from relight.figures.cut.patterns import Pattern, build_pattern
+from relight.figures.drape import collars, scarves, wrinkles
 from relight.figures.drape.colliders import Collider, signed_distance
+from relight.figures.drape.simulate import DrapeResult, drape
 from relight.figures.drape.solver import SolverSettings
 from relight.figures.draw.fabrics import Fabric
 from relight.figures.draw.garments import Garment, Worn
@@ -54,9 +56,9 @@ def details() -> dict[str, Detail]:
 class DrapedGarment:
     """A garment of a figure: its pattern, its fabric, and the result of its simulation."""
 
-    pattern: patterns.Pattern
+    pattern: Pattern
     fabric: Fabric
-    draped: simulate.DrapeResult
+    draped: DrapeResult
 
     @property
     def surface(self) -> Surface:
@@ -139,9 +141,9 @@ def drape_outfit(motion: Motion, outfit: Outfit, detail: Detail) -> list[DrapedG
         if garment.kind == "scarf":
             worn.append(drape_scarf(motion, item, (obstacles.skin[-1], obstacles.under_scarves), worn, detail))
             continue
-        pattern = patterns.build_pattern(motion.body, garment, detail.refine)
+        pattern = build_pattern(motion.body, garment, detail.refine)
         surface_at = partial(obstacles.below, garment, list(worn))
-        draped = simulate.drape(pattern, detail.solver, surface_at, motion.skin, detail.frames)
+        draped = drape(pattern, detail.solver, surface_at, motion.skin, detail.frames)
         below = Collider.at_rest(*surface_at(detail.frames, fine=True))
         worn.append(DrapedGarment(pattern, item.fabric, finished(pattern, draped, item.fabric, below, motion)))
     return worn
@@ -167,9 +169,7 @@ def _fallen_over(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.einsum("fx,fx->f", face_normals(x, faces), around) < 0
 
 
-def finished(
-    pattern: patterns.Pattern, draped: simulate.DrapeResult, fabric: Fabric, below: Collider, motion: Motion
-) -> simulate.DrapeResult:
+def finished(pattern: Pattern, draped: DrapeResult, fabric: Fabric, below: Collider, motion: Motion) -> DrapeResult:
     """Adds fine wrinkles to a draped garment and an even neckline to a top, and moves it out of the layers below.
 
     Args:
@@ -218,9 +218,7 @@ def drape_scarf(
             no_uv, kind = np.zeros((len(x), 2)), other.pattern.garment.collar
             if (collar := collars.collar(x, cloth, no_uv, kind, neck, uv_per_metre=1.0)) is not None:
                 parts.append(collar[:2])
-    vertices, faces = stacked(parts)
-    pattern = scarves.build_scarf(motion, scarf.garment, Collider.at_rest(vertices, faces), detail.refine)
-    draped = simulate.drape(
-        pattern, detail.scarf, lambda frame, fine: (vertices, faces), lambda weights, rest, frame: rest, frames=0
-    )
+    below = stacked(parts)
+    pattern = scarves.build_scarf(motion, scarf.garment, Collider.at_rest(*below), detail.refine)
+    draped = drape(pattern, detail.scarf, lambda frame, fine: below, lambda weights, rest, frame: rest, frames=0)
     return DrapedGarment(pattern, scarf.fabric, draped)

@@ -8,11 +8,13 @@ import numpy as np
 from relight.figures.cut.patterns import Pattern
 from relight.figures.drape.colliders import Collider
 from relight.figures.drape.solver import ClothSolver, SolverSettings
-from relight.figures.surfaces import neighbours
+from relight.figures.surfaces import Surface, neighbours
 
 GROUND = 0.006  # lowest height of cloth, metres
 TORN = 1.5  # strain above which an edge is relaxed at the end
 MOVING_DAMPING, SETTLING_DAMPING = 0.99, 0.9  # factor of the velocities at each substep
+SurfaceBelow = Callable[[int, bool], Surface]
+Skinning = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,7 @@ def relax_torn_edges(
 
 
 def drape(
-    pattern: Pattern,
-    settings: list[SolverSettings],
-    surface_at: Callable[[int, bool], tuple[np.ndarray, np.ndarray]],
-    skin: Callable[[np.ndarray, np.ndarray, int], np.ndarray],
-    frames: int,
+    pattern: Pattern, settings: list[SolverSettings], surface_at: SurfaceBelow, skin: Skinning, frames: int
 ) -> DrapeResult:
     """Drapes a garment from coarse to fine: its coarsest level follows the motion, the others settle at the end.
 

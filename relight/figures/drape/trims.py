@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter
 from relight.figures.cut.patterns import Pattern
 from relight.figures.drape.collars import VERTICAL, Neck
 from relight.figures.drape.colliders import Collider
-from relight.figures.surfaces import Surface, clip, extruded, grid_faces, normals, thickened
+from relight.figures.surfaces import Surface, Textured, clip, extruded, grid_faces, normals, thickened
 
 # Right and left edge of the band of each closed front on the pattern, metres from the middle.
 BANDS = {"zip": (-0.013, 0.013), "buttons": (-0.018, 0.018), "placket": (-0.017, 0.017), "double": (-0.030, 0.085)}
@@ -27,7 +27,7 @@ TIE_ROWS = 40
 MIN_TIE_ROWS = 25  # of these that must meet the shirt below the knot
 
 
-def band(pattern: Pattern, positions: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+def band(pattern: Pattern, positions: np.ndarray, uv: np.ndarray) -> Textured | None:
     """Builds the raised band of a closed front.
 
     Args:

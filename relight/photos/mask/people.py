@@ -11,6 +11,7 @@ from relight.maps.square import MASK_THRESHOLD, extent
 from relight.photos.mask.pose import Body
 
 MIN_SIZE = 8  # rows or columns; a person with pixels in fewer of both is dirt
+MIN_SHARE = 0.05  # least area of a person whom no network found, over that of the largest part
 LOOK = 256  # pixels of a person's longer side at which doubts are looked for
 SLACK = 0.02  # of it: how far a joint may be outside, and half the thickness of what networks may disagree about
 SURE = 0.8  # that a joint is seen
@@ -38,19 +39,16 @@ class NobodyFound(UserError):
     """A picture shows nobody, or its mask says so."""
 
 
-def split_people(
-    coverage: np.ndarray, bodies: Sequence[Body] = (), share: float = 0.05
-) -> list[tuple[np.ndarray, Body | None]]:
+def split_people(coverage: np.ndarray, bodies: Sequence[Body] = ()) -> list[tuple[np.ndarray, Body | None]]:
     """Splits the mask of a photo into one for each person.
 
     A person is what the mask of one of `bodies` covers, or a connected part that none of these masks touches, with at
-    least `share` of the largest one's area. Smaller parts (a hand behind a lamp post, a buckle) and soft edges go to
+    least MIN_SHARE of the largest one's area. Smaller parts (a hand behind a lamp post, a buckle) and soft edges go to
     the nearest person. Where masks of bodies touch, one passes into the other. The sum of all parts is the whole.
 
     Args:
         coverage: (H,W) uint8.
         bodies: the people whom networks found.
-        share: least area of a person, over that of the largest part.
 
     Returns:
         Coverage maps (H,W) uint8 with their bodies, from left to right.
@@ -74,7 +72,7 @@ def split_people(
     areas[0] = 0
     large = [
         i
-        for i in np.flatnonzero(areas >= share * areas.max())
+        for i in np.flatnonzero(areas >= MIN_SHARE * areas.max())
         if i and max((labels == i).any(axis).sum() for axis in (0, 1)) >= MIN_SIZE
     ]
     if not large:

@@ -42,7 +42,7 @@ def brows(head: Head) -> Strip:
     points = roots.points[:, None] + s * (length * direction)[:, None] + rise * roots.normals[:, None]
     normals = np.broadcast_to(roots.normals[:, None], points.shape)
     width = 0.0006 if head.fine else 0.0014  # metres
-    return ribbons(width, points, normals, roots.random, roll=0.3)
+    return ribbons(width, (points, normals), roots.random, roll=0.3)
 
 
 def lashes(head: Head) -> Strip:
@@ -70,7 +70,7 @@ def lashes(head: Head) -> Strip:
         parts.append((points, np.broadcast_to(motion.bone("head")[:, 1], points.shape), random))
     points, normals, random = (np.concatenate(column) for column in zip(*parts))
     width = 0.0006 if head.fine else 0.001  # metres
-    return ribbons(width, points, normals, random, roll=0.0)
+    return ribbons(width, (points, normals), random, roll=0.0)
 
 
 def beard(head: Head, amount: float) -> Strip | None:
@@ -89,6 +89,6 @@ def beard(head: Head, amount: float) -> Strip | None:
     comb = Comb(count=len(x), length=0.03, body=0.001 + 0.005 * fullness, lift=0.1, weight=0.15, cling=0.3)
     inner_roots = replace(roots, rim=np.ones(len(x)))  # a beard has no hairline
     steps = 4 if head.fine else 3
-    points, normals = grow_guides(comb, inner_roots, direction, length, head.below, steps, head.seed + 62)
+    hairs = grow_guides(comb, inner_roots, direction, length, head.below, steps, head.seed + 62)
     width = (0.0011 + 0.0008 * fullness) * (1 if head.fine else 1.8)  # metres
-    return ribbons(width, points, normals, roots.random, roll=0.3)
+    return ribbons(width, hairs, roots.random, roll=0.3)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from relight.figures.assemble.hair import combing
-from relight.figures.assemble.hair.strands import Strip, ribbons, spread_strands
+from relight.figures.assemble.hair.strands import Lines, Strip, ribbons, spread_strands
 from relight.figures.body.motion import Motion
 from relight.figures.drape.colliders import Collider, signed_distance
 from relight.figures.draw.hairstyles import Comb
@@ -29,7 +29,7 @@ def grow_guides(
     seed: int,
     heading: np.ndarray | None = None,
     deflect: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Lines:
     """Grows guides step by step: each step follows the last one, falls, and slides along the surface below.
 
     Args:
@@ -44,7 +44,7 @@ def grow_guides(
         deflect: (points, next points) to next points (n,3), away from where hair must not hang.
 
     Returns:
-        Points of the guides, metres, and unit normals of the surface below, each (n,steps+1,3).
+        The guides, of steps + 1 points, with unit normals of the surface below.
     """
     n = len(roots.points)
     layer = comb.body * (0.85 + 0.15 * roots.random[:, 3]) * (0.35 + 0.65 * roots.rim)
@@ -127,8 +127,8 @@ def grow_locks(head: combing.Head, comb: Comb, hat: bool) -> Strip:
     pieces = int(np.clip(np.ceil(length.max() / (0.018 if fine else 0.03)), 4, 14))
     if comb.curl:
         pieces = int(np.clip(np.ceil(5 * length.max() / comb.pitch), pieces, 16 if fine else 12))
-    points, normals = spread_strands(comb, guides, points, normals, roots, length, pieces, seed)
-    return ribbons(comb.width, points, normals, roots.random, ROLL)
+    strands = spread_strands(comb, guides, (points, normals), roots, length, pieces, seed)
+    return ribbons(comb.width, strands, roots.random, ROLL)
 
 
 def tied_hair(head: combing.Head, kind: str) -> Strip:
@@ -137,8 +137,7 @@ def tied_hair(head: combing.Head, kind: str) -> Strip:
     count, width = (900, 0.0028) if head.fine else (260, 0.006)  # strands, metres
     random = random_numbers(count, 4, head.seed + 50)
     if kind == "bun":
-        points, outward = _bun_arcs(start + 0.022 * direction, direction, random)
-        return ribbons(width, points, outward, random, roll=0.3)
+        return ribbons(width, _bun_arcs(start + 0.022 * direction, direction, random), random, roll=0.3)
     side = np.array([1.0, 0, 0])
     up = np.cross(direction, side)
     angle = 2 * np.pi * random[:, 2]
@@ -150,14 +149,14 @@ def tied_hair(head: combing.Head, kind: str) -> Strip:
     heading = 0.6 * direction + 0.3 * np.sqrt(random[:, :1]) * spoke - np.array([0.0, 0.35, 0.0])
     steps = 14 if head.fine else 9
     points, normals = grow_guides(comb, roots, spoke, length, head.below, steps, head.seed, heading=heading)
-    return ribbons(width, points, np.broadcast_to(spoke[:, None], normals.shape), random, roll=0.6)
+    return ribbons(width, (points, np.broadcast_to(spoke[:, None], normals.shape)), random, roll=0.6)
 
 
-def _bun_arcs(centre: np.ndarray, axis: np.ndarray, random: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _bun_arcs(centre: np.ndarray, axis: np.ndarray, random: np.ndarray) -> Lines:
     """Lays arcs around a ball, as hair is wound into a bun; `axis` points away from the head.
 
     `random` (n,4) in [0,1] has the place along the axis, a number unused here, the place around it, and the distance
-    from the centre. Returns points of the arcs, metres, and outward normals, each (n,12,3).
+    from the centre. Returns the arcs, of 12 points, with outward normals.
     """
     side = np.cross(axis, [0.0, 1.0, 0.0])
     side /= np.linalg.norm(side)

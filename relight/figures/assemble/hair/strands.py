@@ -8,6 +8,7 @@ from relight.figures.draw.hairstyles import Comb
 from relight.figures.surfaces import unit_rows
 from relight.figures.texture import noise
 
+Lines = tuple[np.ndarray, np.ndarray]  # points (n,m,3) along n lines, metres, and normals (n,m,3) there
 Strip = tuple[np.ndarray, np.ndarray, np.ndarray]  # posed vertices, faces, and uv of the vertices
 DEPTH = 0.002  # range of depths of strands, metres; gaps in a deeper layer would be black
 FLYAWAY = 4.0  # factor of the straying of a few strands
@@ -35,15 +36,8 @@ def _interpolate_lines(values: np.ndarray, line: np.ndarray, at: np.ndarray) -> 
 
 
 def spread_strands(
-    comb: Comb,
-    guides: Roots,
-    points: np.ndarray,
-    normals: np.ndarray,
-    roots: Roots,
-    length: np.ndarray,
-    steps: int,
-    seed: int,
-) -> tuple[np.ndarray, np.ndarray]:
+    comb: Comb, guides: Roots, lines: Lines, roots: Roots, length: np.ndarray, steps: int, seed: int
+) -> Lines:
     """Lays strands from their roots along the nearest guides.
 
     A strand keeps its place beside its guide in the guide's frame, drawn toward it by `comb.clump` at the tip; it lies
@@ -52,16 +46,16 @@ def spread_strands(
     Args:
         comb: the style.
         guides: roots of the g guides.
-        points: (g,k,3) of the guides, metres.
-        normals: (g,k,3) of the surface below the guides.
+        lines: the g guides, with normals of the surface below them.
         roots: roots of the n strands.
         length: (g,) of the guides, metres.
         steps: segments of a strand.
         seed: random seed of their straying.
 
     Returns:
-        Points of the strands, metres, and normals of the hair, each (n,steps+1,3).
+        The strands, of steps + 1 points, with normals of the hair.
     """
+    points, normals = lines
     guide = cKDTree(guides.points).query(roots.points)[1]  # of each strand
     along, across, up = _line_frames(points, normals)
     off = roots.points - guides.points[guide]
@@ -93,19 +87,19 @@ def spread_strands(
     return place + aside[..., None] * across + (depth + rise)[..., None] * up, up
 
 
-def ribbons(width: float, points: np.ndarray, normals: np.ndarray, random: np.ndarray, roll: float) -> Strip:
+def ribbons(width: float, lines: Lines, random: np.ndarray, roll: float) -> Strip:
     """Builds flat ribbons along lines. Tubes would show too much of their sides for strands of many hairs.
 
     Args:
         width: metres.
-        points: (n,m,3) of the lines, metres.
-        normals: (n,m,3) that the ribbons face.
+        lines: n lines, with normals that the ribbons face.
         random: (n,4) in [0,1]: width, column of the texture, unused here, roll.
         roll: the largest roll about the strand, either way, radians.
 
     Returns:
         Vertices (V,3), faces (F,3) and uv (V,2); v runs along the strand.
     """
+    points, normals = lines
     n, m, _ = points.shape
     s = np.linspace(0, 1, m)
     _, across, up = _line_frames(points, normals)
