@@ -84,9 +84,9 @@ def test_catalogue_sections_are_all_read():
     read = {
         "colors": {"neutrals", "colors", "denims", "leathers", "skin", "hair", "irises", "gloss"},
         "details": {"details"},
-        "faces": {"shapes", "expressions"},
+        "faces": {"shapes", "expressions", "lashes"},
         "garments": {"shared", "necks", "collars", "cloths", "draws", *GROUPS, "scarves", "wraps"},
-        "hair": {"combs", "styles"},
+        "hair": {"colors", "hairline", "combs", "styles"},
         "poses": {"hands", "feet", "trunks", "standing", "sitting"},
         "shoes": {"shoes"},
     }

@@ -10,11 +10,6 @@ from relight.figures.catalogue.schema import entries
 from relight.figures.draw.person import Person
 from relight.figures.texture import Color, as_color, lattice_value
 
-LIGHT_SKIN_COLORS = {
-    "dark brown": 0.25, "brown": 0.28, "auburn": 0.08, "blond": 0.2, "fair": 0.08, "red": 0.04, "black": 0.07,
-}  # fmt: skip
-DARK_SKIN_COLORS = {"black": 0.6, "dark brown": 0.32, "brown": 0.08}
-
 
 @dataclass(frozen=True)
 class Comb:
@@ -118,7 +113,8 @@ def sample_color(rng: np.random.Generator, person: Person) -> Color:
         name = "white" if rng.random() < (person.age - 50) / 40 else "grey"
     else:
         _, _, caucasian = person.ancestry
-        odds = LIGHT_SKIN_COLORS if person.skin > 0.72 and caucasian > 0.4 else DARK_SKIN_COLORS
+        skin = "light skin" if person.skin > 0.72 and caucasian > 0.4 else "dark skin"
+        odds = entries("hair", "colors", dict[str, float])[skin]
         name = str(rng.choice(list(odds), p=list(odds.values())))
     return as_color(np.array(entries("colors", "hair", Color)[name]) * np.exp(rng.normal(0, 0.12)))
 

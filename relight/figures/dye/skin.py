@@ -16,11 +16,6 @@ SEAM_MARGIN = 0.25  # part of a triangle painted beyond its edges, so that looku
 UPPER_LIP, LOWER_LIP = 474, 494  # vertices of the base mesh where the lips meet, in the middle
 MOUTH_RADII = (0.027, 0.009, 0.03)  # of the ellipsoid of lips and mouth: sideways, up, forward, metres
 FACE_DEPTH = 0.035  # metres behind the eyes up to which skin belongs to the face
-# Azimuth about the head, radians: 0 is the face, pi the nape, 1.2 a sideburn; and the sine of the elevation there.
-HAIRLINE = (
-    (0, 0.5, 0.8, 0.98, 1.10, 1.22, 1.34, 1.62, 1.75, 1.95, 2.35, np.pi),
-    (0.34, 0.33, 0.24, 0.04, -0.22, -0.38, -0.20, -0.20, -0.40, -0.62, -0.74, -0.80),
-)
 
 
 @cache
@@ -173,8 +168,9 @@ def freckles(person: Person, seed: int) -> float:
 
 
 def hairline(azimuth: np.ndarray) -> np.ndarray:
-    """Returns the sine (...) of the elevation above which hair grows, at azimuths (...) as in HAIRLINE, either way."""
-    return np.interp(np.abs(azimuth), *HAIRLINE)
+    """Returns the sine (...) of the elevation above which hair grows, at azimuths (...) as in hair.yaml, either way."""
+    line = entries("hair", "hairline", tuple[float, ...])
+    return np.interp(np.abs(azimuth), line["azimuth"], line["elevation"])
 
 
 def skull_centre(eye: np.ndarray) -> np.ndarray:

@@ -8,20 +8,12 @@ from relight.figures.assemble.hair.combing import Head, plant_roots, ramp
 from relight.figures.assemble.hair.locks import grow_guides
 from relight.figures.assemble.hair.strands import Strip, ribbons
 from relight.figures.body import makehuman
+from relight.figures.catalogue.schema import entries
 from relight.figures.draw.hairstyles import Comb
 from relight.figures.dye import skin
 from relight.figures.texture import random_numbers
 
 STUBBLE = 0.4  # largest amount of beard that is only painted
-# vertices of MakeHuman's lash helpers of the left eye, from its outer corner inward: at the lid, and at the tips
-UPPER = (
-    (14749, 14748, 14747, 14746, 14745, 14744, 14742, 14743, 14760, 14761, 14762, 14766, 14763),
-    (14810, 14811, 14812, 14813, 14814, 14815, 14817, 14816, 14809, 14806, 14807, 14808, 14805),
-)
-LOWER = (
-    (14751, 14792, 14752, 14753, 14754, 14755, 14756, 14757, 14758, 14793, 14759, 14765),
-    (14841, 14831, 14840, 14839, 14838, 14837, 14836, 14835, 14834, 14830, 14833, 14832),
-)
 MIRROR_OFFSET = 125  # from a vertex index of the left lashes to that of the right ones
 
 
@@ -54,7 +46,9 @@ def lashes(head: Head) -> Strip:
     weights, vertices = makehuman.rig().weights, motion.body.vertices
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     fullness = 0.75 + 0.25 * motion.body.person.female  # factor of the length
-    for number, (line, count) in enumerate(((UPPER, 46), (LOWER, 26)) * 2):  # of the left eye, then of the right one
+    lines = entries("faces", "lashes", tuple[tuple[int, ...], tuple[int, ...]])
+    lids = ((lines["upper"], 46), (lines["lower"], 26))  # with the number of their lashes
+    for number, (line, count) in enumerate(lids * 2):  # of the left eye, then of the right one
         lid, tip = np.array(line) + MIRROR_OFFSET * (number // 2)
         random = random_numbers(count if head.fine else count // 2, 4, head.seed + 80 + number)
         place = np.linspace(0, len(lid) - 1.001, len(random))  # along the lid, in vertices
