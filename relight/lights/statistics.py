@@ -4,13 +4,11 @@ import numpy as np
 
 from relight.panoramas import luminance
 from relight.sh import order_of, sphere_spiral, unoccluded
+from relight.sh.conventions import POLYNOMIALS
 
 FRONT = np.array([0.0, 0.0, 1.0])
 NORMAL_COUNT = 1000  # on which the irradiance is sampled
 BATCH = 4096  # lights that are measured at a time, to limit memory
-# Factors of 1, of x, y and z, of xy, yz and xz, of 3z^2-1, and of x^2-y^2 in the spherical harmonics.
-Y_0, Y_1, Y_XY = 0.28209479177387814, 0.4886025119029199, 1.0925484305920792
-Y_ZZ, Y_XX = 0.31539156525252005, 0.5462742152960396
 MAX_BELOW = 1.1  # irradiance from below over that from above; lights beyond it get a note
 
 
@@ -34,18 +32,16 @@ def moment_eigenvalue(lights: np.ndarray) -> np.ndarray:
     """
     c = np.moveaxis(np.asarray(lights, np.float64), -1, -2)  # (..., 3, K)
     # Moments are integrals of radiance times 1, x, x y ...: coefficients over the factors of these in the harmonics.
-    m0 = c[..., 0] / Y_0
+    m0, *moments = np.moveaxis(c[..., :9] / POLYNOMIALS[: c.shape[-1]], -1, 0)
     positive = np.where(m0 > 0, m0, np.inf)
     if c.shape[-1] == 1:
         return np.sign(m0).min(-1)
-    m = c[..., [3, 1, 2]] / Y_1
+    y, z, x = moments[:3]
     if c.shape[-1] == 4:
-        return (1 - np.linalg.norm(m, axis=-1) / positive).min(-1)
-    xy, yz, xz = (c[..., k] / Y_XY for k in (4, 5, 7))
-    zz = (c[..., 6] / Y_ZZ + m0) / 3
-    xx_minus_yy = c[..., 8] / Y_XX
+        return (1 - np.linalg.norm(np.stack([x, y, z], -1), axis=-1) / positive).min(-1)
+    xy, yz, three_zz_minus_1, xz, xx_minus_yy = moments[3:]
+    zz = (three_zz_minus_1 + m0) / 3
     xx, yy = ((m0 - zz) + xx_minus_yy) / 2, ((m0 - zz) - xx_minus_yy) / 2  # xx + yy + zz = m0
-    x, y, z = m[..., 0], m[..., 1], m[..., 2]
     matrix = np.stack([m0, x, y, z, x, xx, xy, xz, y, xy, yy, yz, z, xz, yz, zz], -1).reshape(*m0.shape, 4, 4)
     smallest = np.linalg.eigvalsh(matrix)[..., 0]
     black = (c == 0).all(-1)  # e.g. the green and blue channels of a red lamp, which are valid

@@ -22,6 +22,7 @@ MASK_THRESHOLD = 128  # coverage (of 255) from which a pixel counts as the perso
 PADDING = 0.05  # margin around the person's box, as a share of the square's side
 TILE = 256  # pixels of a part's side: the maps of a part stay in the processor's cache
 Window = tuple[slice, ...]  # rows and columns of a photo
+_threads = cache(ThreadpoolController)  # it looks for all libraries that are loaded, once
 
 
 @dataclass(frozen=True)
@@ -104,11 +105,6 @@ class Crop:
         with _threads().limit(limits=1, user_api="blas"):  # others spin while they wait: tenfold on busy cores
             placed = down @ planes @ across.T
         return placed[0] if maps.ndim == 2 else np.moveaxis(placed, 0, -1)
-
-
-@cache
-def _threads() -> ThreadpoolController:
-    return ThreadpoolController()
 
 
 @lru_cache(maxsize=256)

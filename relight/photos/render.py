@@ -21,6 +21,7 @@ from relight.sh import order_of
 
 RADII = 45, 6  # of the two passes of `estimate_foreground`, pixels: hair, then detail
 REACH = sum(RADII)  # pixels around a part that its result depends on
+Fits = tuple[FittedMap, ...]  # of a person: the gain, or albedo and shading
 
 
 @dataclass(repr=False)
@@ -183,9 +184,7 @@ def _own_pixels(person: Person, total: np.ndarray, window: Window, foreground: n
     return _Own(person, own, inside, share, person.detail(colors, own), excess)
 
 
-def _compose(
-    part: _Layers, maps: Sequence[tuple[FittedMap, ...]], behind: np.ndarray | None, stops: float, scene: bool
-) -> np.ndarray:
+def _compose(part: _Layers, maps: Sequence[Fits], behind: np.ndarray | None, stops: float, scene: bool) -> np.ndarray:
     """Returns the linear values (h,w,3) of a part of a photo, relit, before something if it is `behind` it."""
     front = np.copy(part.foreground)
     for number, own in part.people.items():
@@ -197,9 +196,7 @@ def _compose(
     return part.linear + part.share[..., None] * (front - part.foreground)
 
 
-def _relight(
-    own: _Own, foreground: np.ndarray, fits: tuple[FittedMap, ...], factor: np.float32, scene: bool
-) -> np.ndarray:
+def _relight(own: _Own, foreground: np.ndarray, fits: Fits, factor: np.float32, scene: bool) -> np.ndarray:
     """Relights the person's own color; highlights are rolled off unless the photo is linear (`scene`)."""
     *albedo, last = fits
     values = last.place(own.person.crop, luma(own.detail), own.window) * factor

@@ -83,14 +83,14 @@ def verdicts(made: dict) -> dict[tuple[str, str], Verdict]:
 
 def test_section_without_such_figures(tmp_path):
     made = results(tmp_path, "sitting", {}, sitting=[])
-    assert "<table" not in build.experiment(made, "sitting").html and made.table("sitting").rows == {}
+    assert "<table" not in build.experiment(made, "sitting")["html"] and made.table("sitting").rows == {}
     sections.write_score_table(made.table("sitting"), "Sitting", tmp_path / "sitting")
     assert (tmp_path / "sitting.md").stat().st_size > 50
 
 
 def test_experiment_compares_its_pairs_in_its_words(tmp_path):
     errors = {"as_it_is": {"relit_rmse": 0.3}, "ours_full": {"relit_rmse": 0.2}, "sfsnet": {"relit_rmse": 0.4}}
-    html = build.experiment(results(tmp_path, "relit", errors), "relit").html
+    html = build.experiment(results(tmp_path, "relit", errors), "relit")["html"]
     assert "relit by the next test light, which is given" in html and "Which network's maps" in unescape(html)
     made = numbers(tmp_path, "relit", errors)
     found = verdicts(made)

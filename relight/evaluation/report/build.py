@@ -1,6 +1,5 @@
 """Builds the report: questions and outcome, a section per experiment, and provenance."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +15,6 @@ from relight.evaluation.scoring.statistics import MIN_SUBJECTS
 from relight.evaluation.scoring.tables import PRINTED_TABLES, Table
 
 TRUE_LIGHT = "shading_true_light_rmse"
-
-
-@dataclass
-class Section:
-    """A section of the page: its anchor, heading and content."""
-
-    name: str
-    heading: str
-    html: Markup
 
 
 def build_report(results: Results, out: Path) -> None:
@@ -44,7 +34,7 @@ def build_report(results: Results, out: Path) -> None:
     write_text(out, html)
 
 
-def experiment(results: Results, name: str) -> Section:
+def experiment(results: Results, name: str) -> dict[str, Any]:
     """Makes the section of an experiment of the run by its name."""
     told, title = results.experiments[name], results.title(name)
     if failed := told.get("failed"):
@@ -53,9 +43,9 @@ def experiment(results: Results, name: str) -> Section:
     return _section(name, title, "experiment.md", sections.experiment(results, name))
 
 
-def _section(name: str, heading: str, template: str, numbers: dict[str, Any]) -> Section:
-    """Makes a section from the context of its template in templates/sections."""
-    return Section(name, heading, page.section(f"sections/{template}", **numbers))
+def _section(name: str, heading: str, template: str, numbers: dict[str, Any]) -> dict[str, Any]:
+    """Makes a section of the page, its anchor, heading and content, from what its template in sections/ needs."""
+    return {"name": name, "heading": heading, "html": page.section(f"sections/{template}", **numbers)}
 
 
 def head(name: str, results: Results, outcome: dict[str, Any] | None) -> Markup:
