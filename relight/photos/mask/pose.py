@@ -22,7 +22,7 @@ ROOM = 1.25  # side of the square over the circle's diameter
 LARGEST = 1.5  # radius of a circle over the photo's longer side; larger ones are in blurred crowds
 WINDOW = 0.6  # width over height of the windows in which a wide photo is searched
 NEW = 0.5  # share of a body's mask that no other one's covers, from which it is somebody else
-COVERED, GREY = 0.3, np.uint8(128)  # least value of a mask that covers others, and its color while they are sought
+COVERED = 0.3  # least value of a mask that covers others
 JOINTS = 33
 Place = tuple[np.ndarray, np.ndarray]  # the middle of the hips and the point of the circle, (2,) in pixels
 
@@ -52,10 +52,15 @@ class Body:
 
 
 def find_bodies(pixels: np.ndarray) -> list[Body]:
-    """Finds the people of a photo (H,W,3) uint8, the surest first; then those whom these hide, once they are grey."""
+    """Finds the people of a photo (H,W,3) uint8, the surest first; then those whom these hide, once they are gone.
+
+    Of several people, each is looked at again where the others are gone: their limbs are not taken for one's own. Who
+    is gone has the mean color of the background.
+    """
     step = max(len(pixels) // (2 * SEEN), 1)
     photo = rest = np.asarray(Image.fromarray(pixels).reduce(step))
     bodies: list[Body] = []
+    places, masks = list[Place](), list[np.ndarray]()
     covered = np.zeros(photo.shape[:2], bool)
     while True:
         known = len(bodies)
@@ -68,10 +73,19 @@ def find_bodies(pixels: np.ndarray) -> list[Body]:
             mask = body.mask((photo.shape[1], photo.shape[0]))
             if (mask > 0.5)[~covered].sum() > NEW * (mask > 0.5).sum():
                 bodies.append(replace(body, score=score))
+                places.append((hips, top))
+                masks.append(mask)
                 covered |= mask > COVERED
+        background = np.append(photo[~covered], [[128] * 3], 0).mean(0).astype(np.uint8)  # grey if none is seen
         if len(bodies) == known:
-            return bodies
-        rest = np.where(covered[..., None], GREY, photo)
+            break
+        rest = np.where(covered[..., None], background, photo)
+    for number in range(len(bodies) if len(bodies) > 1 else 0):
+        others = np.maximum.reduce(masks[:number] + masks[number + 1 :])
+        gone = others > np.maximum(masks[number], COVERED)
+        if alone := _look_at(np.where(gone[..., None], background, photo), *places[number]):
+            bodies[number] = replace(alone, score=bodies[number].score)
+    return bodies
 
 
 def _search(photo: np.ndarray) -> Iterator[tuple[float, Place]]:
