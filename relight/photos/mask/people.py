@@ -13,7 +13,7 @@ from relight.photos.mask.pose import Body
 MIN_SIZE = 8  # rows or columns; a person with pixels in fewer of both is dirt
 MIN_SHARE = 0.05  # least area of a person whom no network found, over that of the largest part
 LOOK = 256  # pixels of a person's longer side at which doubts are looked for
-SLACK = 0.02  # of it: how far a joint may be outside, and half the thickness of what networks may disagree about
+SLACK = 0.015  # of it: how far a joint may be outside, and half the thickness of what networks may disagree about
 SURE = 0.8  # that a joint is seen
 APART = 0.03  # least share of a mask about which they disagree
 FAINT, BESIDE = 0.2, 0.01  # least value of a body's mask, and share of it, that make what their mask lacks doubtful
