@@ -52,10 +52,10 @@ class Body:
 
 
 def find_bodies(pixels: np.ndarray) -> list[Body]:
-    """Finds the people of a photo (H,W,3) uint8, the surest first; then those whom these hide, once they are gone.
+    """Finds the people of a photo (H,W,3) uint8, the surest first; then those whom these hide.
 
-    Of several people, each is looked at again where the others are gone: their limbs are not taken for one's own. Who
-    is gone has the mean color of the background.
+    Each of several people is looked at again with the others painted over in the mean color of the background, so that
+    no limb is taken for a neighbour's.
     """
     step = max(len(pixels) // (2 * SEEN), 1)
     photo = rest = np.asarray(Image.fromarray(pixels).reduce(step))
@@ -82,8 +82,8 @@ def find_bodies(pixels: np.ndarray) -> list[Body]:
         rest = np.where(covered[..., None], background, photo)
     for number in range(len(bodies) if len(bodies) > 1 else 0):
         others = np.maximum.reduce(masks[:number] + masks[number + 1 :])
-        gone = others > np.maximum(masks[number], COVERED)
-        if alone := _look_at(np.where(gone[..., None], background, photo), *places[number]):
+        hidden = others > np.maximum(masks[number], COVERED)
+        if alone := _look_at(np.where(hidden[..., None], background, photo), *places[number]):
             bodies[number] = replace(alone, score=bodies[number].score)
     return bodies
 
