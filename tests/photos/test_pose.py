@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -109,16 +110,20 @@ def test_thick_pieces_are_added_and_gaps_dropped(monkeypatch):
     monkeypatch.setattr(selfie, "find_bodies", lambda _: [body_of(trunk | arm | rim)])
     found, bodies = selfie.segment(pixels)
     assert len(bodies) == 1 and ((found > 127) & true).sum() / ((found > 127) | true).sum() > 0.98
-    joined = selfie.with_parts(trunk.astype(np.float32), (trunk | arm | rim).astype(np.float32))
-    assert not joined[rim & (y > 120)].any() and joined[arm].all()
-    small, people = (mask.astype(np.float32) for mask in (trunk | gap, trunk & (y > 190)))
-    assert (selfie.without_background(small, [people], pixels)[gap] > 0.5).all()  # what is large may be a person
+    nowhere = np.empty((2, 0), int)
+    joined = partial(selfie.joined, limbs=[tuple(nowhere)], picture=pixels)
+    trunk_alone, people = (mask.astype(np.float32) for mask in (trunk, trunk & (y > 190)))
+    added = joined(trunk_alone, [(trunk | arm | rim | gap).astype(np.float32)]) > 0.5
+    assert added[arm].all() and not added[rim & (y > 120) & (y < 190)].any() and not added[gap].any()
+    seen = (trunk | gap).astype(np.float32)
+    limb = [(np.array([140]), np.array([166]))]  # in the gap, as of an arm in the background's color
+    assert (joined(trunk_alone, [seen], limbs=limb)[gap] > 0.5).all()
+    assert (joined(trunk_alone + gap, [people])[gap] > 0.5).all()  # what is large may be a person
     for value, is_kept in ((0.7, False), (0.9, True)):  # a bag that the first network is unsure or fairly sure of
         first = np.where(bag, value, trunk).astype(np.float32)
-        joined = selfie.without_background(first, [trunk.astype(np.float32)], pixels)
-        assert ((joined[bag] > 0.5) == is_kept).all()
+        assert ((joined(first, [trunk_alone])[bag] > 0.5) == is_kept).all()
     faint = np.where(held & trunk, 0.4, trunk).astype(np.float32)  # what it hardly sees, and the second clearly
-    assert (selfie.without_background(faint, [trunk.astype(np.float32)], pixels)[held & trunk] > 0.5).all()
+    assert (joined(faint, [trunk_alone])[held & trunk] > 0.5).all()
 
 
 def test_those_whom_others_hide_are_found_without_them(monkeypatch):

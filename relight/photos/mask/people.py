@@ -8,7 +8,7 @@ from scipy.ndimage import distance_transform_edt, label, maximum_filter, minimum
 
 from relight.core.errors import UserError
 from relight.maps.square import MASK_THRESHOLD, extent
-from relight.photos.mask.pose import Body
+from relight.photos.mask.pose import LIMBS, Body
 
 MIN_SIZE = 8  # rows or columns; a person with pixels in fewer of both is dirt
 MIN_SHARE = 0.05  # least area of a person whom no network found, over that of the largest part
@@ -21,13 +21,6 @@ KNOWN_AS, UNCLEAR = 0.7, 0.6  # least score of a person; most pixels of .1 to .9
 SEAM = 0.015  # of the people's longer side: half the width of what people who touch share
 BRIDGE = 5  # pixels: what hangs by less on the body is apart from it
 SPECK = 0.002  # least share of a mask that is apart from the body, for a doubt
-PARTS = {  # of the left side, each at the middle of two joints; the right side's have the next numbers
-    "upper arm": (11, 13), "elbow": (13, 13), "forearm": (13, 15), "hand": (17, 19),
-    "thigh": (23, 25), "knee": (25, 25), "shin": (25, 27), "foot": (27, 27),
-}  # fmt: skip
-LIMBS = {"head": (0, 0)} | {
-    f"{side} {part}": (a + i, b + i) for i, side in enumerate(("left", "right")) for part, (a, b) in PARTS.items()
-}
 KNOWN = 0.1  # least share of a part that the mask of a body covers
 HEAD_WIDTH, HEAD_HEIGHT = 0.085, 0.06  # least, of a person's height; a raised arm is thinner
 SIDES: dict[str, tuple[int | slice, ...]] = {
@@ -151,9 +144,9 @@ def _doubts(own: np.ndarray, body: Body | None, coverage: np.ndarray, bodies: Se
     )
     slack = max(round(SLACK * max(size)), 1)
     known = np.pad(maximum_filter(np.pad(whole, slack), 2 * slack + 1), 1)
-    ends = body.joints[np.array([*LIMBS.values()])]
-    shown = (ends[..., 2] > SURE).all(1) & ((ends[..., :2] > 0) & (ends[..., :2] < 1)).all((1, 2))
-    places = ((ends[..., 1::-1].mean(1) * shape - [rows[0], columns[0]]) * scale).astype(int) + slack + 1
+    limbs = body.limbs()
+    shown = limbs[:, 2] > SURE
+    places = ((limbs[:, 1::-1] * shape - [rows[0], columns[0]]) * scale).astype(int) + slack + 1
     lost = shown & ~known[tuple(places.clip(0, np.array(known.shape) - 1).T)]
     doubts += [f"the {name} is not in the mask" for name, absent in zip(LIMBS, lost) if absent]
     sides = [columns[0] / shape[1], rows[0] / shape[0], columns[1] / shape[1], rows[1] / shape[0]]

@@ -24,6 +24,14 @@ WINDOW = 0.6  # width over height of the windows in which a wide photo is search
 NEW = 0.5  # share of a body's mask that no other one's covers, from which it is somebody else
 COVERED = 0.3  # least value of a mask that covers others
 JOINTS = 33
+LIKELY = 0.5  # that both ends of a limb are seen
+PARTS = {  # of the left side, each at the middle of two joints; the right side's have the next numbers
+    "upper arm": (11, 13), "elbow": (13, 13), "forearm": (13, 15), "hand": (17, 19),
+    "thigh": (23, 25), "knee": (25, 25), "shin": (25, 27), "foot": (27, 27),
+}  # fmt: skip
+LIMBS = {"head": (0, 0)} | {
+    f"{side} {part}": (a + i, b + i) for i, side in enumerate(("left", "right")) for part, (a, b) in PARTS.items()
+}
 Place = tuple[np.ndarray, np.ndarray]  # the middle of the hips and the point of the circle, (2,) in pixels
 
 
@@ -49,6 +57,19 @@ class Body:
         corner, other = np.reshape(part, (2, 2))
         axes, start = back * (other - corner) / size, back @ (corner - self.square[:, 2])
         return np.asarray(_transformed(Image.fromarray(self.seen), axes, start, size))
+
+    def limbs(self) -> np.ndarray:
+        """Returns the middles (len(LIMBS),3) of the limbs, as `joints`; 0 is how sure ends outside of the photo are."""
+        ends = self.joints[np.array([*LIMBS.values()])]
+        is_inside = ((ends[..., :2] > 0) & (ends[..., :2] < 1)).all((1, 2))
+        return np.column_stack([ends[..., :2].mean(1), ends[..., 2].min(1) * is_inside])
+
+    def limbs_in(self, size: tuple[int, int], part: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Returns rows and columns of limbs that are likely seen in a part, as `mask` takes it."""
+        corner, other = np.reshape(part, (2, 2))
+        limbs = self.limbs()
+        places = ((limbs[limbs[:, 2] > LIKELY, :2] - corner) / (other - corner) * size).astype(int)
+        return tuple(places[((places >= 0) & (places < size)).all(1)].T[::-1])
 
 
 def find_bodies(pixels: np.ndarray) -> list[Body]:

@@ -2,13 +2,11 @@
 
 The first, selfie segmentation (256 x 256, 106,000 parameters, a MobileNetV3 with a decoder), sees all people at once,
 three times. It is good at hair and at what people hold, and loses limbs. The second (relight.photos.mask.pose) sees
-them one by one: of its masks the pieces that the first lacks are added, if they are thick, and those that it alone has
-are dropped, if the first is unsure of them or they look like the background beside them. Elsewhere the odds that both
-give multiply.
+them one by one. Thick pieces that one of them lacks stay unless they look like the background beside them; elsewhere
+the odds that both give multiply.
 """
 
 import math
-from functools import reduce
 
 import numpy as np
 from PIL import Image
@@ -25,7 +23,7 @@ PASSES = 3  # of the network: over the whole photo, then over the box of the fig
 MARGIN = 0.06  # around that box, as a share of the figure's height
 SHARE = 0.05  # of the largest part's area: smaller parts are dropped,
 NEAR = 0.01  # unless they are nearer than this share of SIDE to one that is kept
-THICK = 0.009  # of a person's height: half the least thickness of pieces that are added or dropped
+THICK = 0.009  # of a person's height: half the least thickness of pieces that are looked at
 SEAM = 5  # pixels across, in which the soft edges of such pieces are taken, too
 BESIDE = 0.06  # of a person's height: how far from a piece its colors are compared
 SURE = 0.9  # least value of both masks on people, and of what both lack on the background, in that comparison
@@ -69,45 +67,57 @@ def segment(pixels: np.ndarray) -> tuple[np.ndarray, list[Body]]:
         if bodies:
             masks = [body.mask(detail, box / (*size, *size)) for body in bodies]
             picture = np.asarray(Image.fromarray(pixels[window]).resize(detail, Image.Resampling.BOX))
-            small = without_background(reduce(with_parts, masks, small), masks, picture)
+            small = joined(small, masks, [body.limbs_in(detail, box / (*size, *size)) for body in bodies], picture)
         found[window] = fit_to_edges(pixels[window], small)
     return np.round(found * 255).astype(np.uint8), bodies
 
 
-def with_parts(mask: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Adds to a mask (h,w) in [0,1] the thick pieces of another one that it lacks."""
-    pieces = thick_pieces((other > 0.5) & (mask <= 0.5), height_of(other))
-    return np.where(maximum_filter(pieces > 0, SEAM), np.maximum(mask, other), mask)
+def joined(
+    mask: np.ndarray, others: list[np.ndarray], limbs: list[tuple[np.ndarray, ...]], picture: np.ndarray
+) -> np.ndarray:
+    """Joins the mask (h,w) in [0,1] of all people with `others`, of one person each, by a picture (h,w,3) uint8.
+
+    Thick pieces of either that look like the background are left out, unless they hold one of the person's `limbs`, of
+    which rows and columns are given: gaps between limbs are no part of a person, and hair and bags are. Of those that
+    only the first has, half the colors suffice if it is unsure of them.
+    """
+    union, added = np.maximum.reduce(others), mask
+    known = minimum_filter(np.minimum(mask, union), SEAM) > SURE, np.maximum(mask, union) < 1 - SURE
+    for other, own in zip(others, limbs):
+        height = height_of(other)
+        pieces = thick_pieces((other > 0.5) & (added <= 0.5), height)
+        kept = [piece for piece in pieces if piece[own].any() or not is_background(piece, known, picture, height)]
+        added = np.where(maximum_filter(np.any(kept, 0), SEAM), np.maximum(added, other), added) if kept else added
+    odds = [logit(each.clip(CLEAR, 1 - CLEAR)) for each in (added, union)]
+    both = result = expit(odds[0] + np.float32(WEIGHT) * odds[1])
+    largest, height = max((other > 0.5).sum() for other in others), height_of(union)
+    for piece in thick_pieces((added > 0.5) & (union <= 0.5), height):
+        is_unsure = both[piece].mean() < 0.5 and piece.sum() < UNSURE * largest
+        is_small = is_unsure or piece.sum() < LARGEST * (union > 0.5).sum()
+        leaves = is_small and is_background(piece, known, picture, height, is_unsure)
+        result = np.where(maximum_filter(piece, SEAM), np.minimum(added, union) if leaves else added, result)
+    return result
 
 
-def without_background(mask: np.ndarray, others: list[np.ndarray], picture: np.ndarray) -> np.ndarray:
-    """Drops from a mask (h,w) in [0,1] the thick pieces that other ones lack and that seem to be background.
+def is_background(
+    piece: np.ndarray, known: tuple[np.ndarray, ...], picture: np.ndarray, height: int, is_unsure: bool = False
+) -> bool:
+    """Returns whether a piece (h,w) bool of a mask has the colors of the background, and not of people, beside it.
 
-    So gaps between limbs are no part of a person, and hair and bags are. `picture` is (h,w,3) uint8, and `others` are
-    masks of one person each.
+    `known` (h,w) bool are where people and background surely are, and `height` is a person's, pixels.
     """
     from scipy.spatial import cKDTree
 
-    other = np.maximum.reduce(others)
-    areas = [(each > 0.5).sum() for each in (*others, other)]
-    odds = [logit(each.clip(CLEAR, 1 - CLEAR)) for each in (mask, other)]
-    joined = both = expit(odds[0] + np.float32(WEIGHT) * odds[1])
-    height = height_of(other)
-    pieces, reach = thick_pieces((mask > 0.5) & (other <= 0.5), height), max(round(BESIDE * height), 1)
-    sure = minimum_filter(np.minimum(mask, other), SEAM) > SURE, np.maximum(mask, other) < 1 - SURE
-    for number in range(1, pieces.max() + 1):
-        piece = pieces == number
-        (top, bottom), (left, right) = extent(piece)
-        box = np.s_[max(top - reach, 0) : bottom + reach, max(left - reach, 0) : right + reach]
-        colors, *known = (picture[box][where[box]][::STEP].astype(np.float32) for where in (piece, *sure))
-        is_dropped = False
-        if min(map(len, known)) and piece.sum() < LARGEST * areas[-1]:
-            to_people, to_background = (cKDTree(some).query(colors)[0] for some in known)
-            is_dropped = (to_background < np.minimum(to_people, ALIKE)).mean() > MOST
-            if both[piece].mean() < 0.5 and piece.sum() < UNSURE * max(areas[:-1]):
-                is_dropped = (to_background < to_people).mean() > 0.5
-        joined = np.where(maximum_filter(piece, SEAM), np.minimum(mask, other) if is_dropped else mask, joined)
-    return joined
+    reach = max(round(BESIDE * height), 1)
+    (top, bottom), (left, right) = extent(piece)
+    box = np.s_[max(top - reach, 0) : bottom + reach, max(left - reach, 0) : right + reach]
+    colors, *beside = (picture[box][where[box]][::STEP].astype(np.float32) for where in (piece, *known))
+    if not min(map(len, beside)):
+        return False
+    to_people, to_background = (cKDTree(some).query(colors)[0] for some in beside)
+    if is_unsure:
+        return bool((to_background < to_people).mean() > 0.5)
+    return bool((to_background < np.minimum(to_people, ALIKE)).mean() > MOST)
 
 
 def height_of(mask: np.ndarray) -> int:
@@ -116,10 +126,11 @@ def height_of(mask: np.ndarray) -> int:
     return int(rows[-1] - rows[0]) if len(rows) else 0
 
 
-def thick_pieces(mask: np.ndarray, height: int) -> np.ndarray:
-    """Numbers the pieces of a mask (h,w) bool, from 1, that are thicker than 2 THICK of a person's height, pixels."""
+def thick_pieces(mask: np.ndarray, height: int) -> list[np.ndarray]:
+    """Returns the pieces (h,w) bool of a mask that are thicker than 2 THICK of a person's height, pixels."""
     side = 2 * max(int(THICK * height), 1) + 1
-    return label(maximum_filter(minimum_filter(mask, side), 2 * side - 1) & mask)[0]
+    labels, count = label(maximum_filter(minimum_filter(mask, side), 2 * side - 1) & mask)
+    return [labels == number for number in range(1, count + 1)]
 
 
 def segment_coarsely(pixels: np.ndarray) -> np.ndarray:
