@@ -71,7 +71,7 @@ def test_a_body_is_where_it_is_in_the_photo(monkeypatch, size, angle):
     ImageDraw.Draw(drawn).polygon(corners, fill=255)
     for color, (x, y) in places.items():
         draw.ellipse([x - 9, y - 9, x + 9, y + 9], fill=color)
-    (body,) = pose.find_bodies(np.asarray(image))
+    (body,) = pose.find_bodies(np.asarray(image), np.asarray(drawn) / np.float32(255))
     assert abs(body.score - 1 / (1 + np.exp(-2))) < 1e-6
     x, y, seen = body.joints[15]
     assert np.abs(np.array([x, y]) * size - places[BLUE]).max() < 1.5 and seen > 0.99
@@ -89,7 +89,7 @@ def test_people_in_a_crowd_larger_than_the_photo_are_nobody(monkeypatch):
     image = Image.new("RGB", (300, 300))
     for color, y in ((RED, 200), (GREEN, 100)):
         ImageDraw.Draw(image).ellipse([140, y, 160, y + 20], fill=color)
-    assert pose.find_bodies(np.asarray(image)) == []
+    assert pose.find_bodies(np.asarray(image), np.zeros((300, 300), np.float32)) == []
 
 
 def body_of(mask):
@@ -107,7 +107,7 @@ def test_thick_pieces_are_added_and_gaps_dropped(monkeypatch):
     pixels = np.where(true[..., None], (220, 190, 170), (40, 60, 50)).astype(np.uint8)
     pixels[bag] = 40, 30, 160
     monkeypatch.setattr(selfie, "segment_coarsely", lambda _: (trunk | held | gap | bag).astype(np.float32))
-    monkeypatch.setattr(selfie, "find_bodies", lambda _: [body_of(trunk | arm | rim)])
+    monkeypatch.setattr(selfie, "find_bodies", lambda *_: [body_of(trunk | arm | rim)])
     found, bodies = selfie.segment(pixels)
     assert len(bodies) == 1 and ((found > 127) & true).sum() / ((found > 127) | true).sum() > 0.98
     nowhere = np.empty((2, 0), int)
@@ -129,10 +129,11 @@ def test_thick_pieces_are_added_and_gaps_dropped(monkeypatch):
 def test_those_whom_others_hide_are_found_without_them(monkeypatch):
     """Behind one person, found twice, another stands at the same place, and a crowd that hardly looks like people.
 
-    At last each of the two is looked at alone, and keeps the pixels at which the other one is not surer.
+    A third, at the right, is a part of the mask of another network alone. At last each of the three is looked at alone,
+    and keeps the pixels at which no other one is surer.
     """
     x = np.indices((224, 224))[1]
-    wide = {80: 30, 81: 31, 82: 75, 200: 20}  # half the width of each, by the middle of the hips
+    wide = {80: 30, 81: 31, 82: 75, 200: 20, 211: 10}  # half the width of each, by the middle of the hips
     people = {hips: body_of(np.pad(abs(x - hips) < half, 16)) for hips, half in wide.items()}
 
     def search(photo):
@@ -140,16 +141,18 @@ def test_those_whom_others_hide_are_found_without_them(monkeypatch):
         for score, hips in [(0.8, 82.0), (0.7, 200.0)] if is_hidden else [(0.6, 80.0), (0.55, 81.0)]:
             yield score, (np.array([hips, 112]), np.array([hips, 20]))
 
-    def look_at(photo, hips, top):
+    def look_at(photo, hips, top, scale=1):
         looks.append((hips[0], photo[112, 80, 0], photo[112, 130, 0]))
         return people[int(hips[0])]
 
     looks, photo = [], np.repeat(np.uint8(40 * (abs(x - 82) >= 75))[..., None], 3, 2)
     monkeypatch.setattr(pose, "_search", search)
     monkeypatch.setattr(pose, "_look_at", look_at)
-    assert [body.score for body in pose.find_bodies(photo)] == [0.6, 0.8]
-    assert [(hips, left > 0, right > 0) for hips, left, right in [*looks[:3], *looks[-2:]]] == [
-        (80, False, False), (81, False, False), (82, True, False), (80, False, True), (82, False, False)
+    found = np.where((abs(x - 211) < 8) | (x < 100), np.float32(0.9), np.float32(0))
+    assert [body.score for body in pose.find_bodies(photo, found)] == [0.6, 0.8, 1]
+    assert [(hips, left > 0, right > 0) for hips, left, right in [*looks[:3], *looks[-4:]]] == [
+        (80, False, False), (81, False, False), (82, True, False), (211.5, False, False),
+        (80, False, True), (82, False, False), (211.5, True, True),
     ]  # fmt: skip
 
 

@@ -225,7 +225,7 @@ def test_the_mask_is_that_of_python_whatever_the_network_says(monkeypatch, width
         return [1 / (1 + np.exp(-30 * (image[:, :1] - image[:, 2:] - np.float32(0.1))))]
 
     monkeypatch.setattr(selfie, "load_network", lambda _: SimpleNamespace(run=run))
-    monkeypatch.setattr(selfie, "find_bodies", lambda _: [])
+    monkeypatch.setattr(selfie, "find_bodies", lambda *_: [])
     expected, _ = selfie.segment(pixels)
     program = """const main = async (photo) => {
       await ask("start", { network: 1, mask: 2 });

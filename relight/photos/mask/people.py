@@ -8,7 +8,7 @@ from scipy.ndimage import distance_transform_edt, label, maximum_filter, minimum
 
 from relight.core.errors import UserError
 from relight.maps.square import MASK_THRESHOLD, extent
-from relight.photos.mask.pose import LIMBS, Body
+from relight.photos.mask.pose import KNOWN, LIMBS, Body
 
 MIN_SIZE = 8  # rows or columns; a person with pixels in fewer of both is dirt
 MIN_SHARE = 0.05  # least area of a person whom no network found, over that of the largest part
@@ -21,7 +21,6 @@ KNOWN_AS, UNCLEAR = 0.7, 0.6  # least score of a person; most pixels of .1 to .9
 SEAM = 0.015  # of the people's longer side: half the width of what people who touch share
 BRIDGE = 5  # pixels: what hangs by less on the body is apart from it
 SPECK = 0.002  # least share of a mask that is apart from the body, for a doubt
-KNOWN = 0.1  # least share of a part that the mask of a body covers
 HEAD_WIDTH, HEAD_HEIGHT = 0.085, 0.06  # least, of a person's height; a raised arm is thinner
 SIDES: dict[str, tuple[int | slice, ...]] = {
     "upper": np.s_[0, :], "lower": np.s_[-1, :], "left": np.s_[:, 0], "right": np.s_[:, -1]

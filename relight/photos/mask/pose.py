@@ -11,7 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from PIL import Image
+from scipy.ndimage import label
+from scipy.special import expit
 
+from relight.maps.square import extent
 from relight.photos.mask.networks import DETECTOR, LANDMARKS, load_network
 
 SEEN, LOOKED_AT = 224, 256  # sides of what the two networks see, pixels
@@ -23,6 +26,7 @@ LARGEST = 1.5  # radius of a circle over the photo's longer side; larger ones ar
 WINDOW = 0.6  # width over height of the windows in which a wide photo is searched
 NEW = 0.5  # share of a body's mask that no other one's covers, from which it is somebody else
 COVERED = 0.3  # least value of a mask that covers others
+KNOWN = 0.1  # least share of a part of another network's mask that a body's covers
 JOINTS = 33
 LIKELY = 0.5  # that both ends of a limb are seen
 PARTS = {  # of the left side, each at the middle of two joints; the right side's have the next numbers
@@ -43,7 +47,7 @@ class Body:
         joints: (33,3) x, y, and in [0,1] how sure it is that the joint is seen; in the order of MediaPipe.
         seen: (256,256) float32 in [0,1], the mask in the square.
         square: (2,3) from x, y and 1 in pixels of the square to the photo.
-        score: of the first network, in [FOUND,1].
+        score: how sure the networks are of the person, in [FOUND,1].
     """
 
     joints: np.ndarray
@@ -72,41 +76,64 @@ class Body:
         return tuple(places[((places >= 0) & (places < size)).all(1)].T[::-1])
 
 
-def find_bodies(pixels: np.ndarray) -> list[Body]:
-    """Finds the people of a photo (H,W,3) uint8, the surest first; then those whom these hide.
+def find_bodies(pixels: np.ndarray, found: np.ndarray) -> list[Body]:
+    """Finds the people of a photo.
 
     Each of several people is looked at again with the others painted over in the mean color of the background, so that
     no limb is taken for a neighbour's.
+
+    Args:
+        pixels: (H,W,3) uint8 sRGB.
+        found: (H,W) float32 in [0,1], the mask of the people by another network.
+
+    Returns:
+        The people: the surest first, then those whom these hide, then those whom only `found` shows.
     """
     step = max(len(pixels) // (2 * SEEN), 1)
     photo = rest = np.asarray(Image.fromarray(pixels).reduce(step))
     bodies: list[Body] = []
     places, masks = list[Place](), list[np.ndarray]()
     covered = np.zeros(photo.shape[:2], bool)
+
+    def add(body: Body | None, place: Place) -> None:
+        if body is None:
+            return
+        mask = body.mask((photo.shape[1], photo.shape[0]))
+        if (mask > 0.5)[~covered].sum() > NEW * (mask > 0.5).sum():
+            bodies.append(body)
+            places.append(place)
+            masks.append(mask)
+            np.logical_or(covered, mask > COVERED, out=covered)
+
     while True:
         known = len(bodies)
-        for score, (hips, top) in sorted(_search(rest), key=lambda each: -each[0]):
-            if np.hypot(*(top - hips)) > LARGEST * max(photo.shape) or (rest is not photo and score < HIDDEN):
+        for score, place in sorted(_search(rest), key=lambda each: -each[0]):
+            if np.hypot(*(place[1] - place[0])) > LARGEST * max(photo.shape) or (rest is not photo and score < HIDDEN):
                 continue
-            body = _look_at(pixels, step * hips, step * top) if rest is photo else _look_at(rest, hips, top)
-            if body is None:
-                continue
-            mask = body.mask((photo.shape[1], photo.shape[0]))
-            if (mask > 0.5)[~covered].sum() > NEW * (mask > 0.5).sum():
-                bodies.append(replace(body, score=score))
-                places.append((hips, top))
-                masks.append(mask)
-                covered |= mask > COVERED
+            body = _look_at(pixels, *place, step) if rest is photo else _look_at(rest, *place)
+            add(body and replace(body, score=score), place)
         background = np.append(photo[~covered], [[128] * 3], 0).mean(0).astype(np.uint8)  # grey if none is seen
         if len(bodies) == known:
             break
         rest = np.where(covered[..., None], background, photo)
+    for place in _missed(np.asarray(Image.fromarray(found).reduce(step)) > 0.5, covered):
+        add(_look_at(pixels, *place, step), place)
     for number in range(len(bodies) if len(bodies) > 1 else 0):
         others = np.maximum.reduce(masks[:number] + masks[number + 1 :])
         hidden = others > np.maximum(masks[number], COVERED)
         if alone := _look_at(np.where(hidden[..., None], background, photo), *places[number]):
             bodies[number] = replace(alone, score=bodies[number].score)
     return bodies
+
+
+def _missed(mask: np.ndarray, covered: np.ndarray) -> Iterator[Place]:
+    """Yields where somebody who stands may be, in each part of a mask (h,w) bool that `covered` (h,w) bool has not."""
+    parts, count = label(mask)
+    for part in (parts == number for number in range(1, count + 1)):
+        if covered[part].mean() < KNOWN:
+            (top, bottom), (left, right) = extent(part)
+            middle = np.array([left + right, top + bottom]) / 2
+            yield middle, middle - [0, max(right - left, bottom - top) / 2]
 
 
 def _search(photo: np.ndarray) -> Iterator[tuple[float, Place]]:
@@ -130,7 +157,7 @@ def _detect(pixels: np.ndarray) -> Iterator[tuple[float, Place]]:
     image.paste(Image.fromarray(pixels).resize(size, Image.Resampling.BILINEAR, reducing_gap=3), corner)
     given = np.asarray(image, np.float32).transpose(2, 0, 1)[None] / np.float32(127.5) - 1
     boxes, scores = load_network(DETECTOR).run(["boxes", "scores"], {"image": given})
-    scores = _sigmoid(scores[0, :, 0])
+    scores = expit(scores[0, :, 0])
     cells = [np.repeat(np.indices((n, n)).reshape(2, -1).T[:, ::-1] + 0.5, count, 0) / n for n, count in ANCHORS]
     points = boxes[0].reshape(-1, 6, 2) / SEEN  # middle, size and four points of each box
     points[:, [0, 2, 3, 4, 5]] += np.concatenate(cells)[:, None]
@@ -151,8 +178,9 @@ def _overlap(one: np.ndarray, others: np.ndarray) -> np.ndarray:
     return both / (np.prod(others[:, 1], -1) + np.prod(one[1]) - both)
 
 
-def _look_at(pixels: np.ndarray, hips: np.ndarray, top: np.ndarray) -> Body | None:
-    """Returns the person in the square around a circle of a photo (H,W,3) uint8; None if nobody is there."""
+def _look_at(pixels: np.ndarray, hips: np.ndarray, top: np.ndarray, scale: int = 1) -> Body | None:
+    """Returns the person in the square around a circle, 1 / `scale` as large, of a photo (H,W,3) uint8, or None."""
+    hips, top = scale * hips, scale * top
     x, y = ROOM * 2 / LOOKED_AT * (top - hips)
     axes = np.array([[-y, -x], [x, -y]])  # of the square in the photo, a pixel long
     corner = hips - axes @ [LOOKED_AT / 2, LOOKED_AT / 2]
@@ -164,15 +192,11 @@ def _look_at(pixels: np.ndarray, hips: np.ndarray, top: np.ndarray) -> Body | No
         return None
     points = points.reshape(-1, 5)[:JOINTS]
     square = np.column_stack([axes, corner]) / [[pixels.shape[1]], [pixels.shape[0]]]
-    joints = np.column_stack([points[:, :2] @ square[:, :2].T + square[:, 2], _sigmoid(points[:, 3])])
-    return Body(joints.astype(np.float32), _sigmoid(mask[0, 0]), square)
+    joints = np.column_stack([points[:, :2] @ square[:, :2].T + square[:, 2], expit(points[:, 3])])
+    return Body(joints.astype(np.float32), expit(mask[0, 0]), square, float(presence[0, 0]))
 
 
 def _transformed(image: Image.Image, axes: np.ndarray, corner: np.ndarray, size: tuple[int, int]) -> Image.Image:
     """Samples an image at `axes @ [x, y] + corner` for each pixel of the result."""
     coefficients = (*axes[0], corner[0], *axes[1], corner[1])
     return image.transform(size, Image.Transform.AFFINE, coefficients, Image.Resampling.BILINEAR)
-
-
-def _sigmoid(values: np.ndarray) -> np.ndarray:
-    return 1 / (1 + np.exp(-values.clip(-80, 80)))

@@ -51,7 +51,8 @@ def segment(pixels: np.ndarray) -> tuple[np.ndarray, list[Body]]:
     Raises:
         UserError: if a network is damaged.
     """
-    found, bodies = segment_coarsely(pixels), find_bodies(pixels)
+    found = segment_coarsely(pixels)
+    bodies = find_bodies(pixels, found)
     size = found.shape[::-1]
     boxes = [np.array(box_around(found))] if (found > 0.5).any() else []
     for body in bodies:
