@@ -12,7 +12,7 @@ from relight.core.srgb import encode
 from relight.evaluation.pictures import canvas
 from relight.evaluation.pictures.canvas import FAINT, Canvas
 from relight.evaluation.scoring.evaluate import dense, infer, load, pixels, select_pairs, truth
-from relight.evaluation.scoring.truth import Inferred, Truth
+from relight.evaluation.scoring.truth import Inferred
 from relight.learning.data import RelitSet
 from relight.photos.shading import shade
 
@@ -45,32 +45,23 @@ NOTE_SHADINGS = (
 )
 
 
-@dataclass
 class Subject:
-    """A test figure.
+    """A figure of a data set under N lights.
 
     Attributes:
         name: name of the figure.
-        truth: under its N lights, the first of which is that of the input.
+        truth: under these lights.
         pixel: (P,) flat indices of the mask in an image of `size` x `size`.
         size: side of the image, pixels.
         white: the shading that is displayed as white.
         linear: whether colors are linear and must be sRGB-encoded for display.
     """
 
-    name: str
-    truth: Truth
-    pixel: np.ndarray
-    size: int
-    white: float
-    linear: bool
-
-    @classmethod
-    def of(cls, data: RelitSet, figure: int, lights: np.ndarray) -> "Subject":
-        """Returns a figure of a data set under lights (N,), by their indices; the first is that of the input."""
-        true = truth(data, figure, lights)
-        white = max(1.0, float(np.percentile(true.maps["shading"], canvas.WHITE_PERCENTILE)))
-        return cls(data.names[figure], true, pixels(data, figure), data.size, white, data.color == "photo")
+    def __init__(self, data: RelitSet, figure: int, lights: np.ndarray):
+        """Takes a figure and lights (N,), by their indices in the set; the first light is that of the input."""
+        self.name, self.size, self.linear = data.names[figure], data.size, data.color == "photo"
+        self.truth, self.pixel = truth(data, figure, lights), pixels(data, figure)
+        self.white = max(1.0, float(np.percentile(self.truth.maps["shading"], canvas.WHITE_PERCENTILE)))
 
     @property
     def mask(self) -> np.ndarray:
@@ -161,8 +152,7 @@ def _draw_view(
     """Draws the part `box` (rows, columns) of a view of a subject in a cell of a sheet, at a place (x,y)."""
     (x, y), (width, height) = place, size
     if view.colors is not None:
-        colors = view.colors if view.coded else np.clip(view.colors, 0, 1)
-        colors = encode(colors) if subject.linear and not view.coded else colors
+        colors = encode(view.colors) if subject.linear and not view.coded else view.colors
     elif view.error is not None:
         colors = canvas.heat(view.error, MAX_ERROR)
     else:
@@ -215,7 +205,7 @@ class Shown:
             if not len(figures) or not len(light_indices):
                 return
             chosen = [(int(figures[place]), its_lights) for place, its_lights in choose(len(figures), light_indices)]
-            subjects = subjects or [Subject.of(data, *pair) for pair in chosen]
+            subjects = subjects or [Subject(data, *pair) for pair in chosen]
             inferred = [infer(network, data, figure, its_lights[:1]) for figure, its_lights in chosen]
             yield row, list(zip(subjects, inferred))
 
