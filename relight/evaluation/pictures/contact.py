@@ -60,10 +60,8 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path) -> None:
         x, y = 4 * GAP + i % across * tile, TOP + i // across * (height + WORDS)
         sheet.text(maps.info["name"], x, y + height + 5, size=14, color=FAINT)
         for v, colors in enumerate(views(maps, light)):
-            cell = Image.new("RGB", (width, height), CELL)
             # Extended to pixels that a figure covers in part, but not at their centre.
-            cell.paste(*_scale_to_cell(fill_outside(colors, maps.mask), maps, rows, (width, height)))
-            sheet.cell(cell, x + v * (width + GAP), y)
+            sheet.put(_cell(fill_outside(colors, maps.mask), maps, rows, width), x + v * (width + GAP), y)
     sheet.save(out)
 
 
@@ -91,18 +89,15 @@ def clearest_light(lights: np.ndarray) -> np.ndarray:
     return lights[int(np.argmax(directed - np.abs(statistics["red"]) - np.abs(statistics["blue"])))]
 
 
-def _scale_to_cell(
-    colors: np.ndarray, maps: Maps, rows: slice, size: tuple[int, int]
-) -> tuple[Image.Image, tuple[int, int]]:
-    """Scales colors (H,W,3) of a figure to a cell's size (width, height), which `rows` fill unless it is too wide.
-
-    Also returns the place (x, y) in the cell where its top left corner is if it stands in the middle of the ground.
-    """
+def _cell(colors: np.ndarray, maps: Maps, rows: slice, width: int) -> Image.Image:
+    """Returns a cell where a figure of colors (H,W,3) stands in the middle; `rows` fill it unless that is too wide."""
     box = rows, bounding_box([maps.mask])[1]
     box_height, box_width = (side.stop - side.start for side in box)
-    scale = min(size[1] / box_height, size[0] / box_width)
-    scaled = max(1, round(box_width * scale)), max(1, round(box_height * scale))
-    return composite(colors[box], maps.coverage[box], scaled), ((size[0] - scaled[0]) // 2, size[1] - scaled[1])
+    scale = min(CELL_HEIGHT / box_height, width / box_width)
+    size = max(1, round(box_width * scale)), max(1, round(box_height * scale))
+    cell = Image.new("RGB", (width, CELL_HEIGHT), CELL)
+    cell.paste(composite(colors[box], maps.coverage[box], size), ((width - size[0]) // 2, CELL_HEIGHT - size[1]))
+    return cell
 
 
 def views(maps: Maps, light: np.ndarray) -> list[np.ndarray]:
