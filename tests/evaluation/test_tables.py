@@ -11,7 +11,7 @@ from relight.core.errors import UserError
 from relight.evaluation.report.formats import TextTable, number, other_columns, score_grid, to_markdown, write_tables
 from relight.evaluation.report.page import section
 from relight.evaluation.report.sections import write_score_table
-from relight.evaluation.scoring.comparisons import MARGIN, Verdict, compare_estimates, compare_rows, correct, orderings
+from relight.evaluation.scoring.comparisons import MARGIN, Comparison, Verdict, compare_rows, correct, orderings
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores, gather, read_scores, write_scores
 from relight.evaluation.scoring.statistics import Estimate, holm
@@ -126,7 +126,7 @@ def test_orderings_of_the_printed_values_hold():
     assert not any(one.better == one.worse for one in found.values())
 
 
-def test_compare_estimates_equivalent():
+def test_comparison_equivalent():
     """At a true difference of exactly the margin it is claimed in 5 % of cases; at none and little noise, always."""
 
     def claims(shift: float, noise: float) -> float:
@@ -135,7 +135,7 @@ def test_compare_estimates_equivalent():
             rng = np.random.default_rng([trial, 3])
             first = 1 + rng.normal(0, 0.1, 16)
             second = first + shift + rng.normal(0, noise, 16)
-            one = compare_estimates("shading_rmse", *(Estimate(v.mean(), 0, 0, v[:, None]) for v in (first, second)))
+            one = Comparison("shading_rmse", *(Estimate(v.mean(), 0, 0, v[:, None]) for v in (first, second)))
             found.append(one.p_equivalent < 0.05)
         return np.mean(found)
 
@@ -146,7 +146,7 @@ def test_compare_estimates_equivalent():
 def test_correct_widens_intervals_until_they_agree_with_p():
     rng, means = np.random.default_rng(2), [1.0, 1.005, 1.05, 1.09, 1.1, 1.2, 1.6]
     ones = [Estimate(v.mean(), 0, 0, v[:, None]) for v in (mean + rng.normal(0, 0.1, 12) for mean in means)]
-    alone = [compare_estimates("shading_rmse", ones[0], one) for one in ones[1:]]
+    alone = [Comparison("shading_rmse", ones[0], one) for one in ones[1:]]
     before, equivalent = [one.interval for one in alone], holm([one.p_equivalent for one in alone])
     kept = [low > 0 or high < 0 for low, high in before]
     together = correct(alone)

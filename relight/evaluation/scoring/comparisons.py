@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from relight.evaluation.scoring.paper import ARGUMENTS, printed
-from relight.evaluation.scoring.statistics import ALPHA, Difference, Estimate, compare, holm
+from relight.evaluation.scoring.statistics import ALPHA, Estimate, compare, holm
 from relight.evaluation.scoring.tables import TABLE2_COLUMNS, Table
 from relight.settings.scores import sign
 
@@ -30,12 +30,11 @@ class Verdict(Enum):
         return self not in (Verdict.EQUIVALENT, Verdict.OPEN)
 
 
-@dataclass
 class Comparison:
     """The comparison of two rows in one column.
 
     Attributes:
-        column: column of the scores.
+        column: of the scores.
         first, second: the means of the rows.
         difference: first minus second.
         p: p-value of the hypothesis that they are equal; `correct` corrects it.
@@ -43,13 +42,12 @@ class Comparison:
         level: at which `p` before the correction is tested, so that `interval` holds zero exactly if p >= ALPHA.
     """
 
-    column: str
-    first: float
-    second: float
-    difference: Difference
-    p: float
-    p_equivalent: float
-    level: float = ALPHA
+    def __init__(self, column: str, first: Estimate, second: Estimate):
+        """Compares two estimates of a column, without correction for the number of comparisons."""
+        self.column, self.first, self.second = column, first.mean, second.mean
+        self.difference = compare(first, second)
+        self.p, self.level = self.difference.p, ALPHA
+        self.p_equivalent = self.difference.p_equivalent(MARGIN * (abs(self.first) + abs(self.second)) / 2)
 
     @property
     def verdict(self) -> Verdict:
@@ -82,13 +80,6 @@ class Comparison:
         return -(sign(self.column) or -1) * difference / abs(self.second) if self.second else 0.0
 
 
-def compare_estimates(column: str, first: Estimate, second: Estimate) -> Comparison:
-    """Compares two estimates of a column of the scores, without correction for the number of comparisons."""
-    difference = compare(first, second)
-    equivalent = difference.p_equivalent(MARGIN * (abs(first.mean) + abs(second.mean)) / 2)
-    return Comparison(column, first.mean, second.mean, difference, difference.p, equivalent)
-
-
 def correct(comparisons: list[Comparison]) -> list[Comparison]:
     """Corrects p-values and levels for the number of comparisons (Holm), in place, and returns the comparisons."""
     p = holm([comparison.p for comparison in comparisons])
@@ -109,7 +100,7 @@ def compare_rows(
     """
     cells, other_cells = table.rows.get(first, {}), (other or table).rows.get(second, {})
     shared = [column for column in columns if column in cells and column in other_cells]
-    comparisons = [compare_estimates(column, cells[column], other_cells[column]) for column in shared]
+    comparisons = [Comparison(column, cells[column], other_cells[column]) for column in shared]
     return {comparison.column: comparison for comparison in correct(comparisons)}
 
 
@@ -163,5 +154,5 @@ def _printed_ordering(table: Table, leader: str, follower: str, column: str) -> 
         return None
     argued = sign(column) * (first - second) < 0
     better, worse = (leader, follower) if argued else (follower, leader)
-    comparison = compare_estimates(column, table.rows[better][column], table.rows[worse][column])
+    comparison = Comparison(column, table.rows[better][column], table.rows[worse][column])
     return Ordering(better, worse, argued, abs(first - second) / max(first, second), comparison)
