@@ -62,11 +62,10 @@ class TextTable:
         return grids
 
     def statistics(self) -> pd.DataFrame:
-        """Returns the frame as numbers: each estimate as mean, low and high, to six significant digits."""
+        """Returns the frame, of one block, as numbers: an estimate as mean, low and high, to six significant digits."""
         statistics = {}
         for column in self.frame:
             values = list(self.frame[column])
-            column = ", ".join(column) if isinstance(column, tuple) else column
             if any(isinstance(value, Estimate) for value in values):
                 for end, name in (("", "mean"), (", low", "low"), (", high", "high")):
                     statistics[f"{column}{end}"] = [getattr(value, name, np.nan) for value in values]

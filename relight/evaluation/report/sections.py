@@ -23,7 +23,6 @@ PLATES = {  # pictures of an experiment, by the ends of their files
     "relit": "A test figure relit by test lights: the truth, and each network's result from the first picture alone.",
 }
 Numbers = dict[str, Any]
-Comparisons = dict[str, dict[str, Comparison]]  # what is compared -> column -> comparison
 
 
 def experiment(results: Results, name: str) -> Numbers:
@@ -80,11 +79,12 @@ def write_score_table(table: Table, title: str, stem: Path) -> None:
     formats.write_tables(stem, title, text("note.md", scored=table), shown, table.statistics(), others)
 
 
-def _compare_pairs(table: Table, settings: dict[str, Any], usual: Table | None = None) -> Comparisons:
+def _compare_pairs(table: Table, settings: dict[str, Any], usual: Table | None) -> dict[str, dict[str, Comparison]]:
     """Compares the pairs in an experiment's settings, without those of which the table lacks a row.
 
     Without pairs, as in a sweep, the best network in the first column is compared with the others. If there is a table
-    on the `usual` figures and lights, the pairs are compared there, too, and each network with itself.
+    on the `usual` figures and lights, the pairs are compared there, too, and each network with itself. Returns what is
+    compared, in words -> column -> comparison.
     """
     columns, compared, asked = tuple(settings["compare_in"]), {}, settings["compare"]
     pairs = {pair: asked[pair] for pair in asked if table.rows.keys() >= {*pair.split(" against ")}}

@@ -254,6 +254,4 @@ def holm(p: list[float]) -> np.ndarray:
     values = np.asarray(p, np.float64)
     order = np.argsort(values, kind="stable")
     steps = np.maximum.accumulate(values[order] * (len(values) - np.arange(len(values))))
-    corrected = np.empty_like(values)
-    corrected[order] = np.minimum(steps, 1)
-    return corrected
+    return np.minimum(steps, 1)[np.argsort(order)]
