@@ -86,8 +86,7 @@ def _repair(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
     result gets uv, material and colors of the given mesh. It needs finite vertices, and raises UserError if no face has
     an area.
     """
-    corner = np.zeros((mesh.faces.size, 2))
-    corner[:, 0] = np.tile(np.arange(3), len(mesh.faces))
+    corner = np.tile([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], (len(mesh.faces), 1))
     work = _mesh_set(mesh.vertices.astype(np.float64), mesh.faces, np.arange(len(mesh.faces), dtype=np.float64), corner)
 
     def face_count() -> int:
@@ -145,12 +144,8 @@ def _split_non_manifold_edges(mesh: pymeshlab.Mesh) -> pymeshlab.MeshSet:
     while True:
         edges = np.sort(faces[:, edge_corners], axis=-1).reshape(-1, 2)
         key = edges[:, 0] << 32 | edges[:, 1]
-        order = np.argsort(key, kind="stable")
-        is_first = np.r_[True, np.diff(key[order]) != 0]
-        start = np.maximum.accumulate(np.where(is_first, np.arange(len(key)), 0))
-        rank = np.empty(len(key), np.int64)  # among the faces of the same edge, from 0
-        rank[order] = np.arange(len(key)) - start
-        extra = np.flatnonzero(rank >= 2)
+        order = np.argsort(key, kind="stable")  # brings the sides of one edge together
+        extra = order[2:][key[order[2:]] == key[order[:-2]]]
         if not len(extra):
             break
         corners = np.stack([(extra // 3).repeat(2), edge_corners[extra % 3].ravel()], 1)
