@@ -43,10 +43,9 @@ def read_gltf(path: Path) -> RawMesh:
 
 def _read(gltf: Gltf) -> RawMesh:
     """Concatenates the primitives of the default scene."""
-    surfaces: list[Surface] = []
+    surfaces: dict[int | None, Surface] = {}  # by the number of the material in the file
     notes: list[str] = []
     parts: list[RawMesh] = []  # points and normals in the frame of the scene, faces from 0 in each
-    index_of: dict[int | None, int] = {}  # in `surfaces`, by the number of the material in the file
     total, is_colored = 0, False
     for node, primitive, matrix in _primitives(gltf):
         notes += _poses(gltf, node)
@@ -63,10 +62,9 @@ def _read(gltf: Gltf) -> RawMesh:
         side = np.sign(np.linalg.det(linear))
         if np.sum(side) < 0:  # a mirrored node turns its faces inside out
             faces = faces[:, ::-1]
-        if (number := primitive.get("material")) not in index_of:
-            index_of[number] = len(surfaces)
-            surfaces.append(_surface(gltf, number, notes))
-        index = index_of[number]
+        if (number := primitive.get("material")) not in surfaces:
+            surfaces[number] = _surface(gltf, number, notes)
+        index = list(surfaces).index(number)
         color, normal = np.ones((len(faces), 3, 3), np.float32), np.zeros_like(points)
         if "COLOR_0" in attributes:
             # Integers are codes, although a file may have forgotten to mark them as normalised.
@@ -76,7 +74,7 @@ def _read(gltf: Gltf) -> RawMesh:
             is_colored = True
         if "NORMAL" in attributes:
             normal = _turned(gltf.accessor(attributes["NORMAL"]), linear) * side[..., None]
-        placed, uv = _times(linear, points) + matrix[..., :3, 3], _uv(gltf, primitive, surfaces[index], faces)
+        placed, uv = _times(linear, points) + matrix[..., :3, 3], _uv(gltf, primitive, surfaces[number], faces)
         parts.append(RawMesh(placed, faces, [], uv, np.full(len(faces), index), color, normal=normal))
     if not total:
         raise UserError(f"{gltf.path} has no triangles: relight needs a surface")
@@ -86,7 +84,7 @@ def _read(gltf: Gltf) -> RawMesh:
     return RawMesh(
         **arrays,
         faces=np.concatenate([part.faces + offset for part, offset in zip(parts, start)]),
-        materials=[surface.material for surface in surfaces],
+        materials=[surface.material for surface in surfaces.values()],
         warnings=list(dict.fromkeys(notes)),
         axes={"up": "+y", "front": "+z"} if gltf.json["asset"].get("generator") == "relight" else None,
     )
