@@ -80,7 +80,7 @@ def _colors(vertices: np.ndarray, widest: int) -> tuple[np.ndarray | None, list[
 
 
 def _statements(path: Path) -> Iterator[tuple[bytes, bytes]]:
-    """Yields keyword and rest of each line, (b"v", b"0 1 0"); joins continued lines, skips comments and empty lines.
+    """Yields keyword and rest of each line, (b"v", b"0 1 0"), and of comments; joins continued lines, skips empty ones.
 
     Names may hold #, so a comment ends other statements only.
     """
@@ -90,16 +90,13 @@ def _statements(path: Path) -> Iterator[tuple[bytes, bytes]]:
                 line = JOINED.sub(rb"\1 ", line) + file.readline(MAX_LINE)
             if len(line) >= MAX_LINE:
                 raise UserError(f"{path} is not an .obj file: it has a line of over {MAX_LINE} bytes")
-            words = line.split(None, 1)
-            if words and words[0] not in KEYS:
-                words[0] = words[0].lower().removeprefix(codecs.BOM_UTF8)  # in the middle of files that were joined
-            if len(words) == 2:
-                if b"#" in line and words[0] not in (b"usemtl", b"mtllib"):
-                    words = [words[0], *line.split(b"#", 1)[0].split(None, 1)[1:]]
-                if len(words) == 2:
-                    yield words[0], words[1]
-            elif words == [b"usemtl"]:
-                yield words[0], b""
+            key, rest = (*line.split(None, 1), b"", b"")[:2]  # empty where the line lacks them
+            if key not in KEYS:
+                key = key.lower().removeprefix(codecs.BOM_UTF8)  # in the middle of files that were joined
+            if b"#" in line and key not in (b"usemtl", b"mtllib"):
+                rest = rest.split(b"#", 1)[0]
+            if rest or key == b"usemtl":
+                yield key, rest
 
 
 def _placed_uv(
