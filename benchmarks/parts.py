@@ -21,7 +21,7 @@ import pandas as pd
 from scipy.stats import sem, t
 
 from relight.benchmark.files import BenchmarkSet, Entry
-from relight.benchmark.methods import scene_of
+from relight.benchmark.methods import Scene
 from relight.benchmark.score import relit_errors
 from relight.core.progress import progress
 from relight.maps.square import figure_means
@@ -47,7 +47,7 @@ PARTS = {
 
 def errors(benchmark: BenchmarkSet, entry: Entry, networks: dict[str, PhotoNetwork]) -> Iterator[dict[str, object]]:
     """Yields the errors of a picture's `ratio` by each network with each of PARTS, means over the new lights."""
-    shot, (_, pictures), scene = entry.shot(), benchmark.truth(entry), scene_of(benchmark, entry, ORDER)
+    shot, (_, pictures), scene = entry.shot(), benchmark.truth(entry), Scene(benchmark, entry, ORDER)
     old, *new = (project(read_panorama(path), ORDER) for path in (benchmark.light(entry), *entry.panoramas()))
     for name, network in networks.items():
         square = replace(shot.square, size=network.size)

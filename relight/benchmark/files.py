@@ -1,7 +1,7 @@
 """Reads and writes the files of the benchmark: sets of pictures, and methods' answers (docs/benchmark.md)."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,6 @@ MAPS = {"albedo": 3, "shading": 3, "transport": 9}  # number of channels, on the
 Answer = dict[str, np.ndarray]  # arrays of PICTURES, MAPS and `light`
 
 
-@dataclass(frozen=True)
 class Entry:
     """A picture of a set, or a variant of one, from index.json.
 
@@ -39,15 +38,15 @@ class Entry:
         new: number of new lights.
     """
 
-    folder: Path
-    name: str
-    figure: str
-    of: str | None
-    photo: str
-    size: tuple[int, int]
-    side: int
-    square: tuple[float, float, float]
-    new: int
+    def __init__(self, inputs: Path, side: int, record: dict[str, Any]):
+        """Takes the folder of all inputs, the pixels of a square, and the picture's record in the index."""
+        self.name: str = record["name"]
+        self.figure: str = record["figure"]
+        self.of: str | None = record["of"]
+        self.photo: str = record["files"][f"inputs/{self.name}/photo.png"]
+        self.size, self.square = tuple(record["size"]), tuple(record["square"])
+        self.new: int = record["new"]
+        self.folder, self.side = inputs / self.name, side
 
     @property
     def variant(self) -> str:
@@ -93,15 +92,8 @@ class BenchmarkSet:
     @cached_property
     def entries(self) -> list[Entry]:
         """The pictures of the set and their variants, in the order of the index."""
-        inputs = self.folder / "inputs"
         side = self.index["settings"]["size"] // 2  # as of `picture.Settings.side`
-        entries = []
-        for picture in self.index["pictures"]:
-            told = {key: picture[key] for key in ("name", "figure", "of", "new")}
-            photo = picture["files"][f"inputs/{picture['name']}/photo.png"]
-            size, square = tuple(picture["size"]), tuple(picture["square"])
-            entries.append(Entry(inputs / picture["name"], photo=photo, size=size, side=side, square=square, **told))
-        return entries
+        return [Entry(self.folder / "inputs", side, record) for record in self.index["pictures"]]
 
     def verify(self) -> None:
         """Raises UserError if a file is missing or has changed since the set was made."""

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -18,9 +17,8 @@ from relight.core.errors import UserError
 from relight.core.files import file_hash, writable_folder
 from relight.core.progress import progress
 from relight.core.srgb import LINEAR, decode
-from relight.maps import Maps, read_maps
+from relight.maps import read_maps
 from relight.maps.square import fill_outside
-from relight.meshes import Mesh
 from relight.panoramas import project, read_panorama
 from relight.photos.backdrop import resized
 from relight.photos.network import PhotoNetwork, read_network
@@ -29,10 +27,8 @@ from relight.photos.render import frames
 from relight.photos.shading import gain, gain_between, shade
 from relight.photos.tone import apply_gain
 from relight.pictures.codes import to_srgb8
-from relight.transport.camera import Camera
 from relight.transport.tracer import PathTracer
 
-Method = Callable[[BenchmarkSet, Entry], Answer]
 RECORD = "answers.json"  # in a folder of answers: what made them
 
 
@@ -139,7 +135,7 @@ def true_maps(benchmark: BenchmarkSet, entry: Entry, order: int = 2) -> Answer:
 
     Relit pictures are of light and transport of an `order`: their errors are those of the formulation.
     """
-    maps = read_maps(benchmark.maps(entry)) if order == 2 else scene_of(benchmark, entry, order).maps
+    maps = read_maps(benchmark.maps(entry)) if order == 2 else Scene(benchmark, entry, order).maps
     old, *new = (project(read_panorama(path), order) for path in (benchmark.light(entry), *entry.panoramas()))
     gains = [gain(maps.transport, maps.mask, old, light) for light in new]
     return _true(benchmark, entry, [maps.albedo * shade(maps.transport, light) for light in new], gains)
@@ -147,7 +143,7 @@ def true_maps(benchmark: BenchmarkSet, entry: Entry, order: int = 2) -> Answer:
 
 def exact(benchmark: BenchmarkSet, entry: Entry) -> Answer:
     """Answers like `true_maps`, but by irradiance that is traced in the lights themselves, without gloss or bounces."""
-    scene, settings = scene_of(benchmark, entry), benchmark.index["settings"]
+    scene, settings = Scene(benchmark, entry), benchmark.index["settings"]
     sources = [read_panorama(path) for path in (benchmark.light(entry), *entry.panoramas())]
     tracer = PathTracer(scene.mesh, settings["size"], scene.camera)
     skies = [resampled(source) for source in sources]
@@ -172,8 +168,8 @@ def _true(benchmark: BenchmarkSet, entry: Entry, pictures: list[np.ndarray], gai
     return known | {mode: np.stack([to_srgb8(picture) for picture in by_light]) for mode, by_light in relit.items()}
 
 
-class Scene(NamedTuple):
-    """The figure of a picture, made again.
+class Scene:
+    """The figure of a picture of a set, made again.
 
     Attributes:
         mesh: of the figure.
@@ -182,24 +178,18 @@ class Scene(NamedTuple):
         maps: within the window.
     """
 
-    mesh: Mesh
-    camera: Camera
-    window: tuple[slice, slice]
-    maps: Maps
+    def __init__(self, benchmark: BenchmarkSet, entry: Entry, order: int = 2):
+        """Makes the figure of an entry, with transport of an order."""
+        settings = Settings(**benchmark.index["settings"])
+        (recipe,) = (recipe for recipe in draw_recipes(benchmark.index["set"]) if recipe.name == entry.name)
+        self.mesh = make_mesh(recipe.seed, settings)
+        baker = scene_baker(self.mesh, settings, order)
+        maps, self.camera = baker.maps(recipe.view), baker.camera(recipe.view)
+        self.window = crop_window(maps.mask, recipe.cut)
+        self.maps = crop_maps(maps, self.window)
 
 
-def scene_of(benchmark: BenchmarkSet, entry: Entry, order: int = 2) -> Scene:
-    """Makes the figure of a picture of a set again, with transport of an order."""
-    settings = Settings(**benchmark.index["settings"])
-    (recipe,) = (recipe for recipe in draw_recipes(benchmark.index["set"]) if recipe.name == entry.name)
-    mesh = make_mesh(recipe.seed, settings)
-    baker = scene_baker(mesh, settings, order)
-    maps = baker.maps(recipe.view)
-    window = crop_window(maps.mask, recipe.cut)
-    return Scene(mesh, baker.camera(recipe.view), window, crop_maps(maps, window))
-
-
-BASELINES: dict[str, Method] = {
+BASELINES: dict[str, Callable[[BenchmarkSet, Entry], Answer]] = {
     "as_it_is": as_it_is,
     "mean_light": mean_light,
     "true_maps": true_maps,

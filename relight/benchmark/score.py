@@ -19,12 +19,12 @@ from relight.photos.person import OPAQUE
 KEYS = ["set", "picture", "figure"]
 # Of relit pictures: ending of the column -> its head.
 READINGS = {"": "RMSE", "_factor": "RMSE*", "_psnr": "PSNR", "_ssim": "SSIM"}
-PICTURE_COLUMNS = tuple(f"{mode}{reading}" for mode in PICTURES for reading in READINGS)
+PICTURE_HEADS = {f"{mode}{key}": f"{mode}: {head}" for mode in PICTURES for key, head in READINGS.items()}
 MAP_COLUMNS = (
     "albedo", "albedo_factor", "albedo_ssim", "shading", "shading_factor", "shading_ssim",
     "transport", "light", "light_factor",
 )  # fmt: skip
-COLUMNS = (*PICTURE_COLUMNS, *MAP_COLUMNS, *INVARIANCES, *LEAKS)
+COLUMNS = (*PICTURE_HEADS, *MAP_COLUMNS, *INVARIANCES, *LEAKS)
 SCORES = "scores.csv"
 
 

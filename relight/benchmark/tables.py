@@ -6,14 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from relight.benchmark.files import PICTURES
 from relight.benchmark.measures import INVARIANCES, LEAKS
-from relight.benchmark.score import MAP_COLUMNS, READINGS
+from relight.benchmark.score import MAP_COLUMNS, PICTURE_HEADS
 from relight.core.errors import UserError
 from relight.evaluation.report.formats import TextTable, count
 from relight.evaluation.scoring.statistics import MIN_SUBJECTS, Estimate, estimate
 
-PICTURE_HEADS = {f"{mode}{key}": f"{mode}: {head}" for mode in PICTURES for key, head in READINGS.items()}
 MAP_HEADS = {name: name.replace("_factor", "*").replace("_ssim", " SSIM") for name in MAP_COLUMNS}
 ERROR_HEADS = {name: head for name, head in (PICTURE_HEADS | MAP_HEADS).items() if not name.endswith(("ssim", "psnr"))}
 DIGITS = {head: 2 for head in PICTURE_HEADS.values() if head.endswith("PSNR")}
