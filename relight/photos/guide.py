@@ -6,8 +6,6 @@ beyond the square's resolution, so a map that changes at an edge of the photo ch
 network pixel beside it. Without such detail, the result is the map itself.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter, uniform_filter
 
@@ -60,21 +58,27 @@ class Guide:
         return _window_mean(self._weight * values) / self._total
 
 
-@dataclass(frozen=True, repr=False)
 class FittedMap:
-    """A map on the square and its slope along the guide.
+    """A map on the square and its slope along the guide; pixels outside the guide's mask take the nearest value inside.
 
     Attributes:
         base: (S,S,C) the map.
         slope: (S,S,C).
-        low: (S,S,C) the least value of the map nearby; None for albedo, which is only kept within [0,1].
-        high: (S,S,C) the largest, likewise.
+        range: the least and the largest value of the map nearby, (S,S,C) each; empty if it is only kept within [0,1].
     """
 
-    base: np.ndarray
-    slope: np.ndarray
-    low: np.ndarray | None
-    high: np.ndarray | None
+    def __init__(self, maps: np.ndarray, guide: Guide, textured: bool = False):
+        """Fits a map to a guide.
+
+        Args:
+            maps: (S,S,C).
+            guide: of the same size.
+            textured: whether the map has the photo's own texture and lies in [0,1], as albedo does.
+        """
+        self.base = guide.fill_outside(maps)
+        self.slope = guide.fill_outside(guide.slope(maps, SMOOTH_ALBEDO if textured else SMOOTH))
+        extremes = () if textured else (minimum_filter, maximum_filter)
+        self.range = [extreme(self.base, (3, 3, 1), mode="nearest") for extreme in extremes]
 
     def place(self, crop: Crop, detail: np.ndarray, window: Window) -> np.ndarray:
         """Resamples the map to a window of the photo, (h,w,C), with detail: as `Crop.place` does.
@@ -83,26 +87,8 @@ class FittedMap:
         (h,w,1) or (h,w,C) is the guide at those pixels minus that of the square.
         """
         values = crop.place(self.base, window) + crop.place(self.slope, window, cubic=False) * detail
-        if self.low is None or self.high is None:
-            return np.clip(values, 0, 1, out=values)
-        low, high = (crop.place(maps, window, cubic=False) for maps in (self.low, self.high))
+        low, high = [crop.place(maps, window, cubic=False) for maps in self.range] or (0, 1)
         return np.clip(values, low, high, out=values)
-
-
-def fit_map(maps: np.ndarray, guide: Guide, textured: bool = False) -> FittedMap:
-    """Fits maps to a guide; pixels outside its mask take the nearest value inside.
-
-    Args:
-        maps: (S,S,C).
-        guide: of the same size.
-        textured: whether the map has the photo's own texture and lies in [0,1], as albedo does.
-    """
-    base = guide.fill_outside(maps)
-    slope = guide.fill_outside(guide.slope(maps, SMOOTH_ALBEDO if textured else SMOOTH))
-    if textured:
-        return FittedMap(base, slope, None, None)
-    low, high = (extreme(base, (3, 3, 1), mode="nearest") for extreme in (minimum_filter, maximum_filter))
-    return FittedMap(base, slope, low, high)
 
 
 def _window_mean(values: np.ndarray) -> np.ndarray:

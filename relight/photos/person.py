@@ -9,7 +9,7 @@ import numpy as np
 from relight.core.srgb import decode, encode, to_linear
 from relight.maps.square import MASK_THRESHOLD, Crop, Window, crop_around
 from relight.panoramas import luminance
-from relight.photos.guide import FittedMap, Guide, fit_map, luma, square_root
+from relight.photos.guide import FittedMap, Guide, luma, square_root
 from relight.photos.mask.pose import Body
 from relight.photos.network import PhotoNetwork
 from relight.photos.shading import exposure_factor, gain, shade, steady
@@ -78,11 +78,11 @@ class Person:
     @cached_property
     def fitted_albedo(self) -> FittedMap:
         """The square root of the linear albedo, which is nearly linear in that of the photo where the light is even."""
-        return fit_map(square_root(self._linear(self.albedo)), self._color_guide, textured=True)
+        return FittedMap(square_root(self._linear(self.albedo)), self._color_guide, textured=True)
 
     def fit(self, values: np.ndarray) -> FittedMap:
         """Fits values (S,S,C), such as transport or shading, on the photo's luma."""
-        return fit_map(values, self._grey_guide)
+        return FittedMap(values, self._grey_guide)
 
     def detail(self, linear: np.ndarray, window: Window) -> np.ndarray:
         """Returns the detail of the photo beyond the square's resolution, as `FittedMap.place` takes it.

@@ -45,9 +45,8 @@ class _Own:
     excess: np.ndarray | float
 
 
-@dataclass(repr=False)
 class _Layers:
-    """A part of a photo, separated into people and background. Channels come first in memory.
+    """A part of a photo, separated into people and background; the cut does not show. Channels come first in memory.
 
     Attributes:
         linear: (h,w,3) the photo's values.
@@ -57,11 +56,38 @@ class _Layers:
         people: the pixels of those who are in this part, by their number.
     """
 
-    linear: np.ndarray
-    alpha: np.ndarray
-    share: np.ndarray
-    foreground: np.ndarray
-    people: dict[int, _Own]
+    def __init__(
+        self,
+        pixels: np.ndarray,
+        people: Sequence[Person],
+        coverage: np.ndarray,
+        window: Window,
+        opaque: bool,
+        visible: np.ndarray | None,
+    ):
+        """Separates a window into people, who may be made `opaque`, and background.
+
+        Colors are those of what is `visible`, (H,W) alpha: a person who covers all of it has them alone.
+        """
+        wide = tuple(slice(max(part.start - REACH, 0), part.stop + REACH) for part in window)
+        inside = tuple(slice(part.start - all.start, part.stop - all.start) for part, all in zip(window, wide))
+        share = alpha = coverage[wide] / np.float32(255)
+        if visible is not None:
+            shown = convert_alpha(visible[wide], np.uint8) / np.float32(255)  # of the bits that coverage has
+            share = alpha / np.maximum(np.maximum(shown, alpha), 1e-9)
+        self.alpha, self.share = alpha[inside], share[inside]
+        if ((self.share > 0) & (self.share < 1)).any():
+            linear = _planes(pixels[wide])
+            self.foreground, self.linear = estimate_foreground(linear, share)[inside], linear[inside]
+        else:
+            self.foreground = self.linear = _planes(pixels[window])
+        self.people = {
+            number: own
+            for number, person in enumerate(people)
+            if (own := _own_pixels(person, coverage, window, self.foreground))
+        }
+        if opaque:
+            self.linear, self.share = self.foreground, np.ones_like(self.share)
 
 
 def frames(
@@ -100,7 +126,7 @@ def frames(
     still = background.linear(shape, stops=stops) if background.replaced and not background.moves else None
     parts = list(tiles((0, shape[0]), (0, shape[1])))
     layers: Iterable[_Layers | None] = (
-        _split_layers(pixels, people, coverage, window, transparent, alpha) if coverage[window].any() else None
+        _Layers(pixels, people, coverage, window, transparent, alpha) if coverage[window].any() else None
         for window in parts
     )
     if len(lights) > 1:
@@ -125,40 +151,6 @@ def frames(
 def total_coverage(people: Sequence[Person]) -> np.ndarray:
     """Returns the coverage (H,W) uint8 of all people together, each of whom has a part of it."""
     return np.add.reduce([person.coverage for person in people], dtype=np.uint8)
-
-
-def _split_layers(
-    pixels: np.ndarray,
-    people: Sequence[Person],
-    coverage: np.ndarray,
-    window: Window,
-    opaque: bool = False,
-    visible: np.ndarray | None = None,
-) -> _Layers:
-    """Separates a window into people, who may be made `opaque`, and background. The cut does not show.
-
-    Colors are those of what is `visible`, (H,W) alpha: a person who covers all of it has them alone.
-    """
-    wide = tuple(slice(max(part.start - REACH, 0), part.stop + REACH) for part in window)
-    inside = tuple(slice(part.start - all.start, part.stop - all.start) for part, all in zip(window, wide))
-    share = alpha = coverage[wide] / np.float32(255)
-    if visible is not None:
-        shown = convert_alpha(visible[wide], np.uint8) / np.float32(255)  # of the bits that coverage has
-        share = alpha / np.maximum(np.maximum(shown, alpha), 1e-9)
-    if ((share[inside] > 0) & (share[inside] < 1)).any():
-        linear = _planes(pixels[wide])
-        foreground, linear = estimate_foreground(linear, share)[inside], linear[inside]
-    else:
-        foreground = linear = _planes(pixels[window])
-    found = {
-        number: own
-        for number, person in enumerate(people)
-        if (own := _own_pixels(person, coverage, window, foreground))
-    }
-    part = _Layers(linear, alpha[inside], share[inside], foreground, found)
-    if opaque:
-        part.linear, part.share = part.foreground, np.ones_like(part.share)
-    return part
 
 
 def _planes(pixels: np.ndarray) -> np.ndarray:

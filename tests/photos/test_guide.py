@@ -3,7 +3,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import zoom
 
 from relight.maps.square import Crop
-from relight.photos.guide import SMOOTH, Guide, fit_map, square_root
+from relight.photos.guide import SMOOTH, FittedMap, Guide, square_root
 
 SIDE, SCALE = 48, 8
 LARGE = SIDE * SCALE
@@ -15,7 +15,7 @@ def averaged(image):
 
 
 def upsampled(maps, guide, photo, **options):
-    fit = fit_map(maps, Guide(guide, np.ones((SIDE, SIDE), bool)), **options)
+    fit = FittedMap(maps, Guide(guide, np.ones((SIDE, SIDE), bool)), **options)
     return fit.place(WHOLE, photo - WHOLE.place(guide), WHOLE.window)
 
 
@@ -47,10 +47,10 @@ def test_what_the_photo_does_not_show_stays_as_the_network_said():
     assert np.abs(upsampled(maps, flat, np.full((LARGE, LARGE, 1), 0.4)) - WHOLE.place(maps)).max() < 0.25
     same = Crop(0.0, 0.0, float(SIDE), (0, SIDE), (0, SIDE), SIDE)
     guide = rng.random((SIDE, SIDE, 1))
-    fit = fit_map(maps, Guide(guide, np.ones((SIDE, SIDE), bool)))
+    fit = FittedMap(maps, Guide(guide, np.ones((SIDE, SIDE), bool)))
     again = fit.place(same, guide - same.place(guide), same.window)
     assert np.abs(again - maps).max() < 1e-6  # at its own resolution a map is returned
-    ones = fit_map(np.ones((SIDE, SIDE, 3)), Guide(guide, guide[..., 0] > 0.2))
+    ones = FittedMap(np.ones((SIDE, SIDE, 3)), Guide(guide, guide[..., 0] > 0.2))
     assert np.abs(ones.place(WHOLE, rng.normal(size=(LARGE, LARGE, 1)), WHOLE.window) - 1).max() < 1e-6
 
 
