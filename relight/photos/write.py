@@ -128,10 +128,8 @@ def placed_maps(
         share = (person.coverage[window][own] / total[window][own]).astype(np.float32)[:, None]
         # The photo's detail beyond the network's resolution guides both maps.
         detail = person.detail(to_linear(pixels[window]), window)
-        by_color, by_luma = (
-            fit.place(person.crop, guide, window)[own] for fit, guide in zip(fits, (detail, luma(detail)))
-        )
-        yield window, own, share, by_color, by_luma
+        by_color, by_luma = fits[0].place(person.crop, detail, window), fits[1].place(person.crop, luma(detail), window)
+        yield window, own, share, by_color[own], by_luma[own]
 
 
 def write_light_files(stem: Path, coefficients: np.ndarray, source: str) -> None:
