@@ -104,9 +104,11 @@ def main() -> None:
     """Prints a row for each kind of picture."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    files = sorted(parser.parse_args().folder.rglob("*.exr"))
+    parser.add_argument("--first", type=int, default=0, help="number of the first picture: others make other sets")
+    arguments = parser.parse_args()
+    files = sorted(arguments.folder.rglob("*.exr"))
     rows, seconds, judged = [], [], []
-    for number, kind in enumerate(kind for kind, count in KINDS.items() for _ in range(count)):
+    for number, kind in enumerate((kind for kind, count in KINDS.items() for _ in range(count)), arguments.first):
         figures = [read_maps(files[index % len(files)]) for index in (number, 7 * number + 3)]
         pixels, people = render_picture(figures, kind, number)
         true = np.maximum.reduce(people) > 0.5

@@ -130,7 +130,7 @@ def body_with_feet(row, seen=0.9, height=300, width=260):
     """A body whose joints are all at its hips, but for the feet, which are in a row of the picture."""
     joints = np.tile(np.array([130 / width, 150 / height, 0.9], np.float32), (33, 1))
     joints[27:33] = 130 / width, row / height, seen
-    return Body(joints, np.zeros((256, 256), np.float32), np.eye(2, 3) / 256)
+    return Body(joints, np.zeros((256, 256), np.float32), np.eye(2, 3) / 256, np.zeros((2, 2)))
 
 
 def test_feet_are_where_joints_are(relighter):

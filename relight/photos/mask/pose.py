@@ -36,7 +36,6 @@ PARTS = {  # of the left side, each at the middle of two joints; the right side'
 LIMBS = {"head": (0, 0)} | {
     f"{side} {part}": (a + i, b + i) for i, side in enumerate(("left", "right")) for part, (a, b) in PARTS.items()
 }
-Place = tuple[np.ndarray, np.ndarray]  # the middle of the hips and the point of the circle, (2,) in pixels
 
 
 @dataclass(frozen=True, repr=False)
@@ -47,12 +46,14 @@ class Body:
         joints: (33,3) x, y, and in [0,1] how sure it is that the joint is seen; in the order of MediaPipe.
         seen: (256,256) float32 in [0,1], the mask in the square.
         square: (2,3) from x, y and 1 in pixels of the square to the photo.
+        place: (2,2) the middle of the hips and a point of a circle around the body, as the second network sees them.
         score: how sure the networks are of the person, in [FOUND,1].
     """
 
     joints: np.ndarray
     seen: np.ndarray
     square: np.ndarray
+    place: np.ndarray
     score: float = 1.0
 
     def mask(self, size: tuple[int, int], part: Sequence[float] = (0, 0, 1, 1)) -> np.ndarray:
@@ -91,17 +92,15 @@ def find_bodies(pixels: np.ndarray, found: np.ndarray) -> list[Body]:
     """
     step = max(len(pixels) // (2 * SEEN), 1)
     photo = rest = np.asarray(Image.fromarray(pixels).reduce(step))
-    bodies: list[Body] = []
-    places, masks = list[Place](), list[np.ndarray]()
+    bodies, masks = list[Body](), list[np.ndarray]()
     covered = np.zeros(photo.shape[:2], bool)
 
-    def add(body: Body | None, place: Place) -> None:
+    def add(body: Body | None) -> None:
         if body is None:
             return
         mask = body.mask((photo.shape[1], photo.shape[0]))
         if (mask > 0.5)[~covered].sum() > NEW * (mask > 0.5).sum():
             bodies.append(body)
-            places.append(place)
             masks.append(mask)
             np.logical_or(covered, mask > COVERED, out=covered)
 
@@ -110,44 +109,45 @@ def find_bodies(pixels: np.ndarray, found: np.ndarray) -> list[Body]:
         for score, place in sorted(_search(rest), key=lambda each: -each[0]):
             if np.hypot(*(place[1] - place[0])) > LARGEST * max(photo.shape) or (rest is not photo and score < HIDDEN):
                 continue
-            body = _look_at(pixels, *place, step) if rest is photo else _look_at(rest, *place)
-            add(body and replace(body, score=score), place)
+            body = _look_at(pixels, step * place) if rest is photo else _look_at(rest, place)
+            add(body and replace(body, score=score))
         background = np.append(photo[~covered], [[128] * 3], 0).mean(0).astype(np.uint8)  # grey if none is seen
         if len(bodies) == known:
             break
         rest = np.where(covered[..., None], background, photo)
     for place in _missed(np.asarray(Image.fromarray(found).reduce(step)) > 0.5, covered):
-        add(_look_at(pixels, *place, step), place)
-    for number in range(len(bodies) if len(bodies) > 1 else 0):
-        others = np.maximum.reduce(masks[:number] + masks[number + 1 :])
+        add(_look_at(pixels, step * place))
+    for number, body in enumerate(bodies):
+        others = np.maximum.reduce([np.zeros_like(masks[0]), *masks[:number], *masks[number + 1 :]])
         hidden = others > np.maximum(masks[number], COVERED)
-        if alone := _look_at(np.where(hidden[..., None], background, photo), *places[number]):
-            bodies[number] = replace(alone, score=bodies[number].score)
+        alone = pixels if len(bodies) == 1 else np.where(hidden[..., None], background, photo)
+        if again := _look_at(alone, body.place * alone.shape[1::-1]):
+            bodies[number] = replace(again, score=body.score)
     return bodies
 
 
-def _missed(mask: np.ndarray, covered: np.ndarray) -> Iterator[Place]:
+def _missed(mask: np.ndarray, covered: np.ndarray) -> Iterator[np.ndarray]:
     """Yields where somebody who stands may be, in each part of a mask (h,w) bool that `covered` (h,w) bool has not."""
     parts, count = label(mask)
     for part in (parts == number for number in range(1, count + 1)):
         if covered[part].mean() < KNOWN:
             (top, bottom), (left, right) = extent(part)
             middle = np.array([left + right, top + bottom]) / 2
-            yield middle, middle - [0, max(right - left, bottom - top) / 2]
+            yield np.stack([middle, middle - [0, max(right - left, bottom - top) / 2]])
 
 
-def _search(photo: np.ndarray) -> Iterator[tuple[float, Place]]:
+def _search(photo: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
     """Yields the score and the place of each person in a photo (H,W,3) uint8, also in windows of a wide one."""
     height, width = photo.shape[:2]
     window = min(round(WINDOW * height), width)
     count = 1 + int(np.ceil((width - window) / (window / 2)))
     starts = np.linspace(0, width - window, count).astype(int)
     for left, right in sorted({(0, width), *((start, start + window) for start in starts)}):
-        for score, (hips, top) in _detect(photo[:, left:right]):
-            yield score, (hips + [left, 0], top + [left, 0])
+        for score, place in _detect(photo[:, left:right]):
+            yield score, place + [left, 0]
 
 
-def _detect(pixels: np.ndarray) -> Iterator[tuple[float, Place]]:
+def _detect(pixels: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
     """Yields the score and the place of each person in a part of a photo (h,w,3) uint8."""
     height, width = pixels.shape[:2]
     scale = SEEN / max(height, width)
@@ -166,8 +166,7 @@ def _detect(pixels: np.ndarray) -> Iterator[tuple[float, Place]]:
     while len(left):
         same = _overlap(points[left[0]], points[left]) > SAME
         group, left = left[same], left[~same]
-        hips, top = (np.average(points[group, 2:4], 0, scores[group]) * SEEN - corner) / scale
-        yield float(scores[group[0]]), (hips, top)
+        yield float(scores[group[0]]), (np.average(points[group, 2:4], 0, scores[group]) * SEEN - corner) / scale
 
 
 def _overlap(one: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -178,22 +177,25 @@ def _overlap(one: np.ndarray, others: np.ndarray) -> np.ndarray:
     return both / (np.prod(others[:, 1], -1) + np.prod(one[1]) - both)
 
 
-def _look_at(pixels: np.ndarray, hips: np.ndarray, top: np.ndarray, scale: int = 1) -> Body | None:
-    """Returns the person in the square around a circle, 1 / `scale` as large, of a photo (H,W,3) uint8, or None."""
-    hips, top = scale * hips, scale * top
-    x, y = ROOM * 2 / LOOKED_AT * (top - hips)
+def _look_at(pixels: np.ndarray, place: np.ndarray) -> Body | None:
+    """Returns the person in the square around a circle of a photo (H,W,3) uint8; None if nobody is there.
+
+    `place` (2,2) are the middle of the hips, which is that of the circle, and the circle's point above it, pixels.
+    """
+    x, y = ROOM * 2 / LOOKED_AT * (place[1] - place[0])
     axes = np.array([[-y, -x], [x, -y]])  # of the square in the photo, a pixel long
-    corner = hips - axes @ [LOOKED_AT / 2, LOOKED_AT / 2]
+    corner = place[0] - axes @ [LOOKED_AT / 2, LOOKED_AT / 2]
     step = max(int(np.hypot(x, y)), 1)
     image = _transformed(Image.fromarray(pixels).reduce(step), axes / step, corner / step, (LOOKED_AT, LOOKED_AT))
     given = np.asarray(image, np.float32).transpose(2, 0, 1)[None] / np.float32(255)
     points, presence, mask = load_network(LANDMARKS).run(["points", "presence", "mask"], {"image": given})
     if presence[0, 0] < FOUND:
         return None
-    points = points.reshape(-1, 5)[:JOINTS]
+    points = points.reshape(-1, 5)[: JOINTS + 2]
     square = np.column_stack([axes, corner]) / [[pixels.shape[1]], [pixels.shape[0]]]
-    joints = np.column_stack([points[:, :2] @ square[:, :2].T + square[:, 2], expit(points[:, 3])])
-    return Body(joints.astype(np.float32), expit(mask[0, 0]), square, float(presence[0, 0]))
+    found = np.column_stack([points[:, :2] @ square[:, :2].T + square[:, 2], expit(points[:, 3])])
+    joints, place = found[:JOINTS].astype(np.float32), found[JOINTS:, :2]
+    return Body(joints, expit(mask[0, 0]), square, place, float(presence[0, 0]))
 
 
 def _transformed(image: Image.Image, axes: np.ndarray, corner: np.ndarray, size: tuple[int, int]) -> Image.Image:
