@@ -203,26 +203,27 @@ def quarters(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
     return np.concatenate([np.stack(triangle, axis=1) for triangle in triangles])
 
 
-def cells(index: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Returns the corners (rows - 1, columns - 1) of the cells of a grid of vertices (rows, columns).
+def cut_cells(index: np.ndarray, first: str, second: str, by_row: bool = False) -> np.ndarray:
+    """Cuts each cell of a grid into two triangles.
 
-    They are the left and the right one in the upper row, then those in the lower row.
+    Args:
+        index: (..., rows, columns) vertices of one or more grids.
+        first, second: corners of the triangles, in order: "acb" or the like, where a and b are the left and the right
+            corner in the upper row of a cell, c and d those in its lower row.
+        by_row: whether the second triangles of a row of cells follow its first ones; else those of all cells do.
+
+    Returns:
+        Faces (F,3).
     """
-    return index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    upper, lower = index[..., :-1, :], index[..., 1:, :]
+    corner = {"a": upper[..., :-1], "b": upper[..., 1:], "c": lower[..., :-1], "d": lower[..., 1:]}
+    triangles = [np.stack([corner[letter] for letter in letters], axis=-1) for letters in (first, second)]
+    return np.stack(triangles, axis=-3 if by_row else 0).reshape(-1, 3)
 
 
-def by_rows(*triangles: list[np.ndarray]) -> np.ndarray:
-    """Returns triangles (F,3), row by row: of each row all first ones of its cells, then all second ones.
-
-    Each triangle is given by its corners, arrays (rows, columns) of the cells.
-    """
-    return np.stack([np.stack(corners, axis=-1) for corners in triangles], axis=1).reshape(-1, 3)
-
-
-def closed_rings(rows: int, sides: int) -> np.ndarray:
+def ring_grid(rows: int, sides: int) -> np.ndarray:
     """Returns a grid of vertex indices (rows, sides + 1) of rings, whose last column is its first one."""
-    index = np.arange(rows * sides).reshape(rows, sides)
-    return np.concatenate([index, index[:, :1]], 1)
+    return np.pad(np.arange(rows * sides).reshape(rows, sides), ((0, 0), (0, 1)), mode="wrap")
 
 
 def border_loops(faces: np.ndarray) -> list[np.ndarray]:
@@ -332,14 +333,12 @@ def extruded(ring: np.ndarray, rows: list[np.ndarray], offset: int, closed: bool
     """
     points = np.concatenate(rows)
     index = np.concatenate([ring, offset + np.arange(len(points))]).reshape(-1, len(ring))
-    a, b, c, d = cells(np.c_[index, index[:, 0]] if closed else index)
-    return points, by_rows([b, a, c], [b, c, d])
+    return points, cut_cells(np.c_[index, index[:, 0]] if closed else index, "bac", "bcd", by_row=True)
 
 
 def grid_faces(rows: int, columns: int) -> np.ndarray:
     """Returns the triangles (F,3) of a grid of vertices, row by row, that face a viewer who sees row 0 at the top."""
-    a, b, c, d = (corner.ravel() for corner in cells(np.arange(rows * columns).reshape(rows, columns)))
-    return np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
+    return cut_cells(np.arange(rows * columns).reshape(rows, columns), "acb", "bcd")
 
 
 def longest_run(ring: np.ndarray, chosen: np.ndarray) -> np.ndarray:

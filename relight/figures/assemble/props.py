@@ -9,7 +9,7 @@ from relight.figures.body.kinematics import orthonormal_frame, unit
 from relight.figures.body.motion import Motion
 from relight.figures.drape.colliders import Collider, signed_distance
 from relight.figures.draw.poses import Pose
-from relight.figures.surfaces import Surface, cells, closed_rings, face_normals, stacked, unit_rows
+from relight.figures.surfaces import Surface, cut_cells, face_normals, ring_grid, stacked, unit_rows
 from relight.meshes import Material
 
 GREYS = (0.02, 0.04, 0.12, 0.45, 0.7)  # luminance of albedo
@@ -52,7 +52,7 @@ def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 
     n = 9  # vertices along an edge
     t = np.linspace(-1, 1, n)
     u, v = (grid.ravel() for grid in np.meshgrid(t, t))
-    square = _cell_faces(np.arange(n * n).reshape(n, n))
+    square = cut_cells(np.arange(n * n).reshape(n, n), "abd", "adc")
     ends = [np.stack([np.full_like(u, sign), sign * u, v], axis=1) for sign in (1, -1)]  # the two sides across x
     sides = [(np.roll(end, axis, axis=1), square) for axis in range(3) for end in ends]
     cube, faces = stacked(sides)  # from -1 to 1
@@ -67,18 +67,12 @@ def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 
     return x, faces
 
 
-def _cell_faces(index: np.ndarray) -> np.ndarray:
-    """Returns the triangles of a grid of vertices (rows, columns), each cell cut from its first to its last corner."""
-    a, b, c, d = (corner.ravel() for corner in cells(index))
-    return np.concatenate([np.stack([a, b, d], 1), np.stack([a, d, c], 1)])
-
-
 def revolved(profile: np.ndarray) -> Surface:
     """Builds a surface of revolution about y from a profile (m,2): radius and height, from its lower end up."""
     angle = 2 * np.pi * np.arange(SIDES) / SIDES
     ring = np.stack([np.sin(angle), np.zeros(SIDES), np.cos(angle)], 1)
     x = profile[:, None, :1] * ring + profile[:, None, 1:] * np.array([0.0, 1.0, 0.0])
-    x, faces = x.reshape(-1, 3), _cell_faces(closed_rings(len(profile), SIDES))
+    x, faces = x.reshape(-1, 3), cut_cells(ring_grid(len(profile), SIDES), "abd", "adc")
     twice_area = np.linalg.norm(face_normals(x, faces), axis=1)
     return x, faces[twice_area > 1e-12]  # triangles at the ends are degenerate
 
@@ -98,10 +92,10 @@ def strap(line: np.ndarray, across: np.ndarray, width: float, thickness: float) 
     side = np.broadcast_to(unit(across), line.shape)
     up = np.cross(along, side)
     corners = [line + s * width / 2 * side + t * thickness / 2 * up for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    rings = closed_rings(len(line), 4)
+    rings = ring_grid(len(line), 4)
     first, last = rings[0], rings[-1]
     ends = [first[[0, 2, 1]], first[[0, 3, 2]], last[[0, 1, 2]], last[[0, 2, 3]]]
-    return np.stack(corners, 1).reshape(-1, 3), np.concatenate([_cell_faces(rings), ends])
+    return np.stack(corners, 1).reshape(-1, 3), np.concatenate([cut_cells(rings, "abd", "adc"), ends])
 
 
 def _transformed(surface: Surface, axes: np.ndarray, at: np.ndarray) -> Surface:

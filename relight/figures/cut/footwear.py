@@ -10,7 +10,7 @@ from relight.figures.body import makehuman
 from relight.figures.body.motion import Motion
 from relight.figures.body.shape import Body
 from relight.figures.draw.shoes import Shoe
-from relight.figures.surfaces import by_rows, clip, loop, normals, smooth_line, smoothed, split, thickened
+from relight.figures.surfaces import clip, cut_cells, loop, normals, ring_grid, smooth_line, smoothed, split, thickened
 
 STRAPS = ((0.60, 0.80), (0.36, 0.44))  # start and end of the straps across the foot, from heel (0) to toes (1)
 LACE_STEP = 0.017  # metres between bands of laces
@@ -233,9 +233,7 @@ def sole(bottom: np.ndarray, ground: float, shoe: Shoe, motion: Motion, side: st
         y = level + (height if height > 0 else 0) + thickness * min(height, 0)
         rows.append(np.stack([ring[:, 0] + outward[:, 0] * grow, y, ring[:, 1] + outward[:, 1] * grow], axis=1))
     n = len(ring)
-    left = np.arange((len(rows) - 1) * n).reshape(-1, n)  # vertices of each row but the last
-    right = np.roll(left, -1, axis=1)
-    sides = by_rows([left, right, left + n], [right, right + n, left + n])
+    sides = cut_cells(ring_grid(len(rows), n), "abc", "bdc", by_row=True)
     # From the heel to the toes and from side to side, so that top and bottom bend across the foot.
     half = np.arange(1, n // 2)
     zigzag = np.r_[0, np.stack([half, n - half], axis=1).ravel(), n // 2]

@@ -8,7 +8,7 @@ from relight.figures.body import makehuman
 from relight.figures.body.motion import Motion
 from relight.figures.drape.colliders import Collider
 from relight.figures.draw.hairstyles import HairStyle
-from relight.figures.surfaces import by_rows, cells, closed_rings, thickened
+from relight.figures.surfaces import cut_cells, ring_grid, thickened
 
 COLUMNS, CROWN_ROWS, BRIM_ROWS = 180, 34, 8  # vertices around the head, from crown to rim, and along a peak
 TOP_GAP = 0.02  # radians between the zenith and the first row
@@ -36,15 +36,15 @@ def hat(motion: Motion, style: HairStyle) -> list[Strip]:
     azimuth = np.linspace(-np.pi, np.pi, COLUMNS, endpoint=False)
     front = 0.10 if style.hat == "beanie" else 0.20  # sine of the rim's elevation above the forehead
     rim = np.arcsin(np.interp(np.abs(azimuth), RIM_AZIMUTH, (front, front, *RIM_SIDES_AND_BACK)))
-    down = np.tile(np.linspace(0, 1, CROWN_ROWS)[:, None], (1, COLUMNS))  # 0 at the top, 1 at the rim
+    around, down = np.meshgrid(azimuth, np.linspace(0, 1, CROWN_ROWS))  # `down` is 0 at the top, 1 at the rim
     elevation = np.pi / 2 - TOP_GAP - (np.pi / 2 - TOP_GAP - rim) * down
-    around = np.broadcast_to(azimuth, down.shape)
     level = np.cos(elevation)
     direction = np.stack([np.sin(around) * level, np.sin(elevation), np.cos(around) * level], -1)
     above_scalp = _hat_height(style, direction, down)
     points = centre + direction * (_scalp_radius(head, centre, direction) + above_scalp)[..., None]
     uv = np.stack([np.abs(around) / (2 * np.pi), 1 - 0.5 * down], -1)  # both sides alike, so without a seam
-    parts = [(points.reshape(-1, 3), _row_faces(closed_rings(CROWN_ROWS, COLUMNS)), uv.reshape(-1, 2))]
+    faces = cut_cells(ring_grid(CROWN_ROWS, COLUMNS), "acb", "bcd", by_row=True)
+    parts = [(points.reshape(-1, 3), faces, uv.reshape(-1, 2))]
     if style.hat == "cap":
         parts.append(_brim(points, azimuth))
     weights = np.zeros(len(motion.bones))
@@ -89,12 +89,6 @@ def _hat_height(style: HairStyle, direction: np.ndarray, down: np.ndarray) -> np
     return height + 0.0045 * turned_up + 0.0008 * np.cos(60 * azimuth)  # 60 ribs
 
 
-def _row_faces(index: np.ndarray) -> np.ndarray:
-    """Returns the triangles of a grid of vertices (rows,columns), row by row, outward for rows that go down."""
-    left, right, lower_left, lower_right = cells(index)
-    return by_rows([left, lower_left, right], [right, lower_left, lower_right])
-
-
 def _brim(points: np.ndarray, azimuth: np.ndarray) -> Strip:
     """Builds the peak of a cap: a curved plate that begins at the front of the crown's rim.
 
@@ -108,5 +102,5 @@ def _brim(points: np.ndarray, azimuth: np.ndarray) -> Strip:
     share = np.linspace(0, 1, BRIM_ROWS)[:, None]  # of the way to the edge
     reach = BRIM_LENGTH * share * np.sqrt(np.clip(1 - (angle / BRIM_END) ** 2, 0, 1))
     vertices = (rim + outward * reach[..., None] + np.array([0, 0.002, 0.0])).reshape(-1, 3)
-    faces = _row_faces(np.arange(len(vertices)).reshape(BRIM_ROWS, len(rim)))
+    faces = cut_cells(np.arange(len(vertices)).reshape(BRIM_ROWS, len(rim)), "acb", "bcd", by_row=True)
     return vertices, faces, np.full((len(vertices), 2), 0.5)

@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 
 from relight.figures.assemble.hair.combing import Roots, ramp
 from relight.figures.draw.hairstyles import Comb
-from relight.figures.surfaces import unit_rows
+from relight.figures.surfaces import cut_cells, unit_rows
 from relight.figures.texture import noise
 
 Lines = tuple[np.ndarray, np.ndarray]  # points (n,m,3) along n lines, metres, and normals (n,m,3) there
@@ -107,8 +107,7 @@ def ribbons(width: float, lines: Lines, random: np.ndarray, roll: float) -> Stri
     half_width = 0.5 * width * (0.7 + 0.6 * random[:, :1]) * np.interp(s, *OUTLINE)
     side = half_width[..., None] * (np.cos(turn) * across + np.sin(turn) * up)
     pairs = np.stack([points - side, points + side], 2)  # vertices 2k and 2k + 1 of a ribbon lie at its point k
-    first = (np.arange(n)[:, None] * 2 * m + 2 * np.arange(m - 1)).reshape(-1)  # of each pair but the last
-    faces = np.stack([first, first + 1, first + 2, first + 1, first + 3, first + 2], 1).reshape(-1, 3)
+    faces = cut_cells(np.arange(2 * n * m).reshape(n, m, 2), "abc", "bdc", by_row=True)
     u = np.clip(random[:, 1, None, None] + HALF_STRIP * np.array([-1.0, 1]), 0, 1)
     uv = np.stack(np.broadcast_arrays(u, 1 - s[None, :, None]), -1).reshape(-1, 2)
     return pairs.reshape(-1, 3), faces, uv
