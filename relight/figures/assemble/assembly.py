@@ -199,12 +199,12 @@ class Assembly:
     def _add_shoes(self) -> None:
         """Adds both shoes, their uppers pushed under the garments."""
         parts = footwear.build_shoes(self.motion, self.outfit.shoe)
-        by_part = {part.name: paints.shoe_paint(part.name) for part in parts}  # one for both feet
-        for part in parts:
-            vertices, is_sole = part.vertices, part.name == "sole"
+        by_part = {name: paints.shoe_paint(name) for name in dict(parts)}  # one for both feet
+        for name, (vertices, faces) in parts:
+            is_sole = name == "sole"
             for cover in () if is_sole else self.covers:
-                vertices = push_under((vertices, part.faces), cover.surface, GAP)
-            self.builder.add(vertices, part.faces, None, by_part[part.name], layer=-1 if is_sole else 0)
+                vertices = push_under((vertices, faces), cover.surface, GAP)
+            self.builder.add(vertices, faces, None, by_part[name], layer=-1 if is_sole else 0)
 
     def add_hair(self, below: Surface) -> None:
         """Adds hair, beard, brows, lashes and hat over the surface `below`: vertices and faces of skin and clothes."""

@@ -6,11 +6,11 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.spatial import ConvexHull
 
+from relight.figures import surfaces
 from relight.figures.body import makehuman
 from relight.figures.body.motion import Motion
 from relight.figures.body.shape import Body
 from relight.figures.draw.shoes import Shoe
-from relight.figures.surfaces import clip, cut_cells, loop, normals, ring_grid, smooth_line, smoothed, split, thickened
 
 STRAPS = ((0.60, 0.80), (0.36, 0.44))  # start and end of the straps across the foot, from heel (0) to toes (1)
 LACE_STEP = 0.017  # metres between bands of laces
@@ -25,15 +25,7 @@ INSOLE = 0.004  # height of the insole over the ground of SOLE_ROWS, metres
 # Rows of a sole, from its top to its bottom: metres outward from the outline, and the height above the bare foot's
 # ground: metres where positive, else shares of the thickness of the sole, which lies below that ground.
 SOLE_ROWS = ((-0.020, INSOLE), (-0.0025, 0.006), (0.0, 0.002), (-0.0005, -0.5), (-0.001, -0.96), (-0.005, -1.0))
-
-
-@dataclass(frozen=True)
-class Part:
-    """A part of a shoe: name (upper, cap, sole, lace), vertices (V,3) posed, faces (F,3)."""
-
-    name: str
-    vertices: np.ndarray
-    faces: np.ndarray
+ShoePart = tuple[str, surfaces.Surface]  # upper, cap, sole or lace, which differ in color; and its posed surface
 
 
 @dataclass(frozen=True)
@@ -56,7 +48,7 @@ class Upper:
     heel: float
 
 
-def build_shoes(motion: Motion, shoe: Shoe) -> list[Part]:
+def build_shoes(motion: Motion, shoe: Shoe) -> list[ShoePart]:
     """Builds both shoes in the pose, with the soles below the feet."""
     return [part for side in "LR" for part in build_shoe(motion, shoe, side)]
 
@@ -113,15 +105,15 @@ def upper(body: Body, shoe: Shoe, side: str) -> Upper:
     field = np.where(on_side & (suit[:, 1] < ankle[1] + 0.40), ankle[1] + shoe.top - suit[:, 1], -1.0)
     if shoe.top < -0.01:  # a low shoe is cut lower in front of the ankle than at the heel
         field = field - np.where(on_side, 0.35 * np.clip(0.03 - np.abs(suit[:, 2] - ankle[2] - 0.05), 0, 1), 0)
-    matrix, faces = clip(sparse.identity(len(suit), format="csr"), faces, field)
+    matrix, faces = surfaces.clip(sparse.identity(len(suit), format="csr"), faces, field)
     for _ in range(2):
-        subdivide, faces = loop(faces, matrix.shape[0])
+        subdivide, faces = surfaces.loop(faces, matrix.shape[0])
         matrix = subdivide @ matrix
     rest = matrix @ suit
     ground = footprint(body).ball - INSOLE
     toes, heel = rest[:, 2].max(), rest[:, 2].min()
     length = toes - heel
-    outward = smoothed(normals(rest, faces), faces, 3)
+    outward = surfaces.smoothed(surfaces.normals(rest, faces), faces, 3)
     near_ground = np.clip(1 - (rest[:, 1] - ground) / 0.05, 0, 1)  # within 5 cm
     shape = rest + outward * (0.005 + 0.004 * near_ground)[:, None]  # 5 to 9 mm off the foot
     front = np.clip((shape[:, 2] - (toes - 0.32 * length)) / (0.32 * length), 0, 1)  # 0 to 1 over the front third
@@ -135,44 +127,44 @@ def upper(body: Body, shoe: Shoe, side: str) -> Upper:
     return Upper(shape, weights, faces, ground=ground, toes=toes, heel=heel)
 
 
-def build_shoe(motion: Motion, shoe: Shoe, side: str) -> list[Part]:
+def build_shoe(motion: Motion, shoe: Shoe, side: str) -> list[ShoePart]:
     """Builds the shoe of a side ("L" | "R") in the pose: upper, toe cap, laces and sole."""
     outside, ankle = upper(motion.body, shoe, side), motion.body.joints[f"foot.{side}"]
     shape, weights, faces = outside.shape, outside.weights, outside.faces
     ground, toes, heel = outside.ground, outside.toes, outside.heel
     length = toes - heel
-    parts = []
+    parts: list[ShoePart] = []
     if shoe.straps:
         along = (shape[:, 2] - heel) / length  # 0 at the heel, 1 at the toes
         across_foot = np.max([np.minimum(along - start, end - along) for start, end in STRAPS], axis=0)
         from_ankle_strap = np.abs(shape[:, 1] - ankle[1] + 0.012 + 0.10 * along)  # metres; it slopes down to the front
         around_ankle = np.minimum(0.009 - from_ankle_strap, 0.40 - along)
         field = np.maximum(across_foot, 4 * around_ankle)  # positive on the straps
-        matrix, cut = clip(sparse.identity(len(shape), format="csr"), faces, field)
+        matrix, cut = surfaces.clip(sparse.identity(len(shape), format="csr"), faces, field)
         posed = motion.skin(matrix @ weights, matrix @ shape)
-        vertices, cut, _ = thickened(posed, cut, STRAP_THICKNESS, rings=None)
-        parts.append(Part("upper", vertices, cut))
+        parts.append(("upper", surfaces.thickened(posed, cut, STRAP_THICKNESS, rings=None)[:2]))
     else:
         in_cap = np.zeros(len(faces), bool)
         if shoe.cap:
             cap_length = shoe.cap + 0.03 * np.clip((shape[:, 1] - ground) / 0.03, 0, 1)  # it reaches back higher up
             field = cap_length - (toes - shape[:, 2]) / length
-            matrix, faces, in_cap = split(sparse.identity(len(shape), format="csr"), faces, field)
+            matrix, faces, in_cap = surfaces.split(sparse.identity(len(shape), format="csr"), faces, field)
             shape, weights = matrix @ shape, matrix @ weights
         posed = motion.skin(weights, shape)
-        vertices, thick, _ = thickened(posed, faces, UPPER_THICKNESS, rings=4)
+        vertices, thick, _ = surfaces.thickened(posed, faces, UPPER_THICKNESS, rings=4)
         in_cap = np.r_[in_cap, np.zeros(len(thick) - len(faces), bool)]
-        parts.append(Part("upper", vertices, thick[~in_cap]))
+        parts.append(("upper", (vertices, thick[~in_cap])))
         if shoe.cap:
-            parts.append(Part("cap", vertices, thick[in_cap]))
+            parts.append(("cap", (vertices, thick[in_cap])))
         if shoe.laces:
-            parts.append(laces(replace(outside, shape=shape, weights=weights, faces=faces), motion, shoe.laces))
+            outside = replace(outside, shape=shape, weights=weights, faces=faces)
+            parts.append(("lace", laces(outside, motion, shoe.laces)))
     bottom = shape[shape[:, 1] < ground + 0.022]
-    parts.append(Part("sole", *sole(bottom, ground, shoe, motion, side)))
+    parts.append(("sole", sole(bottom, ground, shoe, motion, side)))
     return parts
 
 
-def laces(outside: Upper, motion: Motion, count: int) -> Part:
+def laces(outside: Upper, motion: Motion, count: int) -> surfaces.Surface:
     """Builds bands of laces across the instep and up the shaft, cut from the upper and moved off it.
 
     Args:
@@ -184,7 +176,7 @@ def laces(outside: Upper, motion: Motion, count: int) -> Part:
         The laces, posed.
     """
     shape, faces, toes = outside.shape, outside.faces, outside.toes
-    facing = normals(shape, faces)
+    facing = surfaces.normals(shape, faces)
     # from the toes over the instep up the shaft, metres
     distance = toes - shape[:, 2] + 0.9 * (shape[:, 1] - outside.ground)
     first = 0.36 * (toes - outside.heel) + 0.03  # distance of the first band
@@ -195,13 +187,12 @@ def laces(outside: Upper, motion: Motion, count: int) -> Part:
     faces_up = np.where(facing[:, 1] + facing[:, 2] > 0.35, 1.0, -1.0)  # or forward
     field = np.minimum(np.minimum(HALF_LACE_WIDTH - from_band, within_ends), faces_up)  # positive on the laces
     # Without `snap` no edge has more than two faces, though a few are slivers.
-    matrix, cut = clip(sparse.identity(len(shape), format="csr"), faces, field, snap=0)
+    matrix, cut = surfaces.clip(sparse.identity(len(shape), format="csr"), faces, field, snap=0)
     posed = motion.skin(matrix @ outside.weights, matrix @ shape + (matrix @ facing) * LACE_THICKNESS)
-    vertices, cut, _ = thickened(posed, cut, LACE_THICKNESS, rings=2)
-    return Part("lace", vertices, cut)
+    return surfaces.thickened(posed, cut, LACE_THICKNESS, rings=2)[:2]
 
 
-def sole(bottom: np.ndarray, ground: float, shoe: Shoe, motion: Motion, side: str) -> tuple[np.ndarray, np.ndarray]:
+def sole(bottom: np.ndarray, ground: float, shoe: Shoe, motion: Motion, side: str) -> surfaces.Surface:
     """Builds a closed slab under the outline of the foot, whose heel is level where it pitches the foot.
 
     Args:
@@ -220,7 +211,7 @@ def sole(bottom: np.ndarray, ground: float, shoe: Shoe, motion: Motion, side: st
     travel = np.r_[0, np.cumsum(np.linalg.norm(np.roll(hull, -1, 0) - hull, axis=1))]
     even = np.linspace(0, travel[-1], OUTLINE_POINTS, endpoint=False)
     ring = np.stack([np.interp(even, travel, np.r_[hull[:, c], hull[0, c]]) for c in (0, 1)], axis=1)
-    ring = smooth_line(ring, 6, closed=True)
+    ring = surfaces.smooth_line(ring, 6, closed=True)
     centre = ring.mean(0)
     outward = (ring - centre) / np.linalg.norm(ring - centre, axis=1, keepdims=True)
     along = (ring[:, 1] - ring[:, 1].min()) / np.ptp(ring[:, 1])  # 0 at the heel, 1 at the toes
@@ -233,7 +224,7 @@ def sole(bottom: np.ndarray, ground: float, shoe: Shoe, motion: Motion, side: st
         y = level + (height if height > 0 else 0) + thickness * min(height, 0)
         rows.append(np.stack([ring[:, 0] + outward[:, 0] * grow, y, ring[:, 1] + outward[:, 1] * grow], axis=1))
     n = len(ring)
-    sides = cut_cells(ring_grid(len(rows), n), "abc", "bdc", by_row=True)
+    sides = surfaces.cut_cells(surfaces.ring_grid(len(rows), n), "abc", "bdc", by_row=True)
     # From the heel to the toes and from side to side, so that top and bottom bend across the foot.
     half = np.arange(1, n // 2)
     zigzag = np.r_[0, np.stack([half, n - half], axis=1).ravel(), n // 2]
