@@ -147,8 +147,8 @@ def attempt_figure(draw: Draw, seed: int, detail: Detail, per_subject: int, outf
     Assembly(builder, motion, outfit, worn, detail, seed - seed % per_subject).add_all()
     surface = np.concatenate(builder.vertices), np.concatenate(builder.faces)
     figure_props = props.props(motion, pose, surface, seed)
-    for prop in figure_props:
-        builder.add(prop.vertices, prop.faces, None, prop.material)
+    for (vertices, faces), material in figure_props:
+        builder.add(vertices, faces, None, material)
     # 4 keeps these random numbers apart from others of the seed.
     all_outfits = [outfit, *(in_other_fabrics(outfit, np.random.default_rng([seed, 4, k])) for k in range(1, outfits))]
     info = {
@@ -163,7 +163,7 @@ def attempt_figure(draw: Draw, seed: int, detail: Detail, per_subject: int, outf
         "garments": [w.pattern.garment.name for w in worn],
         "fabrics": [w.fabric.kind for w in worn],
         "outfits": [[worn.fabric.kind for worn in look.garments] for look in all_outfits],
-        "props": [prop.material.name for prop in figure_props],
+        "props": [material.name for _, material in figure_props],
         "shoes": outfit.shoe.name,
         "hair": outfit.hair.name,
         "sex": "female" if person.female > 0.5 else "male",

@@ -142,18 +142,18 @@ def test_props_are_in_the_palm(person, name, mirrored):
     pose = replace(pose, left=pose.right, right=pose.left) if mirrored else pose
     motion = build_motion(person, pose, 1)
     skin, faces = motion.posed_skin, makehuman.base().faces["body"]
-    (thing,) = props.props(motion, pose, (skin, faces), 3)
-    assert thing.material.name == name.rpartition(" ")[2] and np.isfinite(thing.vertices).all()
+    (((vertices, prop_faces), material),) = props.props(motion, pose, (skin, faces), 3)
+    assert material.name == name.rpartition(" ")[2] and np.isfinite(vertices).all()
     tips = makehuman.bone_weights("finger", "metacarpal") > 0.7
     tips &= np.sign(person.skin[:, 0]) == (-1 if mirrored else 1)
-    toward = thing.vertices[np.linalg.norm(thing.vertices - skin[tips].mean(0), axis=1).argsort()[:20]].mean(0)
-    surface = colliders.Collider(thing.vertices, thing.vertices, thing.faces)
+    toward = vertices[np.linalg.norm(vertices - skin[tips].mean(0), axis=1).argsort()[:20]].mean(0)
+    surface = colliders.Collider(vertices, vertices, prop_faces)
     _, distance, _ = colliders.signed_distance(skin[tips], surface, 0.2)
     assert distance.min() < 0.015, "it touches the hand"
     if name == "with a bag":
         hands = makehuman.bone_weights("finger", "metacarpal", "wrist") > 0.1
         rest = colliders.Collider(skin, skin, faces[~hands[faces].any(1)])
-        off = colliders.signed_distance(thing.vertices, rest, 0.2)[1]
+        off = colliders.signed_distance(vertices, rest, 0.2)[1]
         assert (off > 0.5 * props.BAG_CLEARANCE).all(), "and keeps off the leg"
     else:
         root, axes = props.palm(motion, "R" if mirrored else "L")
@@ -165,11 +165,10 @@ def test_props_of_sitting_figures_are_a_stool_on_the_floor(person):
     pose = poses()["sitting"]
     motion = build_motion(person, pose, 1)
     skin, faces = motion.posed_skin, makehuman.base().faces["body"]
-    seat, legs = props.props(motion, pose, (skin, faces), 3)
-    assert legs.vertices[:, 1].min() == pytest.approx(skin[:, 1].min(), abs=1e-3)
-    assert seat.vertices[:, 1].min() == pytest.approx(legs.vertices[:, 1].max(), abs=0.01)
-    surface = colliders.Collider(seat.vertices, seat.vertices, seat.faces)
-    _, distance, _ = colliders.signed_distance(skin, surface, 0.3)
+    (seat, _), ((legs, _), _) = props.props(motion, pose, (skin, faces), 3)
+    assert legs[:, 1].min() == pytest.approx(skin[:, 1].min(), abs=1e-3)
+    assert seat[0][:, 1].min() == pytest.approx(legs[:, 1].max(), abs=0.01)
+    _, distance, _ = colliders.signed_distance(skin, colliders.Collider.at_rest(*seat), 0.3)
     assert -0.01 < distance.min() < 0.005, "flesh touches it and is not in it"
     assert not props.props(build_motion(person, poses()["straight"], 1), poses()["straight"], (skin, faces), 3)
 

@@ -1,7 +1,5 @@
 """Props that figures hold or sit on: phone, cup, bag, stool."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from relight.figures.body import makehuman
@@ -27,15 +25,7 @@ LEG = 0.016  # half the thickness of its legs
 SEAT_RANGE = 0.03  # largest distance of cloth on the seat from the thighs, metres
 HANGING_RANGE = 0.12  # metres below the seat where cloth counts as hanging; lower down there may be calves
 MAX_HANGING = 0.02  # share of the vertices above or below the seat that may hang below it; skirts have more
-
-
-@dataclass(frozen=True)
-class Prop:
-    """A prop: vertices (V,3) posed, faces (F,3), material."""
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    material: Material
+Prop = tuple[Surface, Material]  # its posed surface and its material
 
 
 def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 0.0) -> Surface:
@@ -137,11 +127,11 @@ def _hand_prop(kind: str, motion: Motion, side: str, figure: Surface, rng: np.ra
     if kind == "phone":
         body = box(half=(0.074, 0.004, 0.036), rounding=0.004)
         phone = _transformed(body, axes, root + 0.020 * out + 0.012 * along)
-        return [Prop(*phone, Material(sample_color(rng), name="phone"))]
+        return [(phone, Material(sample_color(rng), name="phone"))]
     if kind == "cup":
         x, faces = revolved(np.array(CUP))
         place = root + 0.052 * out - 0.018 * along - np.array([0.0, 0.5 * CUP_HEIGHT + 0.01, 0.0])
-        return [Prop(place + x, faces, Material(sample_color(rng, min_grey=0.12), name="cup"))]
+        return [((place + x, faces), Material(sample_color(rng, min_grey=0.12), name="cup"))]
     return _bag(motion, 1.0 if side == "L" else -1.0, grip=root + 0.030 * out, figure=figure, rng=rng)
 
 
@@ -175,7 +165,7 @@ def _bag(motion: Motion, sign: float, grip: np.ndarray, figure: Surface, rng: np
         rise = (1 - s**4) * (grip + 0.006 * face_sign * outward - middle)
         narrowing = 0.55 * half_width * s * (1 - s**4) * 0.75 * axes[:, 0]
         straps.append(strap(line + rise - narrowing, outward, width=0.004, thickness=0.02))
-    return [Prop(*stacked([(x + away * outward, faces), *straps]), material)]
+    return [(stacked([(x + away * outward, faces), *straps]), material)]
 
 
 def _stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Generator) -> list[Prop]:
@@ -208,7 +198,7 @@ def _stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Genera
         corner = axes @ [side * (half_width - 0.04), 0, end * (half_depth - 0.04)]
         legs.append(_transformed((leg, faces), axes, corner + [x, ground + length / 2, z]))
     seat, wood = sample_color(rng), sample_color(rng)
-    return [Prop(*cushion, Material(seat, name="seat")), Prop(*stacked(legs), Material(wood, name="stool legs"))]
+    return [(cushion, Material(seat, name="seat")), (stacked(legs), Material(wood, name="stool legs"))]
 
 
 def props(motion: Motion, pose: Pose, figure: Surface, seed: int) -> list[Prop]:
