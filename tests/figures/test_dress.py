@@ -74,17 +74,20 @@ def test_tucked_top_is_pinned_below_the_waistband_only(body):
     assert (pinned[(y > edge + 0.035) & (pattern.fields["arm_shareL"] + pattern.fields["arm_shareR"] < 0.1)] == 0).all()
 
 
-def test_cover_does_not_hide_skin_under_a_lifted_garment():
+def test_hidden_under_a_lifted_garment_is_no_skin_that_is_seen(body):
     """A sheet of cloth on skin: what it lies on is left out; lifted on one side, only what is still dark."""
     x, y = np.meshgrid(a := np.linspace(-0.5, 0.5, 41), a)
     faces, skin = grid_faces(41, 41)[:, ::-1], np.stack([x, y, 0 * x], -1).reshape(-1, 3)
     snug = skin + [0, 0, 0.004]
     lifted = snug + [0, 0, 0.04] * (skin[:, :1] > 0)
-    normal, solid = np.tile([0.0, 0, 1], (len(skin), 1)), np.ones(len(skin), bool)
+    normal, no_drop = np.tile([0.0, 0, 1], (len(skin), 1)), {"drop": np.zeros(len(skin))}
+    level = Level(skin, skin, snug, np.zeros(len(skin)), np.zeros((len(skin), 1)), faces)
+    pattern = patterns.Pattern(body, wardrobe()["t-shirt"], [level], [], no_drop, np.zeros(len(faces), bool))
 
     def left_out(draped: np.ndarray) -> np.ndarray:
         around = Collider(*[np.concatenate([skin, draped])] * 2, np.concatenate([faces, faces + len(skin)]))
-        return layers.Cover(snug, draped, faces, solid).hides(skin, skin, normal, 2, around)
+        worn = DrapedGarment(pattern, CLOTH, DrapeResult(draped, [], np.ones(1)))
+        return layers.hidden_under(worn, skin, skin, normal, 2, around)
 
     inner = np.abs(skin[:, :2]).max(1) < 0.42
     assert left_out(snug)[inner].all() and not left_out(snug)[~inner & (np.abs(skin[:, :2]).max(1) > 0.46)].any()

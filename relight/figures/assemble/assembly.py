@@ -5,7 +5,7 @@ import numpy as np
 from relight.figures.assemble.builder import Builder
 from relight.figures.assemble.hair.combing import Head
 from relight.figures.assemble.hair.heads import build_hair
-from relight.figures.assemble.layers import Cover, push_under
+from relight.figures.assemble.layers import hidden_under, push_under
 from relight.figures.body import makehuman
 from relight.figures.body.motion import Motion
 from relight.figures.cut import footwear
@@ -42,13 +42,12 @@ class Assembly:
         builder: to add to.
         motion: how the body moves from its rest pose into the pose.
         outfit: garments and colors.
-        worn: the draped garments, from the skin outward.
+        worn: the draped garments, from the skin outward; a scarf is the last.
         detail: how fine the figure is.
         seed: random seed of skin and hair.
 
     Attributes:
         cut: the draped garments without scarves, from the skin outward.
-        covers: these, as they cover what is below them.
         clothes: vertices and faces of all garments.
         figure: all surfaces, before anything is pushed back.
     """
@@ -58,12 +57,8 @@ class Assembly:
     ):
         self.builder, self.motion, self.outfit, self.worn = builder, motion, outfit, worn
         self.body, self.detail, self.seed = motion.body, detail, seed
-        scarves = [w for w in worn if w.pattern.garment.kind == "scarf"]
         self.cut = [w for w in worn if w.pattern.garment.kind != "scarf"]
-        self.covers = [  # a drop hangs free, so nothing is hidden behind it
-            Cover(w.pattern.levels[-1].fitted, *w.surface, close=w.pattern.fields["drop"] < 0.02) for w in self.cut
-        ]
-        self.clothes = [w.surface for w in (*self.cut, *scarves)]
+        self.clothes = [w.surface for w in worn]
         vertices, faces = stacked([(motion.posed_skin, makehuman.base().faces["body"]), *self.clothes])
         self.figure = Collider.at_rest(vertices, faces)
 
@@ -87,12 +82,12 @@ class Assembly:
         faces, uv = base.faces["body"], base.uv[base.uv_faces["body"]]
         hidden, facing = inside_shoes(self.motion, self.outfit), normals(posed, faces)
         rings = 2 * self.detail.refine  # near the border of a garment one sees under it
-        for cover in self.covers:
-            hidden |= cover.hides(self.body.skin, posed, facing, rings, self.figure)
+        for worn in self.cut:
+            hidden |= hidden_under(worn, self.body.skin, posed, facing, rings, self.figure)
         shown = ~hidden[faces].all(1) & ~mouth_cavity()
         no_hands = makehuman.bone_weights("finger", "metacarpal", "wrist") < 0.3
-        for cover in self.covers:
-            posed = push_under((posed, faces), cover.surface, SKIN_GAP, no_hands, facing)
+        for worn in self.cut:
+            posed = push_under((posed, faces), worn.surface, SKIN_GAP, no_hands, facing)
         material = skin.paint_skin(self.body.person, self.outfit, self.detail.texture, self.seed)
         self.builder.add(*refined(posed, faces[shown], uv[shown], self.detail.body), material, layer=0)
         return posed
@@ -115,7 +110,7 @@ class Assembly:
         """
         pattern, faces = worn.pattern, worn.pattern.levels[-1].faces
         garment, is_scarf = pattern.garment, pattern.garment.kind == "scarf"
-        positions, keep = self._under_outer_layers(worn, self.covers[number + 1 :])
+        positions, keep = self._under_outer_layers(worn, self.cut[number + 1 :])
         atlas = panels.lay_out(*panels.cloth_coordinates(pattern), self.detail.texture)
         paint = paints.garment_paint(pattern, number, atlas)
         # A scarf is seen from both sides; other garments get an inner layer along their borders, 2 or 3 edges wide.
@@ -139,17 +134,17 @@ class Assembly:
                     self.builder.add(cord_vertices, cord_faces, uv=None, paint=cords)
         return positions
 
-    def _under_outer_layers(self, worn: DrapedGarment, outer: list[Cover]) -> tuple[np.ndarray, np.ndarray]:
-        """Pushes a garment under those that are worn over it, given as they cover it, from the inside outward.
+    def _under_outer_layers(self, worn: DrapedGarment, outer: list[DrapedGarment]) -> tuple[np.ndarray, np.ndarray]:
+        """Pushes a garment under those that are worn over it, `outer`, from the inside outward.
 
         Returns its vertices (n,3), metres, and which of its faces (F,) are not always hidden.
         """
         level, positions = worn.pattern.levels[-1], worn.draped.positions
         keep, facing = np.ones(len(level.faces), bool), normals(positions, level.faces)
         rings = 4 * self.detail.refine  # near the border of a garment one sees under it
-        for cover in outer:
-            keep &= ~cover.hides(level.fitted, positions, facing, rings, self.figure)[level.faces].all(1)
-            positions = push_under((positions, level.faces), cover.surface, GAP)
+        for other in outer:
+            keep &= ~hidden_under(other, level.fitted, positions, facing, rings, self.figure)[level.faces].all(1)
+            positions = push_under((positions, level.faces), other.surface, GAP)
         return positions, keep
 
     def _add_tie(self, shown: list[np.ndarray]) -> None:
@@ -202,8 +197,8 @@ class Assembly:
         by_part = {name: paints.shoe_paint(name) for name in dict(parts)}  # one for both feet
         for name, (vertices, faces) in parts:
             is_sole = name == "sole"
-            for cover in () if is_sole else self.covers:
-                vertices = push_under((vertices, faces), cover.surface, GAP)
+            for worn in () if is_sole else self.cut:
+                vertices = push_under((vertices, faces), worn.surface, GAP)
             self.builder.add(vertices, faces, None, by_part[name], layer=-1 if is_sole else 0)
 
     def add_hair(self, below: Surface) -> None:

@@ -1,10 +1,9 @@
 """Layers of clothes: removes what a garment covers, and pushes back under it what comes through."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from relight.figures.drape.colliders import Collider, signed_distance
+from relight.figures.drape.dress import DrapedGarment
 from relight.figures.surfaces import Surface, border_distance, smoothed
 
 DEEP = 0.006  # depth under a garment at which a hidden point must also be out of sight, metres
@@ -16,53 +15,33 @@ MAX_HEIGHT = 0.012  # metres above the garment as it hangs up to which a point c
 PUSH_RANGE = 0.02  # metres by which a point that is pushed back may be outside
 
 
-@dataclass(frozen=True)
-class Cover:
-    """A draped garment, as it covers what is below it.
+def hidden_under(
+    worn: DrapedGarment, rest: np.ndarray, posed: np.ndarray, normal: np.ndarray, rings: int, figure: Collider
+) -> np.ndarray:
+    """Returns which points (n,) a garment always hides, so that they can be removed.
 
-    Attributes:
-        fitted: (m,3) its vertices close around the body on the rest pose, metres.
-        draped: (m,3) the same as it hangs.
-        faces: (F,3).
-        close: (m,) vertices that cover; those of a free-hanging drop do not.
+    A point must lie under the garment both on the rest pose and as the garment hangs: a sleeve may slide up an arm,
+    and a hand may come to rest on the cloth. Where the garment hangs off it, no ray from it may leave the figure
+    either: one sees far into an open jacket or an armhole.
+
+    Args:
+        worn: the garment; its drop hangs free, so nothing is hidden behind it.
+        rest: (n,3) the points on the rest pose, metres.
+        posed: (n,3) the same, posed.
+        normal: (n,3) their unit normals, posed.
+        rings: edges by which a covering face must be away from the garment's border.
+        figure: all surfaces of the figure.
     """
-
-    fitted: np.ndarray
-    draped: np.ndarray
-    faces: np.ndarray
-    close: np.ndarray
-
-    @property
-    def surface(self) -> Surface:
-        """Returns its vertices as it hangs, and its faces."""
-        return self.draped, self.faces
-
-    def hides(
-        self, rest: np.ndarray, posed: np.ndarray, normal: np.ndarray, rings: int, figure: Collider
-    ) -> np.ndarray:
-        """Returns which points (n,) it always hides, so that they can be removed.
-
-        A point must lie under the garment both on the rest pose and as the garment hangs: a sleeve may slide up an arm,
-        and a hand may come to rest on the cloth. Where the garment hangs off it, no ray from it may leave the figure
-        either: one sees far into an open jacket or an armhole.
-
-        Args:
-            rest: (n,3) the points on the rest pose, metres.
-            posed: (n,3) the same, posed.
-            normal: (n,3) their unit normals, posed.
-            rings: edges by which a covering face must be away from the garment's border.
-            figure: all surfaces of the figure.
-        """
-        inner = (border_distance(self.fitted, self.faces, rings + 1) > rings) & self.close
-        fitted, draped = (Collider.at_rest(points, self.faces) for points in (self.fitted, self.draped))
-        face, distance, _ = signed_distance(rest, fitted, REST_RANGE)
-        deepest, highest = FITTED_DEPTHS
-        hidden = (face >= 0) & (distance > deepest) & (distance < highest) & inner[self.faces[face]].all(1)
-        face, distance, _ = signed_distance(posed, draped, POSED_RANGE)
-        hidden &= (face >= 0) & (distance < MAX_HEIGHT) & inner[self.faces[face]].all(1)
-        deep = np.flatnonzero(hidden & (distance < -DEEP))
-        hidden[deep] = ~_sees_outside(posed[deep], normal[deep], figure)
-        return hidden
+    fitted, (draped, faces) = worn.pattern.levels[-1].fitted, worn.surface
+    inner = (border_distance(fitted, faces, rings + 1) > rings) & (worn.pattern.fields["drop"] < 0.02)
+    face, distance, _ = signed_distance(rest, Collider.at_rest(fitted, faces), REST_RANGE)
+    deepest, highest = FITTED_DEPTHS
+    hidden = (face >= 0) & (distance > deepest) & (distance < highest) & inner[faces[face]].all(1)
+    face, distance, _ = signed_distance(posed, Collider.at_rest(draped, faces), POSED_RANGE)
+    hidden &= (face >= 0) & (distance < MAX_HEIGHT) & inner[faces[face]].all(1)
+    deep = np.flatnonzero(hidden & (distance < -DEEP))
+    hidden[deep] = ~_sees_outside(posed[deep], normal[deep], figure)
+    return hidden
 
 
 def _sees_outside(points: np.ndarray, normal: np.ndarray, figure: Collider) -> np.ndarray:
