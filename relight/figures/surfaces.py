@@ -6,6 +6,7 @@ Where vertices are combinations of other vertices, a mesh is (matrix, faces). Th
 
 import numpy as np
 import scipy.sparse as sparse
+from scipy.sparse.csgraph import dijkstra
 
 from relight.meshes.geometry import edges
 
@@ -250,14 +251,9 @@ def border_distance(vertices: np.ndarray, faces: np.ndarray, rings: int) -> np.n
     Returns:
         The least number of edges (V,) from each vertex to one on the border, at most `rings`.
     """
-    edge, _, count = edges(faces)
-    distance = np.full(len(vertices), rings)
-    distance[edge[count == 1].ravel()] = 0
-    for ring in range(1, rings):
-        for end, other in ((0, 1), (1, 0)):
-            next_vertices = edge[distance[edge[:, end]] == ring - 1, other]
-            distance[next_vertices] = np.minimum(distance[next_vertices], ring)
-    return distance
+    graph, border = neighbours(faces, len(vertices)), np.unique(rim(faces))
+    distance = dijkstra(graph, indices=border, unweighted=True, limit=rings, min_only=True)
+    return np.minimum(distance, rings)
 
 
 def thickened(
