@@ -54,6 +54,14 @@ class Roots:
     rim: np.ndarray
     random: np.ndarray
 
+    def headings(self, direction: np.ndarray, lift: float) -> np.ndarray:
+        """Returns the directions (n,3) in which hair leaves the skin that is combed in given ones, (n,3), posed.
+
+        `lift` is as in `Comb`: where it is 0, hair lies along the skin.
+        """
+        along_skin = unit_rows(direction - (direction * self.normals).sum(1, keepdims=True) * self.normals)
+        return along_skin + lift * (0.5 + self.random[:, :1]) * self.normals
+
 
 def head_centre(body: Body) -> np.ndarray:
     """Returns the centre (3,) of the skull in the rest pose, metres; it is found from the eyes."""

@@ -25,9 +25,7 @@ def brows(head: Head) -> Strip:
     outward, side = ramp(np.abs(across), 0.25, 0.85), np.sign(across)  # outward: 0 at the inner end, 1 at the outer
     direction = np.stack([side * (0.5 + 0.6 * outward), 0.6 - 0.95 * outward, np.zeros_like(across)], 1)
     direction += 0.25 * (2 * roots.random[:, 1:] - 1)
-    direction = direction @ head.motion.bone("head")[:, :3].T
-    direction -= (direction * roots.normals).sum(1, keepdims=True) * roots.normals  # into the skin's tangent plane
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    direction = roots.headings(direction @ head.motion.bone("head")[:, :3].T, lift=0.0)
     length = (0.005 + 0.003 * roots.random[:, :1]) * (1 - 0.15 * person.female)  # metres
     s = np.linspace(0, 1, 4)[None, :, None]  # along a hair, from root to tip
     rise = 0.0003 + 0.0014 * s * (1 - 0.75 * s)  # metres off the skin
@@ -83,6 +81,7 @@ def beard(head: Head, amount: float) -> Strip | None:
     comb = Comb(count=len(x), length=0.03, body=0.001 + 0.005 * fullness, lift=0.1, weight=0.15, cling=0.3)
     inner_roots = replace(roots, rim=np.ones(len(x)))  # a beard has no hairline
     steps = 4 if head.fine else 3
-    hairs = grow_guides(comb, inner_roots, direction, length, head.below, steps, head.seed + 62)
+    heading = roots.headings(direction, comb.lift)
+    hairs = grow_guides(head, comb, inner_roots, heading, length, steps, head.seed + 62, aside=False)
     width = (0.0011 + 0.0008 * fullness) * (1 if head.fine else 1.8)  # metres
     return ribbons(width, hairs, roots.random, roll=0.3)

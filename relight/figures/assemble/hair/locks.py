@@ -1,14 +1,14 @@
 """Grows guides of hair out of the scalp: they are combed, fall, and lie on head and shoulders. Strands follow them."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from relight.figures.assemble.hair import combing
+from relight.figures.assemble.hair.combing import Head, Roots
 from relight.figures.assemble.hair.strands import Lines, Strip, ribbons, spread_strands
 from relight.figures.body.motion import Motion
-from relight.figures.drape.colliders import Collider, signed_distance
+from relight.figures.drape.colliders import signed_distance
 from relight.figures.draw.hairstyles import Comb
 from relight.figures.surfaces import unit_rows
 from relight.figures.texture import noise, random_numbers
@@ -20,28 +20,19 @@ MAX_PUSH = 0.03  # metres by which one step may be moved away from that surface,
 
 
 def grow_guides(
-    comb: Comb,
-    roots: combing.Roots,
-    direction: np.ndarray,
-    length: np.ndarray,
-    below: Collider,
-    steps: int,
-    seed: int,
-    heading: np.ndarray | None = None,
-    deflect: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+    head: Head, comb: Comb, roots: Roots, heading: np.ndarray, length: np.ndarray, steps: int, seed: int, aside: bool
 ) -> Lines:
     """Grows guides step by step: each step follows the last one, falls, and slides along the surface below.
 
     Args:
-        comb: weight, cling, lift and wander of the hair.
+        head: with the skin and clothes on which they lie.
+        comb: weight, cling and wander of the hair.
         roots: roots of the n guides.
-        direction: (n,3) in which they are combed, posed.
+        heading: (n,3) first directions, posed.
         length: (n,) metres.
-        below: skin and clothes.
         steps: per guide.
         seed: random seed of their wandering.
-        heading: (n,3) first directions; along the skin if it is None.
-        deflect: (points, next points) to next points (n,3), away from where hair must not hang.
+        aside: whether they keep out of the face, and do not spread on the shoulders.
 
     Returns:
         The guides, of steps + 1 points, with unit normals of the surface below.
@@ -49,10 +40,7 @@ def grow_guides(
     n = len(roots.points)
     layer = comb.body * (0.85 + 0.15 * roots.random[:, 3]) * (0.35 + 0.65 * roots.rim)
     layer = 0.002 + np.minimum(layer, 0.25 * length)  # metres over the skin; short hair lies flat
-    if heading is None:
-        along_skin = unit_rows(direction - (direction * roots.normals).sum(1, keepdims=True) * roots.normals)
-        heading = along_skin + comb.lift * (0.5 + roots.random[:, :1]) * roots.normals
-    heading /= np.linalg.norm(heading, axis=1, keepdims=True)
+    heading = unit_rows(heading)
     rise = comb.above * np.sqrt(roots.rim * (2 - roots.rim))  # nothing at the hairline
     depth = np.minimum(0.002, 0.1 * length)  # of the roots in the skin
     point, normal = roots.points + (rise - depth)[:, None] * roots.normals, roots.normals
@@ -63,7 +51,7 @@ def grow_guides(
         fall = [0, -comb.weight * min(1.0, 2.5 * k / steps), 0]
         heading = unit_rows(heading + fall + comb.wander * wander)
         goal = point + step * heading
-        face, distance, facing = signed_distance(goal, below, CONTACT_RANGE)
+        face, distance, facing = signed_distance(goal, head.below, CONTACT_RANGE)
         is_close = face >= 0
         normal = np.where(is_close[:, None], facing, normal)
         wanted_distance = layer * min(1.0, k / 2.5)
@@ -71,8 +59,8 @@ def grow_guides(
         cling = comb.cling * (1 - combing.ramp(distance, CLING_RANGE, CONTACT_RANGE))
         push = np.where(push > 0, push, cling * push)
         goal = goal + np.clip(push, -MAX_PUSH, MAX_PUSH)[:, None] * normal
-        if deflect is not None:
-            goal = deflect(point, goal)
+        if aside:
+            goal = _moved_aside(head.motion, point, goal)
         heading = unit_rows(goal - point)
         point = point + step * heading
         points.append(point)
@@ -83,29 +71,24 @@ def grow_guides(
     return np.stack(points, 1), normals
 
 
-def _deflect_from_face(motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Returns a function that moves hair from the face to its sides, and keeps it from spreading on the shoulders.
+def _moved_aside(motion: Motion, points: np.ndarray, next_points: np.ndarray) -> np.ndarray:
+    """Moves hair from the face to its sides, and keeps it from spreading on the shoulders.
 
-    The function takes points (n,3) and their next points (n,3), posed, and returns other next points.
+    Returns other next points for given points (n,3) and their next ones (n,3), all posed.
     """
     centre, head = combing.head_centre(motion.body), motion.bone("head")
     cheek = motion.body.skin[np.abs(motion.body.skin[:, 1] - centre[1] + 0.05) < 0.02]
     half_width = 0.90 * cheek[cheek[:, 2] > centre[2] + 0.03, 0].max()  # of the face, metres
-
-    def deflect(points: np.ndarray, next_points: np.ndarray) -> np.ndarray:
-        """Returns the next points (n,3), moved to the side; both are given in the pose."""
-        after, before = ((posed - head[:, 3]) @ head[:, :3] - centre for posed in (next_points, points))  # rest frame
-        side = np.where(after[:, 0] > 0, 1.0, -1.0)
-        in_face = combing.ramp(after[:, 2], 0.02, 0.06) * combing.ramp(-after[:, 1], -0.03, 0.02)
-        outward = 0.6 * in_face * np.maximum(half_width - np.abs(after[:, 0]), 0)
-        on_shoulders = combing.ramp(-after[:, 1], 0.09, 0.14)
-        inward = 0.75 * on_shoulders * np.maximum((after[:, 0] - before[:, 0]) * side, 0)
-        return next_points + ((outward - inward) * side)[:, None] * head[:, 0]
-
-    return deflect
+    after, before = ((posed - head[:, 3]) @ head[:, :3] - centre for posed in (next_points, points))  # rest frame
+    side = np.where(after[:, 0] > 0, 1.0, -1.0)
+    in_face = combing.ramp(after[:, 2], 0.02, 0.06) * combing.ramp(-after[:, 1], -0.03, 0.02)
+    outward = 0.6 * in_face * np.maximum(half_width - np.abs(after[:, 0]), 0)
+    on_shoulders = combing.ramp(-after[:, 1], 0.09, 0.14)
+    inward = 0.75 * on_shoulders * np.maximum((after[:, 0] - before[:, 0]) * side, 0)
+    return next_points + ((outward - inward) * side)[:, None] * head[:, 0]
 
 
-def grow_locks(head: combing.Head, comb: Comb, hat: bool) -> Strip:
+def grow_locks(head: Head, comb: Comb, hat: bool) -> Strip:
     """Grows all strands of a style, or only those that a hat leaves free; a third of them, and wider, if not `fine`."""
     motion, seed, fine = head.motion, head.seed, head.fine
     if not fine:
@@ -119,8 +102,8 @@ def grow_locks(head: combing.Head, comb: Comb, hat: bool) -> Strip:
         direction = goal - guides.points
         length = 1.12 * np.linalg.norm(direction, axis=1)
     steps = int(np.clip(np.ceil(length.max() / (0.014 if fine else 0.022)), 5, 18))
-    deflect = _deflect_from_face(motion) if comb.direction == "down" else None
-    points, normals = grow_guides(comb, guides, direction, length, head.below, steps, seed, deflect=deflect)
+    heading, hangs = guides.headings(direction, comb.lift), comb.direction == "down"
+    points, normals = grow_guides(head, comb, guides, heading, length, steps, seed, aside=hangs)
     if comb.direction == "tie":  # closes the gap of the last steps to the tie
         points = points + combing.ramp(np.linspace(0, 1, steps + 1), 0.3, 1.0)[None, :, None] * (goal - points[:, -1:])
     roots = combing.plant_roots(head, comb.count * comb.strands, 1, share)
@@ -131,7 +114,7 @@ def grow_locks(head: combing.Head, comb: Comb, hat: bool) -> Strip:
     return ribbons(comb.width, strands, roots.random, ROLL)
 
 
-def tied_hair(head: combing.Head, kind: str) -> Strip:
+def tied_hair(head: Head, kind: str) -> Strip:
     """Builds hair that is tied at the back of the head, as a bun or a ponytail."""
     start, direction = combing.tie_point(head.motion)
     count, width = (900, 0.0028) if head.fine else (260, 0.006)  # strands, metres
@@ -144,11 +127,11 @@ def tied_hair(head: combing.Head, kind: str) -> Strip:
     spoke = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up  # away from the middle of the tail
     comb = Comb(count=count, length=0.24, body=0.022, weight=0.4)
     tied = start + 0.010 * np.sqrt(random[:, :1]) * spoke - 0.006 * direction
-    roots = combing.Roots(tied, normals=np.tile(direction, (count, 1)), sides=spoke, rim=np.ones(count), random=random)
+    roots = Roots(tied, normals=np.tile(direction, (count, 1)), sides=spoke, rim=np.ones(count), random=random)
     length = comb.length * (0.7 + 0.45 * random[:, 0])
     heading = 0.6 * direction + 0.3 * np.sqrt(random[:, :1]) * spoke - np.array([0.0, 0.35, 0.0])
     steps = 14 if head.fine else 9
-    points, normals = grow_guides(comb, roots, spoke, length, head.below, steps, head.seed, heading=heading)
+    points, normals = grow_guides(head, comb, roots, heading, length, steps, head.seed, aside=False)
     return ribbons(width, (points, np.broadcast_to(spoke[:, None], normals.shape)), random, roll=0.6)
 
 
