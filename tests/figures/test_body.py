@@ -106,8 +106,7 @@ def test_clear_hands_lays_resting_palms_on_the_body(person, name):
         _, distance, _ = colliders.signed_distance(skin[hand], surface, 0.3)
         assert 0.0 < np.percentile(distance, 2) < 0.035
         facing, centre = surfaces.normals(skin, faces)[hand], skin[hand].mean(0)
-        face, weights = surface.nearest(centre[None], 0.3)
-        toward = kinematics.unit(weights[0] @ skin[faces[trunk[faces].all(1)][face[0]]] - centre)
+        toward = kinematics.unit(surface.nearest(centre[None], 0.3)[1][0] - centre)
         near = distance < np.percentile(distance, 30)
         assert (facing[near] @ toward).mean() > 0.1, "what is near the body looks at it"
 

@@ -52,7 +52,7 @@ class Collider:
         """Returns the collider of vertices (V,3), metres, and faces (F,3) that do not move."""
         return cls(vertices, vertices, faces)
 
-    def nearest(self, points: np.ndarray, max_distance: float) -> tuple[np.ndarray, np.ndarray]:
+    def nearest(self, points: np.ndarray, max_distance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Finds the nearest face of `start` for each point.
 
         Args:
@@ -60,14 +60,18 @@ class Collider:
             max_distance: metres beyond which no face is searched.
 
         Returns:
-            The face (n,), -1 beyond `max_distance`, and the barycentric weights (n,3) of the nearest point on it.
+            The face (n,), -1 beyond `max_distance`; the nearest point (n,3) on it, where it is at the end, metres; the
+            unit normal (n,3) there.
         """
         face = wp.zeros(len(points), dtype=int)
         barycentric = wp.zeros(len(points), dtype=wp.vec2)
         inputs = [self.mesh.id, vec3_array(points), max_distance, face, barycentric]
         wp.launch(find_nearest_faces, dim=len(points), inputs=inputs)
         weights = barycentric.numpy().astype(float)
-        return face.numpy(), np.c_[weights, 1 - weights.sum(1)]
+        weights = np.c_[weights, 1 - weights.sum(1)]
+        corner = self.indices.numpy().reshape(-1, 3)[face.numpy()]
+        place, normal = (np.einsum("nk,nkd->nd", weights, of.numpy()[corner]) for of in (self.end, self.normals))
+        return face.numpy(), place, unit_rows(normal)
 
     def raycast(self, origin: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Casts rays from origins (n,3) in unit directions, (n,3) or one for all (3,).
@@ -97,8 +101,5 @@ def signed_distance(
         The nearest face (n,), -1 beyond `max_distance`; the distance (n,), positive outside, infinite beyond it; the
         unit normal (n,3) of the surface there.
     """
-    face, weights = surface.nearest(points, max_distance)
-    corner = surface.indices.numpy().reshape(-1, 3)[face]
-    base = np.einsum("nk,nkd->nd", weights, surface.end.numpy()[corner])
-    normal = unit_rows(np.einsum("nk,nkd->nd", weights, surface.normals.numpy()[corner]))
-    return face, np.where(face >= 0, np.einsum("nd,nd->n", points - base, normal), np.inf), normal
+    face, place, normal = surface.nearest(points, max_distance)
+    return face, np.where(face >= 0, np.einsum("nd,nd->n", points - place, normal), np.inf), normal

@@ -58,11 +58,10 @@ def seam_distance(pattern: Pattern) -> np.ndarray:
     """
     level = pattern.levels[-1]
     faces, points = level.faces, level.rest_shape
-    corner = points[faces]
+    corner, distance = points[faces], np.full(faces.shape, MAX_DISTANCE)
     if pattern.garment.kind == "scarf":
-        return np.full(faces.shape, MAX_DISTANCE)
+        return distance
     if pattern.garment.kind == "trousers":
-        distance = np.full(faces.shape, MAX_DISTANCE)
         for side in "LR":
             on_limb, _, forward = limb_frame(pattern, side)
             above_crotch = corner[on_limb][..., 1] > pattern.body.heights["crotch"] - 0.01

@@ -67,10 +67,8 @@ def _scalp_radius(head: Collider, centre: np.ndarray, direction: np.ndarray) -> 
     """
     flat = direction.reshape(-1, 3)
     radius = np.full(len(flat), FIRST_RADIUS)
-    vertices, corner = head.end.numpy(), head.indices.numpy().reshape(-1, 3)
     for _ in range(8):
-        face, weights = head.nearest(centre + flat * radius[:, None], max_distance=0.2)
-        nearest = np.einsum("nk,nkd->nd", weights, vertices[corner[face]])
+        _, nearest, _ = head.nearest(centre + flat * radius[:, None], max_distance=0.2)
         radius = 0.5 * radius + 0.5 * np.einsum("nd,nd->n", nearest - centre, flat)
     return np.minimum(radius.reshape(direction.shape[:2]), MAX_RADIUS)
 
