@@ -96,8 +96,7 @@ def test_compare_p_values_of_equal_rows_are_uniform():
         rng = np.random.default_rng(trial)
         rows = rng.normal(0, 1, (16, 1)) + rng.normal(0, 0.1, (2, 3, 16, 6)) + rng.normal(0, 0.05, (2, 3, 1, 1))
         rows += rng.normal(0, 0.1, (2, 1, 1, 6))  # of each row under each of six lights
-        spread = pooled_spread(list(rows))
-        found.append(compare(*(estimate(row, spread, resamples=2) for row in rows)).p)
+        found.append(compare(*(estimate(row, pooled_spread(list(rows)), resamples=2) for row in rows)).p)
     assert 0.02 <= np.mean(np.array(found) < 0.05) <= 0.075 and np.mean(np.array(found) < 0.01) <= 0.025
 
 

@@ -37,8 +37,7 @@ def test_lay_out_panels_do_not_overlap_and_uv_finds_the_paint():
     picture = panels.draw(laid, lambda name, u, v, place: color(u, v, "abcd".index(name)))
     at = laid.uv.mean(1)
     seen = picture[(256 * (1 - at[:, 1])).astype(int), (256 * at[:, 0]).astype(int)]
-    middle = cloth.mean(1)
-    want = texture.coded(color(*middle.T, panel))
+    want = texture.coded(color(*cloth.mean(1).T, panel))
     assert np.abs(seen.astype(int) - want.astype(int)).max() <= 3
 
 

@@ -25,8 +25,7 @@ def test_build_shoes_has_its_pieces_around_the_foot(body, shoe):
     skin, parts = motion.posed_skin, footwear.build_shoes(motion, shoe)
     pieces = {"upper": True, "sole": True, "cap": shoe.cap, "lace": shoe.laces}
     assert {name for name, _ in parts} == {name for name, there in pieces.items() if there}
-    weights = np.eye(len(motion.bones))[[motion.bones["foot.L"]]]
-    foot = motion.skin(weights, body.joints["foot.L"][None])[0, 1]
+    foot = motion.skin(np.eye(len(motion.bones))[[motion.bones["foot.L"]]], body.joints["foot.L"][None])[0, 1]
     for name, (vertices, faces) in parts:
         assert len(faces) and np.isfinite(vertices).all() and faces.max() < len(vertices)
         assert name != "lace" or (edges(faces)[2] == 2).all(), "closed"
@@ -39,9 +38,7 @@ def test_build_shoes_has_its_pieces_around_the_foot(body, shoe):
     heel = skin[(body.skin[:, 1] < ankle[1]) & (body.skin[:, 2] < ankle[2]), 1].min()
     assert soles[:, 1].min() == pytest.approx(heel - shoe.heel, abs=0.006)
     if shoe.cap:
-        caps, uppers = (
-            [x[np.unique(faces)] for name, (x, faces) in parts if name == kind] for kind in ("cap", "upper")
-        )
+        caps, uppers = ([x[np.unique(f)] for name, (x, f) in parts if name == kind] for kind in ("cap", "upper"))
         for cap, upper in zip(caps, uppers, strict=True):
             assert cap[:, 2].mean() > upper[:, 2].mean() + 0.05  # at the toes
 

@@ -83,8 +83,7 @@ def test_grow_locks_fall_and_lie_on_the_shoulders(head, heads):
     neck = np.ptp(posed[:, 1]) * 0.8
     assert vertices[:, 1].min() < neck  # it reaches below the shoulders
     _, distance, _ = colliders.signed_distance(vertices, colliders.Collider(posed, posed, faces), 0.1)
-    low = vertices[:, 1] < neck + 0.02
-    assert np.median(distance[low & np.isfinite(distance)]) < 0.04
+    assert np.median(distance[(vertices[:, 1] < neck + 0.02) & np.isfinite(distance)]) < 0.04
 
 
 @pytest.mark.parametrize("name", [name for name, style in STYLES.items() if style.comb and style.hat == "none"])

@@ -94,9 +94,10 @@ def test_people_in_a_crowd_larger_than_the_photo_are_nobody(monkeypatch):
     assert pose.find_bodies(np.asarray(image), np.zeros((300, 300), np.float32)) == []
 
 
-def body_of(mask):
-    """A body with this mask (256,256) bool over the whole photo, and no joints."""
-    return pose.Body(np.zeros((33, 3), np.float32), mask.astype(np.float32), np.eye(2, 3) / 256, np.zeros((2, 2)))
+def body_of(mask, hips=0):
+    """A body with this mask (256,256) bool over the whole photo, upright above its hips (a column), without joints."""
+    place = np.array([[hips, 112], [hips, 20]]) / 224
+    return pose.Body(np.zeros((33, 3), np.float32), mask.astype(np.float32), np.eye(2, 3) / 256, place)
 
 
 def test_thick_pieces_are_added_and_gaps_dropped(monkeypatch):
@@ -112,14 +113,12 @@ def test_thick_pieces_are_added_and_gaps_dropped(monkeypatch):
     monkeypatch.setattr(selfie, "find_bodies", lambda *_: [body_of(trunk | arm | rim)])
     found, bodies = selfie.segment(pixels)
     assert len(bodies) == 1 and ((found > 127) & true).sum() / ((found > 127) | true).sum() > 0.98
-    nowhere = np.empty((2, 0), int)
-    joined = partial(selfie.joined, limbs=[tuple(nowhere)], picture=pixels)
+    joined = partial(selfie.joined, limbs=[tuple(np.empty((2, 0), int))], picture=pixels)
     trunk_alone, people = (mask.astype(np.float32) for mask in (trunk, trunk & (y > 190)))
     added = joined(trunk_alone, [(trunk | arm | rim | gap).astype(np.float32)]) > 0.5
     assert added[arm].all() and not added[rim & (y > 120) & (y < 190)].any() and not added[gap].any()
-    seen = (trunk | gap).astype(np.float32)
-    limb = [(np.array([140]), np.array([166]))]  # in the gap, as of an arm in the background's color
-    assert (joined(trunk_alone, [seen], limbs=limb)[gap] > 0.5).all()
+    limb = np.array([140]), np.array([166])  # in the gap, as of an arm in the background's color
+    assert (joined(trunk_alone, [trunk_alone + gap], limbs=[limb])[gap] > 0.5).all()
     assert (joined(trunk_alone + gap, [people])[gap] > 0.5).all()  # what is large may be a person
     for value, is_kept in ((0.7, False), (0.9, True)):  # a bag that the first network is unsure or fairly sure of
         first = np.where(bag, value, trunk).astype(np.float32)
@@ -136,9 +135,7 @@ def test_those_whom_others_hide_are_found_without_them(monkeypatch):
     """
     x = np.indices((224, 224))[1]
     wide = {80: 30, 81: 31, 82: 75, 200: 20, 211: 10}  # half the width of each, by the middle of the hips
-    masks = {hips: np.pad(abs(x - hips) < half, 16) for hips, half in wide.items()}
-    places = {hips: np.array([[hips, 112], [hips, 20]]) for hips in wide}
-    people = {hips: replace(body_of(masks[hips]), place=places[hips] / 224) for hips in wide}
+    people = {hips: body_of(np.pad(abs(x - hips) < half, 16), hips) for hips, half in wide.items()}
 
     def search(photo):
         is_hidden = photo[112, 80, 0] > 0

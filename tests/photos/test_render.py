@@ -36,8 +36,7 @@ def ball(size=128, side=160):
     mask = np.hypot(x, y) < 1
     normal = np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0))], -1)
     transport = (unoccluded(normal, 2) * mask[..., None]).astype(np.float32)
-    stripes = mask * (0.75 + 0.25 * np.sin(20 * x))
-    albedo = (stripes[..., None] * [0.6, 0.4, 0.3]).astype(np.float32)
+    albedo = ((mask * (0.75 + 0.25 * np.sin(20 * x)))[..., None] * [0.6, 0.4, 0.3]).astype(np.float32)
     coverage = np.zeros((side, side), np.uint8)
     coverage[10 : 10 + size, 20 : 20 + size] = mask * np.uint8(255)
     place = replace(crop_around(coverage, size), top=10.0, left=20.0, side=float(size))
