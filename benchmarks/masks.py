@@ -1,6 +1,6 @@
 """Measures the built-in masks on generated figures in front of backgrounds, whose true coverage is known.
 
-    python benchmarks/masks.py FOLDER
+    python benchmarks/masks.py FOLDER [--first N]
 
 FOLDER contains baked figures (.exr, of `relight bake` or a run's `maps/`). Pictures of KINDS are made of them: each
 figure is lit by a generated room and composited over the view of another one at a random place and size, with noise, as

@@ -80,8 +80,8 @@ class Body:
 def find_bodies(pixels: np.ndarray, found: np.ndarray) -> list[Body]:
     """Finds the people of a photo.
 
-    Each of several people is looked at again with the others painted over in the mean color of the background, so that
-    no limb is taken for a neighbour's.
+    Each is looked at again, in the circle that the second network gives and with the others painted over in the mean
+    color of the background, so that no limb is cut off or taken for a neighbour's.
 
     Args:
         pixels: (H,W,3) uint8 sRGB.
