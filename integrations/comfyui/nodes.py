@@ -156,7 +156,7 @@ def find_mask(self, image, encoding="sRGB"):
 
 @node("RelightNamedLight", "Light by name", "hdri, lamp", light=LIGHT)
 def named_light(self, name):
-    """room:7, sky:3, lamps:5, key:#ffe6c8@50,40,0.3 (color, degrees right and up, fill), or a file."""
+    """A name, such as room:7 or key:#ffe6c8@50,40,0.3 (docs/lights.md has all), or a file."""
     light = read_light(changed(None, name)[0], relighter().network)
     self.notes += light.notes if light else ()  # `auto` is none
     return (light,)

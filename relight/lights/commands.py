@@ -28,7 +28,7 @@ def numbers(
         str,
         typer.Argument(
             help="A panorama (.hdr, .exr), coefficients (.npy, .json), a photo of a place (street.jpg, "
-            "street.jpg@-60,40), hall, room:7, key:#ffeedd@45,30, lights.npz:12 of a set."
+            "street.jpg@-60,40), lights.npz:12 of a set, or a name, such as room:7 (relight photo --help has all)."
         ),
     ],
     out: Annotated[

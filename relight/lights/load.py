@@ -138,7 +138,7 @@ def load_light(
     elif Path(text).suffix.lower() == ".npz":
         raise UserError(f"{text} is a set of lights: name one of them, such as {text}:0")
     elif Path(text).suffix.lower() in PHOTO_SUFFIXES:
-        raise UserError(f"{text} is a photo, with too low a range for a panorama: place:{text} estimates its light")
+        raise UserError(f"{text} is a photo, and a panorama is .hdr or .exr: place:{text} estimates its light")
     else:
         kind = "a panorama"
         path, turn = _find_panorama(text)

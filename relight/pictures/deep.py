@@ -14,8 +14,8 @@ EXR_MAGIC = b"\x76\x2f\x31\x01"
 UNASSOCIATED = "oiio:UnassociatedAlpha"  # colors are not multiplied by alpha; else OpenImageIO multiplies them
 
 
-def is_exr(path: Path) -> bool:
-    """Returns whether a file is an OpenEXR picture, by its first bytes."""
+def is_linear(path: Path) -> bool:
+    """Returns whether `read_linear` reads a file, by its first bytes."""
     with open(path, "rb") as file:
         return file.read(4) == EXR_MAGIC
 

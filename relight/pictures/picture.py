@@ -11,7 +11,7 @@ from relight.core.errors import UserError
 from relight.core.files import existing_file
 from relight.core.numbers import finite
 from relight.pictures.codes import as_codes, convert_alpha, with_alpha
-from relight.pictures.deep import is_exr, of_linear, read_16_bits, read_linear
+from relight.pictures.deep import is_linear, of_linear, read_16_bits, read_linear
 from relight.pictures.opening import (
     MAX_PIXELS,
     bits_of,
@@ -94,7 +94,7 @@ class Picture:
         if isinstance(given, str | Path):
             path = existing_file(given, what or "photo")
             what = f"{what or 'photo'} {path}"
-            if is_exr(path):
+            if is_linear(path):
                 pixels, alpha, notes = read_linear(path, what)
                 picture = cls(pixels, alpha, path.stem, notes, suffix=".exr", file=path, what=what)
             else:

@@ -118,9 +118,9 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
         yield f"align.up={up} and align.front={front} are the same axis: they must be at right angles"
     if (get("bake.supersample") or 1) ** 2 > (get("bake.rays") or math.inf):
         yield f"bake.supersample={get('bake.supersample')} needs bake.rays={get('bake.supersample') ** 2} at least"
-    counts = [get(f"panoramas.{name}") for name in ("count", "skies", "lamps")]
-    if get("panoramas.source") == "generated" and not any(counts):
-        yield "panoramas.count, skies and lamps are 0: at least one panorama is needed"
+    counts = [key for key, field in FIELDS.items() if key.startswith("panoramas.") and field.type is int]
+    if get("panoramas.source") == "generated" and not any(map(get, counts)):
+        yield f"{', '.join(counts)} are 0: at least one panorama is needed"
     if get("train.only") and not get("train.start"):
         yield f"train.only={get('train.only')} needs train.start=<the network whose other parts are kept>"
     weights = [get(key) for key, field in FIELDS.items() if setting_of(field).teaches]

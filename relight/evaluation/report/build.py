@@ -27,8 +27,8 @@ def build_report(results: Results, out: Path) -> None:
     parts = [_section("what-came-out", "What came out", "summary.md", outcome)] if outcome else []
     parts.append(_section("how-to-read", "How to read this page", "reading.md", {}))
     parts += [experiment(results, name) for name in results.experiments]
-    parts.append(_section("figures", "Figures", "figures.md", sections.figures(results)))
-    parts.append(_section("lights", "Lights", "lights.md", sections.lights(results)))
+    for heading, make in sections.SECTIONS.items():
+        parts.append(_section(make.__name__, heading, f"{make.__name__}.md", make(results)))
     name = results.folder.name
     html = page.page("page.html", title=f"relight: {name}", head=head(name, results, outcome), sections=parts)
     write_text(out, html)

@@ -2,6 +2,7 @@
 
 import os
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -176,6 +177,10 @@ def lights(results: Results) -> Numbers:
         "unreadable": _two_columns(["file", "reason"], record["unreadable"]),
         "repaired": _two_columns(["file", "how"], record["repaired"]),
     }
+
+
+# What follows the experiments on the page, by heading; a function's template has its name, in templates/sections.
+SECTIONS: dict[str, Callable[[Results], Numbers]] = {"Figures": figures, "Lights": lights}
 
 
 def _two_columns(heads: list[str], pairs: dict[str, str]) -> TextTable:

@@ -16,7 +16,7 @@ from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.people import NobodyFound, is_inverted, mask_doubts
 from relight.photos.mask.pose import Body
 from relight.pictures.codes import as_codes, convert_alpha
-from relight.pictures.deep import is_exr
+from relight.pictures.deep import is_linear
 from relight.pictures.opening import decoding_errors, mask_beside, open_picture, require_still, stored, upright
 from relight.pictures.picture import Given, Picture
 
@@ -100,7 +100,7 @@ def read_mask(mask: Given, size: tuple[int, int]) -> tuple[np.ndarray, list[str]
     if isinstance(mask, str | Path):
         path = existing_file(mask, "mask")
         what = f"mask {path}"
-        if is_exr(path):
+        if is_linear(path):
             picture = Picture.of(path, "mask")
             values = picture.pixels.max(-1) if picture.alpha is None else picture.alpha
         else:
