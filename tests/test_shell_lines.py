@@ -100,7 +100,7 @@ def test_a_wrong_line_is_noticed(line):
         check(line)
 
 
-UNFINISHED = ("MissingParameter", "NoArgsIsHelpError", "BadOptionUsage")  # click's errors of a command or option alone
+UNFINISHED = ("MissingParameter", "NoArgsIsHelpError", "BadOptionUsage", "Exit")  # of a command alone, or of --help
 
 
 def texts(tree: ast.AST) -> Iterator[str]:
