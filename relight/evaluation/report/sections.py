@@ -72,9 +72,7 @@ def write_score_table(table: Table, title: str, stem: Path) -> None:
     Without rows, as of sitting figures where nobody sits, the files say so.
     """
     if table.rows:
-        shown, others = (
-            formats.score_grid(table, columns) for columns in (table.columns, formats.other_columns(table))
-        )
+        shown, others = (formats.score_grid(table, each) for each in (table.columns, formats.other_columns(table)))
     else:
         shown, others = TextTable.of(["row", "nothing to compare"], []), None
     formats.write_tables(stem, title, text("note.md", scored=table), shown, table.statistics(), others)
@@ -139,11 +137,7 @@ def summary(results: Results) -> Numbers:
 def figures(results: Results) -> Numbers:
     """Computes the numbers of the section about the figures."""
     infos, left_out = results.record["figures"], results.record["left_out"]
-    repairs = [
-        [name, ", ".join(f"{what} {times}" for what, times in info["repairs"].items())]
-        for name, info in infos.items()
-        if info.get("repairs")
-    ]
+    repairs = {name: _counted(info["repairs"]) for name, info in infos.items() if info.get("repairs")}
     warnings: dict[str, list[str]] = {}  # names of figures by warning
     for name, info in infos.items():
         for warning in info.get("warnings", ()):
@@ -152,7 +146,7 @@ def figures(results: Results) -> Numbers:
         "infos": infos,
         "left_out": _two_columns(["left out", "reason"], left_out),
         "sheet": results.report / "figures.png",
-        "repairs": TextTable.of(["figure", "repairs"], repairs),
+        "repairs": _two_columns(["figure", "repairs"], repairs),
         "warnings": warnings,
     }
 
@@ -162,10 +156,7 @@ def lights(results: Results) -> Numbers:
     from relight.lights import read_light_set
 
     record, chosen = results.lights, read_light_set(results.data / "lights")
-    steps = [
-        [step["step"], step["in"], step["out"], ", ".join(f"{why} {n}" for why, n in step["why"].items() if n)]
-        for step in record["steps"]
-    ]
+    steps = [[step["step"], step["in"], step["out"], _counted(step["why"])] for step in record["steps"]]
     return {
         "counts": record["lights"],
         "sources": len(set(chosen.of("test").source)),
@@ -181,6 +172,10 @@ def lights(results: Results) -> Numbers:
 
 # What follows the experiments on the page, by heading; a function's template has its name, in templates/sections.
 SECTIONS: dict[str, Callable[[Results], Numbers]] = {"Figures": figures, "Lights": lights}
+
+
+def _counted(counts: dict[str, int]) -> str:
+    return ", ".join(f"{what} {count}" for what, count in counts.items() if count)
 
 
 def _two_columns(heads: list[str], pairs: dict[str, str]) -> TextTable:
