@@ -36,11 +36,9 @@ def build_report(results: Results, out: Path) -> None:
 
 def experiment(results: Results, name: str) -> dict[str, Any]:
     """Makes the section of an experiment of the run by its name."""
-    told, title = results.experiments[name], results.title(name)
-    if failed := told.get("failed"):
-        reason = f"Its jobs failed: {', '.join(failed)} was not made. {results.folder}/log says why."
-        return _section(name, title, "failed.md", {"reason": reason})
-    return _section(name, title, "experiment.md", sections.experiment(results, name))
+    if failed := results.experiments[name].get("failed"):
+        return _section(name, results.title(name), "failed.md", {"files": failed, "log": results.folder / "log"})
+    return _section(name, results.title(name), "experiment.md", sections.experiment(results, name))
 
 
 def _section(name: str, heading: str, template: str, numbers: dict[str, Any]) -> dict[str, Any]:
@@ -57,8 +55,6 @@ def head(name: str, results: Results, outcome: dict[str, Any] | None) -> Markup:
     with_plates = [table for table in results.tables if results.experiments[table]["plates"]]
     hero = next((results.report / f"{table}_overview.png" for table in with_plates), results.report / "figures.png")
     left_out = len(results.record["left_out"])
-    # The trainings of each row that the tables compare.
-    rows = {row: own for table in results.tables for row, own in results.experiments[table]["trainings"].items()}
     return page.section(
         "head.md",
         title=f"relight: {name}",
@@ -74,8 +70,8 @@ def head(name: str, results: Results, outcome: dict[str, Any] | None) -> Markup:
         overview=bool(with_plates),
         figures=len(results.record["figures"]) - left_out,
         lights=results.lights["lights"],
-        trainings=sum(map(len, rows.values())),
-        steps=sorted({results.recipe(training)["train"]["steps"] for own in rows.values() for training in own}),
+        trainings=len(results.trainings),
+        steps=sorted({results.recipe(training)["train"]["steps"] for training in results.trainings}),
         origin=provenance(name, results.run),
     )
 
@@ -91,6 +87,5 @@ def _answer(results: Results) -> dict[str, Any] | None:
     pairs = {"bar": ("ours_plus", "mean_occlusion"), "constant": ("ours_plus", "mean_figure")}
     pairs["over_ao"] = ("ours_min", "sfsnet_ao")
     columns = (TRUE_LIGHT, "relit_rmse")  # over which the table of comparisons corrects, too
-    compared = {name: compare_rows(table, *pair, columns).get(TRUE_LIGHT) for name, pair in pairs.items()}
-    context = {"name": "claim", "scored": table, **compared}
-    return context if compared["bar"] and table.subjects >= MIN_SUBJECTS else None
+    answer = {name: compare_rows(table, *pair, columns).get(TRUE_LIGHT) for name, pair in pairs.items()}
+    return {"name": "claim", "scored": table, **answer} if answer["bar"] and table.subjects >= MIN_SUBJECTS else None

@@ -42,6 +42,12 @@ class Results:
         """The experiments that did not fail."""
         return [name for name, told in self.experiments.items() if not told.get("failed")]
 
+    @property
+    def trainings(self) -> list[str]:
+        """The trainings that the tables compare, by row."""
+        own = [self.experiments[name]["trainings"] for name in self.tables]
+        return list(dict.fromkeys(training for rows in own for row in rows.values() for training in row))
+
     def title(self, name: str) -> str:
         """Returns the title of an experiment, which is its name if it has none."""
         return self.experiments[name]["title"] or name

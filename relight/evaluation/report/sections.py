@@ -57,10 +57,9 @@ def experiment(results: Results, name: str) -> Numbers:
 
 def _unlearned(table: Table, columns: tuple[str, ...]) -> dict[str, list[str]]:
     """Returns the networks that are no better than the mean training figure, a constant, by column."""
-    verdicts = {row: compare_rows(table, row, "mean_figure", columns) for row in table.networks}
     unlearned: dict[str, list[str]] = {}
-    for row, by_column in verdicts.items():
-        for column, comparison in by_column.items():
+    for row in table.networks:
+        for column, comparison in compare_rows(table, row, "mean_figure", columns).items():
             if comparison.verdict is not Verdict.BETTER:
                 unlearned.setdefault(column_label(column), []).append(table.label(row))
     return unlearned
