@@ -58,7 +58,7 @@ def upright_pixels(light: Lamplight) -> np.ndarray:
     Pixels of a real panorama are averaged, so that a sun smaller than a pixel of the result keeps its power.
     """
     if light.kind in GENERATED:
-        return GENERATED[light.kind].picture(light.seed)
+        return GENERATED[light.kind](light.seed)
     pixels = read_panorama(panorama_file(NAMES[light.seed]), repair=True).pixels
     rows, columns = (side // count for side, count in zip(pixels.shape, (HEIGHT, WIDTH)))
     return pixels.reshape(HEIGHT, rows, WIDTH, columns, 3).mean((1, 3))

@@ -26,7 +26,7 @@ def train(settings: dict[str, Any], inputs: Inputs, out: Path, curve: Path, trac
         settings: of the training, by group.
         inputs: data.
         out: network (.safetensors); its stem is the name of the training.
-        curve: losses per epoch (.csv).
+        curve: all logged values, a row per epoch (.csv).
         tracking: of the workflow (`Plan.tracking`).
     """
     recipe = Recipe(

@@ -5,6 +5,7 @@ import os
 import re
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import fields
 from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -15,12 +16,13 @@ from relight.core.errors import UserError
 from relight.core.files import require_safe_name
 from relight.core.processes import count_cores, end_with_parent, has_semaphores
 from relight.core.progress import progress
-from relight.lights.load import GENERATED, load_light
+from relight.lights.load import load_light
 from relight.lights.select import select_lights
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import LightSet
 from relight.panoramas import list_panoramas, orient, project, read_panorama
 from relight.settings import Lights, Panoramas
+from relight.settings.setting import setting_of
 
 log = logging.getLogger(__name__)
 
@@ -76,7 +78,7 @@ def project_panoramas(panoramas: Panoramas, order: int) -> tuple[list[str], np.n
     """Projects all panoramas that the settings name.
 
     Args:
-        panoramas: a folder, or the numbers of generated rooms, skies and studios.
+        panoramas: a folder, or the number of each kind of generated ones.
         order: of the spherical harmonics.
 
     Returns:
@@ -87,7 +89,7 @@ def project_panoramas(panoramas: Panoramas, order: int) -> tuple[list[str], np.n
         UserError: if the settings name no panorama or none can be read.
     """
     if panoramas.source == "generated":
-        counts = {kind: getattr(panoramas, generated.setting) for kind, generated in GENERATED.items()}
+        counts = {kind: getattr(panoramas, item.name) for item in fields(panoramas) if (kind := setting_of(item).kind)}
         sources = [f"{kind}:{seed}" for kind, count in counts.items() for seed in range(count)]
         light_of: Callable[[str], Projected] = partial(generated_light, order=order, flip=panoramas.flip)
     else:

@@ -4,7 +4,7 @@ import json
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from difflib import get_close_matches
 from numbers import Integral
 from pathlib import Path
@@ -30,25 +30,8 @@ from relight.panoramas.skies import generate_sky
 from relight.sh import CONVENTIONS, basis, to_relight
 from relight.sh.conventions import as_table
 
-
-@dataclass(frozen=True)
-class Generated:
-    """A kind of generated panoramas, whose lights are named after it, such as room:7.
-
-    Attributes:
-        picture: seed -> (H,W,3) radiance.
-        setting: of the group `panoramas`, how many of them the light set is drawn from.
-    """
-
-    picture: Callable[[int], np.ndarray]
-    setting: str
-
-
-GENERATED = {
-    "room": Generated(generate_room, "count"),
-    "sky": Generated(generate_sky, "skies"),
-    "lamps": Generated(generate_lamps, "lamps"),
-}
+# Kinds of generated panoramas, after which their lights are named, such as room:7: seed -> (H,W,3) radiance.
+GENERATED = {"room": generate_room, "sky": generate_sky, "lamps": generate_lamps}
 SEED = re.compile(r"(\d{1,9})(?::([-+.0-9]+))?")
 KIND = re.compile(r"([a-z]{2,}):")  # Windows has drives of one letter
 HEXADECIMAL = re.compile(r"[0-9a-fA-F]{6}")  # the only color that needs no #
@@ -114,7 +97,7 @@ def load_light(
     if colon and name in GENERATED:
         if not (match := SEED.fullmatch(rest)):
             raise UserError(f"{text} is malformed: a generated light is {name}:7; a sum has blanks around its plus")
-        panorama = Panorama(GENERATED[name].picture(int(match[1])))
+        panorama = Panorama(GENERATED[name](int(match[1])))
         light = Light(project(panorama, order), text, panorama)
         yaw += finite(f"{text}: the turn", match[2] or 0)
     elif colon and name in NAMED:

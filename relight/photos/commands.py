@@ -3,9 +3,10 @@
 import sys
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from relight.core.errors import UserError
 
@@ -26,7 +27,7 @@ Lights, for --light:
   hall  park  ...         a real panorama, after `relight light setup`
   even                    light without a direction
   place:street.jpg        the light of a place; @-60,40 says where it is from
-  room:7  sky:3  lamps:5  generated surroundings, each number another one;
+  {generated:22s}  generated surroundings, each number another one;
                           room:7:40 is turned by 40 degrees
   kitchen.hdr  .exr       a panorama
   light.json  .npy .csv   coefficients
@@ -46,6 +47,16 @@ MOVIE = """  relight movie me.jpg --out turn.mp4
   relight movie clip.mp4 --light room:12 --out relit.webm
 
 All about it: docs/photos.md."""
+
+
+class Lit(TyperCommand):
+    """Names the generated lights in its help, by a module that takes too long to import for anything else."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        from relight.lights.load import GENERATED
+
+        self.help = (self.help or "").format(generated="  ".join(f"{kind}:7" for kind in GENERATED))
+        super().format_help(ctx, formatter)
 
 
 # Options of both commands, in words that fit the help of a narrow terminal.
@@ -76,7 +87,7 @@ Mode = Annotated[
 Weights = Annotated[Path | None, file("--weights", "-w", help="A network (.onnx); `relight export` writes one.")]
 
 
-@app.command(help=f"Relight the people in a photo, in several, or in each photo of a folder.{LIGHTS}{PHOTO}")
+@app.command(cls=Lit, help=f"Relight the people in a photo, in several, or in each photo of a folder.{LIGHTS}{PHOTO}")
 def photo(
     paths: Annotated[list[Path], typer.Argument(help="A photo, several, or a folder of photos.", metavar="PHOTO...")],
     out: Annotated[
@@ -170,8 +181,9 @@ def photo(
 
 
 @app.command(
+    cls=Lit,
     help="Write a movie: a photo under a turning light, or a relit clip of moving people. The exposure is fixed."
-    f"{LIGHTS}{MOVIE}"
+    f"{LIGHTS}{MOVIE}",
 )
 def movie(
     path: Annotated[Path, typer.Argument(help="A photo, a video, or a folder of frames.", metavar="PHOTO|CLIP")],

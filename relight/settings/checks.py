@@ -118,7 +118,7 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
         yield f"align.up={up} and align.front={front} are the same axis: they must be at right angles"
     if (get("bake.supersample") or 1) ** 2 > (get("bake.rays") or math.inf):
         yield f"bake.supersample={get('bake.supersample')} needs bake.rays={get('bake.supersample') ** 2} at least"
-    counts = [key for key, field in FIELDS.items() if key.startswith("panoramas.") and field.type is int]
+    counts = [key for key, field in FIELDS.items() if setting_of(field).kind]
     if get("panoramas.source") == "generated" and not any(map(get, counts)):
         yield f"{', '.join(counts)} are 0: at least one panorama is needed"
     if get("train.only") and not get("train.start"):

@@ -84,9 +84,9 @@ class Panoramas:
 
     source: str = setting("generated panoramas, or the files of a folder", choices=("generated", "folder"))
     folder: str | None = setting("folder of panoramas, with subfolders", None)
-    count: int = setting("number of generated rooms", least=0, unread="folder")
-    skies: int = setting("number of generated skies", 0, least=0, unread="folder")
-    lamps: int = setting("number of generated studios with lamps", 0, least=0, unread="folder")
+    count: int = setting("number of generated rooms", least=0, kind="room", unread="folder")
+    skies: int = setting("number of generated skies", 0, least=0, kind="sky", unread="folder")
+    lamps: int = setting("number of generated studios with lamps", 0, least=0, kind="lamps", unread="folder")
     layout: str = setting(
         "layout of the files; auto detects it by metadata and aspect ratio",
         choices=("auto", "latlong", "angular", "ball", "cross", "strip", "strip-gl"),

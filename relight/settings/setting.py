@@ -24,6 +24,7 @@ class Setting:
         interval: whether it is a list [least, most] of two numbers.
         supervised: whether it is the weight of a loss that needs ground truth.
         teaches: what such a loss constrains: "albedo", "transport" (or normals and AO), "light".
+        kind: of generated panoramas (`relight.lights.load.GENERATED`) that it is the number of: "sky".
         unread: value of the `source` of its group under which it has no effect, so that nobody may give it: "scans".
     """
 
@@ -37,6 +38,7 @@ class Setting:
     interval: bool = False
     supervised: bool = False
     teaches: tuple[str, ...] = ()
+    kind: str = ""
     unread: str = ""
 
     @property

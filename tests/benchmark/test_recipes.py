@@ -74,7 +74,7 @@ def test_with_gloss_depends_on_the_seed():
 @pytest.mark.parametrize("kind", GENERATED)
 def test_panorama_is_scaled_tinted_and_pitched(kind):
     level = panorama(Lamplight(kind, 7, 0.0, 0.0), 0.0, 0.6)
-    picture = GENERATED[kind].picture(7)
+    picture = GENERATED[kind](7)
     assert np.allclose(level.pixels / level.pixels.max(), picture / picture.max(), atol=1e-5)
     assert float(reference_brightness(project(level, 2))) <= 0.6 + 1e-6
     # Tipped by the pitch of the camera, as its frame is; what is at the poles and in small lamps is resampled.

@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from samples import write_exr
+from typer.testing import CliRunner
 
+from relight.cli import app
 from relight.core.errors import UserError
 from relight.lights import build_light_set, chain, measure, read_light_set, reference_brightness, write_light_set
 from relight.lights.chain import generated_light, project_panoramas
@@ -16,7 +18,6 @@ from relight.lights.select import RULES as ALL_RULES
 from relight.lights.select import broken_rules, select_lights
 from relight.lights.table import SPLITS
 from relight.panoramas.color import blackbody, daylight
-from relight.photos.commands import LIGHTS
 from relight.settings import Panoramas, read_preset
 from relight.settings.setting import setting_of
 from relight.sh import basis, irradiance, rotate_y, sphere_quadrature
@@ -275,7 +276,7 @@ def test_every_setting_of_panoramas_is_read_or_says_that_it_is_not(tmp_path, mon
             read.add(name)
             return super().__getattribute__(name)
 
-    counts = {generated.setting: 1 for generated in GENERATED.values()}
+    counts = {item.name: 1 for item in fields(Panoramas) if setting_of(item).kind}
     monkeypatch.setattr(chain, "generated_light", lambda *_, **__: np.ones((9, 3)))
     chain.project_panoramas(Spy(source=source, folder=str(tmp_path), layout="auto", flip=False, **counts), 2)
     for item in fields(Panoramas):
@@ -284,4 +285,6 @@ def test_every_setting_of_panoramas_is_read_or_says_that_it_is_not(tmp_path, mon
 
 def test_the_page_of_lights_and_the_help_name_every_kind():
     page = (Path(__file__).parents[2] / "docs" / "lights.md").read_text()
-    assert [kind for kind in [*GENERATED, *NAMED] if f"`{kind}:" not in page or f"  {kind}:" not in LIGHTS] == []
+    told = CliRunner().invoke(app, ["photo", "--help"]).output
+    assert [kind for kind in [*GENERATED, *NAMED] if f"`{kind}:" not in page or f"  {kind}:" not in told] == []
+    assert {setting_of(item).kind for item in fields(Panoramas)} - {""} == {*GENERATED}

@@ -26,10 +26,8 @@ def test_every_room_has_a_source_of_light_and_nothing_is_close_to_the_camera():
     turn, reach = np.meshgrid(np.linspace(0, 2 * np.pi, 24, endpoint=False), [0.0, 0.3, 0.599])
     disc = np.stack([reach * np.sin(turn), 0 * turn, reach * np.cos(turn)], -1).reshape(-1, 3)
     assert CLEARANCE == 0.6
-    for seed in range(300):
-        drawn = sample_room(np.random.default_rng(seed))
-        assert drawn.area_lights or drawn.lamps
-        assert (drawn.camera > 0.3).all() and (drawn.camera < drawn.size - 0.3).all()
+    for drawn in map(sample_room, map(np.random.default_rng, range(300))):
+        assert ((drawn.camera > 0.3) & (drawn.camera < drawn.size - 0.3)).all() and (drawn.area_lights or drawn.lamps)
         around = (drawn.camera + disc)[:, [0, 2]]
         for box in drawn.boxes:  # neither beside the camera nor under it
             assert not np.all((around > box.low[[0, 2]]) & (around < box.high[[0, 2]]), axis=1).any()
@@ -102,9 +100,8 @@ def test_walls_absorb_all_light(albedo):
         shares.append(((1 - albedo) * walls.area @ total / (walls.area @ falls)).mean())
     assert abs(np.mean(shares) - 1) < 0.02 and np.ptp(shares) < 0.15
     even = np.ones((len(walls.area), 3))
-    np.testing.assert_allclose(
-        even + radiosity.indirect_irradiance(factors, reflects, even), 1 / (1 - albedo), rtol=0.01
-    )
+    found = even + radiosity.indirect_irradiance(factors, reflects, even)
+    np.testing.assert_allclose(found, 1 / (1 - albedo), rtol=0.01)
 
 
 def test_a_lamp_obeys_the_inverse_square_and_throws_shadows():

@@ -28,7 +28,8 @@ def build_report(results: Results, out: Path) -> None:
     parts.append(_section("how-to-read", "How to read this page", "reading.md", {}))
     parts += [experiment(results, name) for name in results.experiments]
     for heading, make in sections.SECTIONS.items():
-        parts.append(_section(make.__name__, heading, f"{make.__name__}.md", make(results)))
+        anchor = heading.lower().replace(" ", "-")
+        parts.append(_section(anchor, heading, f"{make.__name__}.md", make(results)))
     name = results.folder.name
     html = page.page("page.html", title=f"relight: {name}", head=head(name, results, outcome), sections=parts)
     write_text(out, html)

@@ -1,4 +1,4 @@
-"""Computes the numbers of the sections; each function returns the context of a template in templates/sections."""
+"""Makes the sections: each function returns the context of a template in templates/sections, and draws its chart."""
 
 import os
 from collections import Counter
