@@ -27,7 +27,7 @@ Lights, for --light:
   hall  park  ...         a real panorama, after `relight light setup`
   even                    light without a direction
   place:street.jpg        the light of a place; @-60,40 says where it is from
-  {generated:22s}  generated surroundings, each number another one;
+  {generated:22s}  generated surroundings by number;
                           room:7:40 is turned by 40 degrees
   kitchen.hdr  .exr       a panorama
   light.json  .npy .csv   coefficients
